@@ -333,7 +333,7 @@ class _Joint:
         self._column = robot.joint_names.index(constraint.joint)
         lower, upper = constraint.lower, constraint.upper
         self._middle = 0.5 * (lower + upper)
-        slides = any(body.prismatic and body.q_index == self._column for body in robot.bodies)
+        slides = robot.sliding[self._column]
         size = abs(lower) + abs(upper)
         unit = METRES if slides else RADIANS
         self.quantities = [_Quantity(self.name, 0.5 * (upper - lower), unit, size)]

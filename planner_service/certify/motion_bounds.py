@@ -28,7 +28,7 @@ ROUNDING = 1e-9
 class _Arm:
     """Poses and motion bounds of the pieces that ride on a robot; they do not depend on what stands around it.
 
-    Between two nodes of a path joint k travels ``t_k``, its total variation. Against the parent of an ancestor j a
+    Between two nodes of a path joint k travels ``t_k``, its total variation; one that mimics another travels a multiple. Against the parent of an ancestor j a
     point of a body moves by at most ``sum r_k t_k`` over the joints k from j outwards to the body, r_k its largest
     distance from axis k on the way: an arc is no longer than radius times angle, and joints inside j move both alike.
     r_k changes only by the joints outside k: if m bounds the motion by these, then at x between nodes a and b
@@ -55,6 +55,7 @@ class _Arm:
         self.local = _table([_centred(piece) for piece in riding])[:, :, None]
         self.body = np.array([piece.body for piece in riding], dtype=np.intp)
         self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
+        self._multipliers = np.array([body.multiplier for body in bodies])
         self._moved = np.array([body.q_index >= 0 for body in bodies])
         self._parents = [body.parent for body in bodies]
         self._joints = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
@@ -77,7 +78,9 @@ class _Arm:
         """Bodies and links as ``Motion.tables`` has them."""
         columns = np.where(self._moved, self._columns, -1)
         joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
-        bodies = np.column_stack([self._parents, columns, self._sliding, self._axes[:, 0].T, *joints])
+        bodies = np.column_stack(
+            [self._parents, columns, self._sliding, self._axes[:, 0].T, *joints, self._multipliers]
+        )
         links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
         return read_only(bodies), read_only(np.array(links).reshape(-1, 3))
 
@@ -89,7 +92,8 @@ class _Arm:
             total = _length(self.local[:, 3, 0, column]) + float(self._radius[column])
             for row, body in enumerate(robot.bodies[index] for index in chain):
                 out[row, column] = total * (1.0 + ROUNDING)
-                total += _length(body.placement[:3, 3]) + (ends[body.q_index] if body.prismatic else 0.0)
+                slide = abs(body.multiplier) * ends[body.q_index] if body.prismatic else 0.0
+                total += _length(body.placement[:3, 3]) + slide
         return out
 
     def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +109,7 @@ class _Arm:
 
     def _body_poses(self, q: FloatArray) -> FloatArray:
         """World poses (3, 4, m, bodies)."""
-        angles = q[:, self._columns]
+        angles = q[:, self._columns] * self._multipliers
         flat = angles.ravel().tolist()
         cos = np.fromiter(map(math.cos, flat), np.float64, len(flat)).reshape(angles.shape)
         sin = np.fromiter(map(math.sin, flat), np.float64, len(flat)).reshape(angles.shape)
@@ -163,7 +167,7 @@ class _Arm:
 
     def _summed(self, radii: FloatArray, share: float, travel: FloatArray) -> FloatArray:
         """The sums of radius times travel, each radius larger by that ``share`` of the sum before it."""
-        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
+        per_body = np.where(self._moved, travel[:, self._columns] * np.abs(self._multipliers), 0.0)
         out = np.zeros((self.depth + 1, len(travel), self._riding))
         for k, chain in enumerate(self._chains):
             radius = np.minimum(radii[:, k] + share * out[k], self._far[k])
@@ -212,7 +216,7 @@ class Motion:
         """All of this as numbers, for compiled code that does the same.
 
         The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
-        (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
+        (``_joint``), and multiplier, (bodies, 55); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
         hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
         piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
         other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
@@ -328,7 +332,10 @@ def _table(frames: Sequence[Sequence[Sequence[float]]]) -> FloatArray:
 
 
 def _joint(body: Body) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """T_parent_body as the sum of four 3 x 4 tables: constant, times cos q, times sin q, times q (Rodrigues)."""
+    """T_parent_body as the sum of four 3 x 4 tables: constant, times cos x, times sin x, times x (Rodrigues).
+
+    x is what the body moves by: its multiplier times its entry of q.
+    """
     still, with_cos, with_sin, with_q = (np.zeros((3, 4)) for _ in range(4))
     P = body.placement[:3, :3]
     x, y, z = body.axis.tolist()

@@ -8,7 +8,7 @@ Along a curve q(s) let ``v_i`` and ``a_i`` bound abs(dq_i/ds) and abs(d2q_i/ds2)
 
 Position p, in the frame of reference. Let ``J_j`` be its derivative by q_j. For i <= j the derivative of ``J_j`` by q_i
 is the vector product of the unit axis of i with ``J_j``, and zero if i slides: joint i moves all that is beyond it as
-one. So
+one. Where a joint mimics another, q_j stands for its own value, a multiple of an entry of q. So
 
     abs(p'') <= sum_j r_j v_j (t_j v_j + 2 sum_(i<j) t_i v_i) + sum_j r_j a_j,
 
@@ -62,14 +62,14 @@ class RelativeMotion:
         outer: The same of the frame that is looked at.
 
     Attributes:
-        joints: The joints of q on the chain, from ``inner`` outwards, (k,).
+        joints: The entry of q of each joint on the chain, from ``inner`` outwards, (k,).
     """
 
     def __init__(self, robot: Robot, inner: tuple[int, Pose], outer: tuple[int, Pose]) -> None:
         steps, last = _chain(robot.bodies, inner, outer)
         bodies = [robot.bodies[step.body] for step in steps]
         self.joints: IntArray = np.array([body.q_index for body in bodies], dtype=np.intp)
-        self._signs = np.array([step.sign for step in steps])[:, None]
+        self._times = np.array([step.sign * body.multiplier for step, body in zip(steps, bodies, strict=True)])[:, None]
         self._turns = [not body.prismatic for body in bodies]
         self._end = np.array(last.position)[:, None], np.array(last.quaternion)[:, None]
         self._frames = [(_columns(step.pose.rotation_rows), np.array(step.pose.position)[:, None]) for step in steps]
@@ -116,8 +116,9 @@ class RelativeMotion:
             farthest: Bounds of abs(q), (n,).
         """
         position, turning, bending = (np.zeros(len(speeds)) for _ in range(3))
-        for j, reach, turns in zip(self.joints, self._reach(farthest)[0], self._turns, strict=True):
-            v, a = speeds[:, j], bends[:, j]
+        sizes = np.abs(self._times)[:, 0]
+        for j, size, reach, turns in zip(self.joints, sizes, self._reach(farthest)[0], self._turns, strict=True):
+            v, a = size * speeds[:, j], size * bends[:, j]
             if turns:
                 position += reach * (v * (v + 2.0 * turning) + a)
                 turning += v
@@ -133,13 +134,15 @@ class RelativeMotion:
             x, y, z = self._offsets[k + 1]  # z is the axis of joint k
             turns = self._turns[k]
             reach[k] = math.sqrt(x * x + y * y) + beyond if turns else 1.0
-            beyond += math.sqrt(x * x + y * y + z * z) + (0.0 if turns else float(farthest[self.joints[k]]))
+            beyond += math.sqrt(x * x + y * y + z * z) + (
+                0.0 if turns else abs(float(self._times[k, 0])) * float(farthest[self.joints[k]])
+            )
         x, y, z = self._offsets[0]
         return reach, beyond + math.sqrt(x * x + y * y + z * z)
 
     def _values(self, q: FloatArray) -> FloatArray:
-        """The values of the joints on the chain, those that it meets from outside negated, (k, m)."""
-        return np.asarray(q.T.take(self.joints, axis=0) * self._signs)
+        """What the bodies on the chain move by, those that it meets from outside negated, (k, m)."""
+        return np.asarray(q.T.take(self.joints, axis=0) * self._times)
 
 
 class _Step(NamedTuple):

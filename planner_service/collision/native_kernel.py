@@ -81,7 +81,7 @@ def _simple_rules(step: EdgeStep) -> list[EdgeStep]:
 
 @lru_cache(maxsize=16)
 def _joints(robot: Robot) -> FloatArray:
-    """Each body but the base: parent, entry of q, whether it slides, axis, rotation and position of its placement."""
+    """Each body but the base: parent, entry of q, whether it slides, axis, rotation and position of its placement, multiplier."""
     rows = [
         [
             float(body.parent),
@@ -90,10 +90,11 @@ def _joints(robot: Robot) -> FloatArray:
             *body.axis.tolist(),
             *body.placement[:3, :3].ravel().tolist(),
             *body.placement[:3, 3].tolist(),
+            body.multiplier,
         ]
         for body in robot.bodies[1:]
     ]
-    return read_only(np.array(rows, dtype=np.float64).reshape(-1, 18))
+    return read_only(np.array(rows, dtype=np.float64).reshape(-1, 19))
 
 
 def _places(parts: Parts) -> FloatArray:

@@ -102,16 +102,16 @@ def projector_of(constraints: ConstraintSet) -> _core.Projector | ReferenceProje
     table = robot.body_table[[body - 1 for body in bodies]]
     table[:, 0] = [numbers[robot.bodies[body].parent] for body in bodies]
     joints = [
-        [parent, robot.bodies[body].q_index, robot.bodies[body].prismatic, *robot.bodies[body].axis.tolist()]
-        for parent, body in zip(table[:, 0].tolist(), bodies, strict=True)
+        [parent, body.q_index, body.prismatic, *body.axis.tolist(), body.multiplier]
+        for parent, body in zip(table[:, 0].tolist(), map(robot.bodies.__getitem__, bodies), strict=True)
     ]
     rows = [_row(placed, numbers) for placed in constraints.regions]
     projector: _core.Projector = core.Projector(
         table,
-        np.array(joints, dtype=np.float64).reshape(-1, 6),
+        np.array(joints, dtype=np.float64).reshape(-1, 7),
         constraints.lower,
         constraints.upper,
-        np.array(rows, dtype=np.float64).reshape(-1, 37 + robot.n),
+        np.array(rows, dtype=np.float64).reshape(-1, 37 + 2 * robot.n),
     )
     return projector
 
@@ -131,7 +131,14 @@ def _row(placed: Placed, numbers: Mapping[int, int]) -> list[float]:
     region = placed.region
     frames = [number for pose in (placed.at, placed.frame) for number in _frame(pose.matrix)]
     bounds = [*region.lower, *region.upper, *placed.room, *_bounds(placed)]
-    return [numbers[placed.body], numbers[placed.base], *frames, *bounds, *placed.reach.tolist()]
+    return [
+        numbers[placed.body],
+        numbers[placed.base],
+        *frames,
+        *bounds,
+        *placed.reach.tolist(),
+        *placed.turns.tolist(),
+    ]
 
 
 def _frame(T: FloatArray) -> list[float]:
@@ -264,7 +271,8 @@ class ReferenceProjector:
             if sign:
                 body, frame = self._robot.bodies[index], frames[index]
                 axis = [sign * _dot(r, self._axes[index]) for r in frame]
-                out[body.q_index] += places[number].change(kind, axis, [r[3] for r in frame], slides=body.prismatic)
+                change = places[number].change(kind, axis, [r[3] for r in frame], slides=body.prismatic)
+                out[body.q_index] += body.multiplier * change
         return out
 
 
@@ -277,7 +285,7 @@ class _Region:
         self.at, self.frame = placed.at.matrix[:3].tolist(), placed.frame.matrix[:3].tolist()
         self.lower, self.upper, self.room = region.lower, region.upper, placed.room
         self.chord, self.sine = _bounds(placed)
-        self.reach = placed.reach.tolist()
+        self.reach, self.turns = placed.reach.tolist(), placed.turns.tolist()
         coordinates = [k for k in range(3) if math.isfinite(self.lower[k]) or math.isfinite(self.upper[k])]
         angles = [kind for kind, bound in ((TILT, self.chord), (TURN, self.sine)) if math.isfinite(bound)]
         self.kinds = [*coordinates, *angles]
@@ -288,11 +296,11 @@ class _Region:
         A function differs from that line by at most an eighth of its largest second derivative.
         """
         turns = metres = 0.0
-        for d, r in zip(difference, self.reach, strict=True):
+        for d, r, t in zip(difference, self.reach, self.turns, strict=True):
             if r != 0.0:
-                turns += abs(d)
-                for e, s in zip(difference, self.reach, strict=True):
-                    metres += abs(d) * abs(e) * min(r, s)
+                turns += t * abs(d)
+                for e, s, u in zip(difference, self.reach, self.turns, strict=True):
+                    metres += abs(d) * abs(e) * min(r * u, s * t)
         if kind == TILT:
             return turns * turns / self.chord / 8.0
         if kind == TURN:

@@ -44,6 +44,7 @@ class Placed:
         frame: Pose of the region in it.
         reach: Metres that the constrained frame's origin moves per unit of each joint that moves one of the two bodies
             against the other, at most; 0 for all other joints, (n,).
+        turns: Radians that it turns per unit of each of these joints, at most (1 for one that slides), (n,).
         room: Metres over which the share of each coordinate falls from 1 to 0.
     """
 
@@ -53,6 +54,7 @@ class Placed:
     base: int
     frame: Pose
     reach: FloatArray
+    turns: FloatArray
     room: tuple[float, float, float]
 
 
@@ -132,7 +134,7 @@ class ConstraintSet:
         for given in self.constraints:
             if isinstance(given, JointRange):
                 joint = self.robot.joint_names.index(given.joint)
-                slides = any(body.prismatic for body in self.robot.bodies if body.q_index == joint)
+                slides = self.robot.sliding[joint]
                 value, unit = values[joint], "m" if slides else "rad"
                 out.append(_bounded("joint range", given.joint, value, given.lower, given.upper, 1.0, unit))
         bodies = self.robot.body_poses(values)
@@ -160,13 +162,16 @@ def _placed(robot: Robot, field: str, region: ToolRegion) -> Placed:
         raise InvalidRequest(field, (region.link or robot.tool_frame, region.relative_to or "the base"), expected)
     first, second = (set(chain_to_base(robot.bodies, index)) for index in (body, base))
     tool, frame = Pose.from_matrix(at) @ region.tool, Pose.from_matrix(T) @ region.frame
-    reach = np.zeros(robot.n)
-    moving = [robot.bodies[index].q_index for index in first ^ second]
-    ends = [(body, Sphere(POINT), tool), (base, Sphere(POINT), frame)]
+    reach, turns = np.zeros(robot.n), np.zeros(robot.n)
     travel = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper)).tolist()
-    reach[moving] = np.maximum(np.array(reach_bounds(robot.bodies, travel, ends))[moving], POINT)
+    for between, end in ((first - second, (body, tool)), (second - first, (base, frame))):
+        bounds = reach_bounds(robot.bodies, travel, [(end[0], Sphere(POINT), end[1])])
+        for moved in (robot.bodies[index] for index in between):
+            turns[moved.q_index] += abs(moved.multiplier)
+        for joint in {robot.bodies[index].q_index for index in between}:
+            reach[joint] += max(bounds[joint], POINT)
     room = [min((high - low) / 2.0, ROOM) for low, high in zip(region.lower, region.upper, strict=True)]
-    return Placed(region, body, tool, base, frame, read_only(reach), (room[0], room[1], room[2]))
+    return Placed(region, body, tool, base, frame, read_only(reach), read_only(turns), (room[0], room[1], room[2]))
 
 
 def _region_quantities(placed: Placed, base: Pose, body: Pose) -> list[Quantity]:

@@ -178,6 +178,7 @@ class _Chain:
         bodies = [robot.bodies[i] for i in indices]
         self._indices = indices
         self._joints = [body.q_index for body in bodies]
+        self._multipliers = np.array([body.multiplier for body in bodies])[:, None, None]
         self._slides = np.array([body.prismatic for body in bodies], dtype=np.bool_)
         self._axes = np.array([body.axis for body in bodies]).reshape(-1, 3, 1)
         placement = robot.tool_placement
@@ -202,8 +203,10 @@ class _Chain:
         linear = np.where(self._slides[:, np.newaxis, np.newaxis], axes, cross(axes, lever, axis=1))
         angular = np.where(self._slides[:, np.newaxis, np.newaxis], 0.0, axes)
         out = np.zeros((6, self._robot.n, point.shape[1]))
-        out[:3, self._joints] = linear.swapaxes(0, 1) * self._scale
-        out[3:, self._joints] = angular.swapaxes(0, 1)
+        linear, angular = linear * self._scale * self._multipliers, angular * self._multipliers
+        for joint, along, about in zip(self._joints, linear, angular, strict=True):
+            out[:3, joint] += along
+            out[3:, joint] += about
         return out
 
 

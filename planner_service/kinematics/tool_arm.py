@@ -34,14 +34,14 @@ def tool_arm(robot: Robot, *, closed_form: bool = False) -> _core.ToolArm | None
     if core is None:
         return None
     chain = [
-        [index, body.q_index, body.prismatic, *body.axis.tolist()]
+        [index, body.q_index, body.prismatic, *body.axis.tolist(), body.multiplier]
         for index in chain_to_base(robot.bodies, robot.tool_body)
         for body in [robot.bodies[index]]
     ]
     arm: _core.ToolArm = core.ToolArm(
         robot.body_table,
         robot.tool_body,
-        np.array(chain, dtype=np.float64).reshape(-1, 6),
+        np.array(chain, dtype=np.float64).reshape(-1, 7),
         robot.tool_placement[:3].ravel(),
         length_scale(robot),
         robot.limits.lower,

@@ -39,7 +39,7 @@ class ToolChain:
         Raises:
             InvalidRequest: No joint moves the tool, or a joint outside the chain is beyond its limits.
         """
-        columns = sorted(robot.bodies[index].q_index for index in chain_to_base(robot.bodies, robot.tool_body))
+        columns = sorted({robot.bodies[index].q_index for index in chain_to_base(robot.bodies, robot.tool_body)})
         if len(columns) == robot.n:
             return cls(robot, columns, still)
         if not columns:

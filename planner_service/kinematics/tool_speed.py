@@ -79,7 +79,8 @@ def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
     moves = columns[:, 0] * axes[:, 0] + columns[:, 1] * axes[:, 1] + columns[:, 2] * axes[:, 2]
     turns = [not body.prismatic for body in bodies]
     moves[turns] = cross(moves[turns], at.T - origins[turns], axis=1)
-    moves *= Qd.T[[body.q_index for body in bodies], None]
+    multipliers = np.array([body.multiplier for body in bodies])[:, None]
+    moves *= (Qd.T[[body.q_index for body in bodies]] * multipliers)[:, None]
     velocity = np.add.accumulate(moves, axis=0)[-1]  # in one order: durations depend on it
     return np.asarray(np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2))
 

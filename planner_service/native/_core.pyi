@@ -268,9 +268,9 @@ class Projector:
 
     Args:
         table: ``Robot.body_table``.
-        bodies: Of each body but the base its parent, joint, whether it slides, and axis (k, 6).
+        bodies: Of each body but the base its parent, joint, whether it slides, axis, and multiplier (k, 7).
         lower, upper: The joint limits (n,).
-        regions: The numbers of each region, and its reach (r, 37 + n).
+        regions: The numbers of each region, its reach and its turns (r, 37 + 2 n).
     """
 
     def __init__(
@@ -301,7 +301,7 @@ class ToolArm:
 
     Args:
         table: ``Robot.body_table``.
-        chain: Of each body from the tool to the base its number, joint, whether it slides, and axis (k, 6).
+        chain: Of each body from the tool to the base its number, joint, whether it slides, axis, and multiplier (k, 7).
         tool: Rows of T_body_tool (12,).
         scale: Radians that a metre counts as.
         lower, upper: The joint limits (n,).

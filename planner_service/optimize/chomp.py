@@ -287,7 +287,7 @@ class _Descent:
             axis = summed((R[rows, index] * body.axis).transpose(2, 0, 1))
             speed = axis if body.prismatic else cross(axis, lacking.centre[moved] - t[rows, index], axis=1)
             power = speed[:, 0] * f[:, 0] + speed[:, 1] * f[:, 1] + speed[:, 2] * f[:, 2]
-            out[:, body.q_index] += np.bincount(rows, weights=power, minlength=len(out))
+            out[:, body.q_index] += body.multiplier * np.bincount(rows, weights=power, minlength=len(out))
         return out
 
 

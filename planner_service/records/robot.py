@@ -17,7 +17,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.records.pose import PoseRecord
 from planner_service.records.scene import ShapeRecord
-from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape
+from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER, Body, LinkFrame, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 
 __all__ = ["RobotRecord"]
@@ -76,7 +76,7 @@ class NamedPoseRecord(schema.Record):
         return self.name, np.array(self.q)
 
 
-class BodyRecord(schema.Record):
+class BodyRecord(schema.GrownRecord):
     """A ``Body``."""
 
     name: schema.Text
@@ -85,13 +85,17 @@ class BodyRecord(schema.Record):
     axis: schema.Vector3
     prismatic: bool
     q_index: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
+    multiplier: float = 1.0
 
     @cached_property
     def value(self) -> Body:
         if self.parent >= 0:
             _require_unit("axis", self.axis)
-        placement = _placement("placement", self.placement)
-        return Body(self.name, self.parent, placement, np.array(self.axis), self.prismatic, self.q_index)
+        if not MIN_MULTIPLIER <= abs(self.multiplier) <= MAX_MULTIPLIER:
+            expected = f"a number from {MIN_MULTIPLIER:g} to {MAX_MULTIPLIER:g}, or the negative of one"
+            raise InvalidRequest("multiplier", self.multiplier, expected)
+        placement, axis = _placement("placement", self.placement), np.array(self.axis)
+        return Body(self.name, self.parent, placement, axis, self.prismatic, self.q_index, self.multiplier)
 
 
 class LinkShapeRecord(schema.Record):
@@ -203,8 +207,15 @@ def _contradictions(robot: Robot) -> Iterator[tuple[str, object, str]]:
         yield "joint_names", robot.joint_names, "each joint once"
     if [body.parent for body in bodies[:1]] != [-1] or any(not 0 <= b.parent < k for k, b in enumerate(bodies) if k):
         yield "bodies", [body.parent for body in bodies], "parents before children, -1 of the first alone"
-    if [body.q_index for body in bodies[:1]] != [-1] or sorted(b.q_index for b in bodies[1:]) != list(range(n)):
-        yield "bodies", [body.q_index for body in bodies], f"one body for each of {n} joints, after the base"
+    if [body.q_index for body in bodies[:1]] != [-1] or {b.q_index for b in bodies[1:]} != set(range(n)):
+        yield "bodies", [body.q_index for body in bodies], f"a body for each of {n} joints, after the base"
+        return
+    for k, name in enumerate(robot.joint_names):
+        moved = [body for body in bodies if body.q_index == k]
+        own = [body for body in moved if body.multiplier == 1.0 and (len(moved) == 1 or body.name == name)]
+        if len(own) != 1:
+            found = [(body.name, body.multiplier) for body in moved]
+            yield "bodies", found, f"one body that {name} moves by itself, its multiplier 1, among those of mimics"
     if robot.tool_body >= len(bodies):
         yield "tool_body", robot.tool_body, f"one of {len(bodies)} bodies"
     poses = [name for name, _ in robot.named_poses]

@@ -19,7 +19,19 @@ from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import numbers
 
-__all__ = ["Body", "BodyPose", "BodyTree", "LinkFrame", "LinkShape", "chain_to_base"]
+__all__ = [
+    "MAX_MULTIPLIER",
+    "MIN_MULTIPLIER",
+    "Body",
+    "BodyPose",
+    "BodyTree",
+    "LinkFrame",
+    "LinkShape",
+    "chain_to_base",
+]
+
+MIN_MULTIPLIER, MAX_MULTIPLIER = 1e-6, 1e3
+"""Sizes of a multiplier: beyond these it is a mistake."""
 
 BodyPose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """r00, r01, r02, r10, ..., r22, x, y, z."""
@@ -41,7 +53,9 @@ class Body:
             ``axis``.
         axis: Unit vector in the joint frame.
         prismatic: It slides by q metres instead of turning by q radians.
-        q_index: The entry of q that moves it; -1 for the base.
+        q_index: The entry of q that moves it; -1 for the base. Several bodies may have the same one: the body of a
+            joint of q, and those of the joints that mimic it.
+        multiplier: It moves by this times the entry of q; 1 unless its joint mimics another.
     """
 
     name: str
@@ -50,6 +64,7 @@ class Body:
     axis: FloatArray
     prismatic: bool
     q_index: int
+    multiplier: float = 1.0
 
     def __post_init__(self) -> None:
         set_fields(self, placement=read_only(self.placement), axis=read_only(self.axis))
@@ -98,11 +113,22 @@ class _Step:
     slide: tuple[float, float, float]
     before: Matrix | None
     after: Matrix | None
+    multiplier: float
 
     def row(self) -> list[float]:
-        """All fields in a row of 30 numbers; a 1 comes before each rotation, and 0 in place of none."""
+        """All fields in a row of 31 numbers; a 1 comes before each rotation, and 0 in place of none."""
         before, after = ([0.0] * 10 if matrix is None else [1.0, *matrix] for matrix in (self.before, self.after))
-        return [self.parent, self.q_index, self.kind, self.sign, *self.offset, *self.slide, *before, *after]
+        return [
+            self.parent,
+            self.q_index,
+            self.kind,
+            self.sign,
+            *self.offset,
+            *self.slide,
+            *before,
+            *after,
+            self.multiplier,
+        ]
 
 
 class BodyTree:
@@ -112,20 +138,23 @@ class BodyTree:
         bodies: Parents before children; the first is the fixed base.
 
     Attributes:
-        table: What compiled code needs to compute the same bits, a row of 30 numbers for each body but the base.
+        table: What compiled code needs to compute the same bits, a row of 31 numbers for each body but the base.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
         self._steps = tuple(_step(body) for body in bodies[1:])
         self._plain = tuple(
-            (s.parent, s.q_index, s.kind, s.sign, *s.offset, s.before, s.after, s.slide) for s in self._steps
+            (s.parent, s.q_index, s.multiplier, s.kind, s.sign, *s.offset, s.before, s.after, s.slide)
+            for s in self._steps
         )
-        self._n = len(self._steps)
+        self._n = 1 + max((step.q_index for step in self._steps), default=-1)
+        self._columns = np.array([step.q_index for step in self._steps], dtype=np.intp)
+        self._multipliers = read_only([step.multiplier for step in self._steps])
         self._offsets = read_only([step.offset for step in self._steps]).reshape(-1, 3).T[:, :, None, None]
         self._slides = read_only([step.slide for step in self._steps]).reshape(-1, 3)[:, :, None, None, None]
-        self.table = read_only([step.row() for step in self._steps]).reshape(-1, 30)
+        self.table = read_only([step.row() for step in self._steps]).reshape(-1, 31)
         parents = [step.parent for step in self._steps]
-        self._parents = slice(0, -1) if parents == list(range(self._n)) else parents
+        self._parents = slice(0, -1) if parents == list(range(len(parents))) else parents
 
     def poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
         """Pose of every body in the world, by scalar arithmetic; q must be finite."""
@@ -134,14 +163,14 @@ class BodyTree:
             raise InvalidRequest("q", values, f"{self._n} numbers")
         sin, cos = math.sin, math.cos
         out = [IDENTITY]
-        for parent, q_index, kind, sign, x, y, z, before, after, slide in self._plain:
+        for parent, q_index, multiplier, kind, sign, x, y, z, before, after, slide in self._plain:
             a, b, c, d, e, f, g, h, i, px, py, pz = out[parent]
             px += a * x + b * y + c * z
             py += d * x + e * y + f * z
             pz += g * x + h * y + i * z
             if before is not None:
                 a, b, c, d, e, f, g, h, i = _times((a, b, c, d, e, f, g, h, i), before)
-            angle = values[q_index]
+            angle = multiplier * values[q_index]
             if kind == PRISMATIC:
                 u, v, w = slide
                 px += (a * u + b * v + c * w) * angle
@@ -176,28 +205,29 @@ class BodyTree:
         q = numbers("Q", Q, f"configurations of shape (m, {self._n})")
         if q.ndim != 2 or q.shape[1] != self._n:
             raise InvalidRequest("Q", q.shape, f"configurations of shape (m, {self._n})")
-        m = q.shape[0]
-        turns = np.empty((self._n, 2, 1, 1, m))
+        m, count = q.shape[0], len(self._steps)
+        moved = q.T[self._columns] * self._multipliers[:, None]
+        turns = np.empty((count, 2, 1, 1, m))
         if portable:
-            cosines, sines = cosines_and_sines(q.T.ravel())
+            cosines, sines = cosines_and_sines(moved.ravel())
         else:
             # math's sine and not numpy's, which picks its own by instruction set
-            angles = q.T.ravel().tolist()
+            angles = moved.ravel().tolist()
             cosines, sines = (np.fromiter(map(f, angles), np.float64, len(angles)) for f in (math.cos, math.sin))
-        turns[:, 0], turns[:, 1] = cosines.reshape(self._n, 1, 1, m), sines.reshape(self._n, 1, 1, m)
-        out = np.empty((self._n + 1, 4, 3, m))  # body, column of T, row of T, configuration
+        turns[:, 0], turns[:, 1] = cosines.reshape(count, 1, 1, m), sines.reshape(count, 1, 1, m)
+        out = np.empty((count + 1, 4, 3, m))  # body, column of T, row of T, configuration
         out[0] = BASE
-        for frames, step in zip(out[1:], self._steps, strict=True):
+        for frames, step, turn in zip(out[1:], self._steps, turns, strict=True):
             columns = out[step.parent] if step.before is None else _turned(out[step.parent], step.before)
             if step.kind == PRISMATIC:
                 frames[:3] = columns[:3]
             else:
-                _spin(columns, step, turns[step.q_index], frames)
+                _spin(columns, step, turn, frames)
         moves = _combination(out[self._parents], self._offsets)
-        for frames, step, move, slide in zip(out[1:], self._steps, moves, self._slides, strict=True):
+        for frames, step, move, slide, way in zip(out[1:], self._steps, moves, self._slides, moved, strict=True):
             np.add(out[step.parent, 3], move, out=frames[3])
             if step.kind == PRISMATIC:
-                frames[3] += _combination(frames[None], slide)[0] * q[:, step.q_index]
+                frames[3] += _combination(frames[None], slide)[0] * way
         return out[:, :3].transpose(3, 0, 2, 1), out[:, 3].transpose(2, 0, 1)
 
 
@@ -263,7 +293,8 @@ def _step(body: Body) -> _Step:
         rotation = _times(rotation, onto)
         after = (onto[0], onto[3], onto[6], onto[1], onto[4], onto[7], onto[2], onto[5], onto[8])
     before = None if rotation == UNIT_MATRIX else rotation
-    return _Step(body.parent, body.q_index, kind, sign, offset, (axis[0], axis[1], axis[2]), before, after)
+    slide = (axis[0], axis[1], axis[2])
+    return _Step(body.parent, body.q_index, kind, sign, offset, slide, before, after, float(body.multiplier))
 
 
 def _onto_z(axis: Sequence[float]) -> Matrix:

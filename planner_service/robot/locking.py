@@ -75,7 +75,7 @@ def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tu
         parent, offset = anchors[body.parent]
         placement = body.placement if offset is None else product(offset, body.placement)
         if body.q_index in positions:
-            anchors.append((parent, product(placement, _motion(body, positions[body.q_index]))))
+            anchors.append((parent, product(placement, _motion(body, body.multiplier * positions[body.q_index]))))
         else:
             anchors.append((len(bodies), None))
             bodies.append(replace(body, parent=parent, placement=placement, q_index=kept.index(body.q_index)))

@@ -221,6 +221,14 @@ class Robot:
         """Number of joints in q."""
         return len(self.joint_names)
 
+    @cached_property
+    def sliding(self) -> tuple[bool, ...]:
+        """Of each joint of q whether it slides, so that its entry is in metres."""
+        moved = self.bodies[1:]
+        own = [body for body in moved if body.name == self.joint_names[body.q_index]]  # not those of mimics
+        kinds = {body.q_index: body.prismatic for body in (*moved, *own)}
+        return tuple(kinds[joint] for joint in range(self.n))
+
     @property
     def poses(self) -> dict[str, FloatArray]:
         """The named poses, each (n,)."""
@@ -248,7 +256,7 @@ class Robot:
 
     @property
     def body_table(self) -> FloatArray:
-        """``BodyTree.table``, (bodies - 1, 30), for compiled code."""
+        """``BodyTree.table``, (bodies - 1, 31), for compiled code."""
         return self._tree.table
 
     def body_poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
@@ -301,10 +309,11 @@ class Robot:
             u, v, w = body.axis.tolist()
             ax, ay, az = a * u + b * v + c * w, d * u + e * v + f * w, g * u + h * v + i * w
             if body.prismatic:
-                out[:, body.q_index] = (ax, ay, az, 0.0, 0.0, 0.0)
+                column = (ax, ay, az, 0.0, 0.0, 0.0)
             else:
                 rx, ry, rz = x - px, y - py, z - pz
-                out[:, body.q_index] = (ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx, ax, ay, az)
+                column = (ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx, ax, ay, az)
+            out[:, body.q_index] += body.multiplier * np.array(column)
         return out
 
     def reach(self, extra: Sequence[tuple[int, Shape, Pose]] = ()) -> FloatArray:
@@ -420,9 +429,7 @@ class Robot:
             "poses": [(name, q.tolist()) for name, q in sorted(self.named_poses, key=lambda pose: pose[0])],
             "base": sorted(self.base_links),
             "tool": (self.tool_frame, self.tool_body, self.tool_placement.tolist()),
-            "bodies": [
-                (b.name, b.parent, b.placement.tolist(), b.axis.tolist(), b.prismatic, b.q_index) for b in self.bodies
-            ],
+            "bodies": [_body_content(body) for body in self.bodies],
             "shapes": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in self.shapes],
             "allowed": sorted(sorted(contact.links) for contact in self.allowed_contacts),
             "gripper": self.gripper and _gripper_content(self.gripper),
@@ -441,6 +448,12 @@ class Robot:
 
     def _repr_html_(self) -> str:
         return render_html(robot_blocks(self))
+
+
+def _body_content(body: Body) -> tuple[object, ...]:
+    """Everything about a body that can change a plan."""
+    mimics = () if body.multiplier == 1.0 else (body.multiplier,)
+    return (body.name, body.parent, body.placement.tolist(), body.axis.tolist(), body.prismatic, body.q_index, *mimics)
 
 
 def _gripper_content(gripper: Gripper) -> dict[str, object]:

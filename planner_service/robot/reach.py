@@ -37,7 +37,8 @@ TILT = 1e-7
 def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterable[Placed]) -> list[float]:
     """For each joint, in order of q, an upper bound of the distance from its axis of anything that it moves.
 
-    For a prismatic joint 1.0: metres of motion per metre.
+    For a prismatic joint 1.0: metres of motion per metre. What a joint moves through several bodies, by those that mimic
+    it, moves by the sum.
 
     Args:
         travel: Largest absolute position of each joint, in order of q; used for prismatic ones.
@@ -45,21 +46,18 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
     clouds: dict[int, list[Ball]] = {}
     for body, shape, pose in shapes:
         clouds.setdefault(body, []).extend(_hull(shape, pose))
-    out = [0.0] * (len(bodies) - 1)
-    for index, joint in enumerate(bodies[1:], start=1):
-        if joint.prismatic:
-            out[joint.q_index] = 1.0
-            continue
-        chains = [chain for chain in (_chain(bodies, index, other) for other in clouds) if chain]
-        far = max((_farthest(chain, bodies, travel, clouds[chain[-1]]) for chain in chains), default=0.0)
-        out[joint.q_index] = far * (1.0 + ROUNDING)
+    out = [0.0] * len(travel)
+    for body in bodies[1:]:
+        if body.prismatic:
+            out[body.q_index] = max(out[body.q_index], abs(body.multiplier))
+    for last, cloud in clouds.items():
+        moved = [0.0] * len(travel)
+        chain = chain_to_base(bodies, last)[::-1]
+        for k, joint in enumerate(bodies[index] for index in chain):
+            far = 1.0 if joint.prismatic else _farthest(chain[k:], bodies, travel, cloud) * (1.0 + ROUNDING)
+            moved[joint.q_index] += abs(joint.multiplier) * far
+        out = [max(pair) for pair in zip(out, moved, strict=True)]
     return out
-
-
-def _chain(bodies: Sequence[Body], first: int, last: int) -> list[int]:
-    """Bodies from ``first`` out to ``last``; empty if ``first`` does not carry ``last``."""
-    chain = chain_to_base(bodies, last)[::-1]
-    return chain[chain.index(first) :] if first in chain else []
 
 
 def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[float], cloud: Sequence[Ball]) -> float:
@@ -70,7 +68,7 @@ def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[flo
     for index in chain[1:]:
         body = bodies[index]
         if body.prismatic:  # the pivot slides along with the body
-            total += travel[body.q_index]
+            total += abs(body.multiplier) * travel[body.q_index]
         else:
             axis = _turn(body, vector(body.axis.tolist()))
             onto = _nearest(vector(body.placement[:3, 3].tolist()), axis, pivot, about)

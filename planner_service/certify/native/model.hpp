@@ -37,12 +37,14 @@ struct Solid {
     const Hull* hull;  // nullptr: none
 };
 
-// A body's move relative to its parent: ``still + with_cos cos q + with_sin sin q + with_q q``, 3 x 4 each, row by row.
+// A body's move relative to its parent: ``still + with_cos cos x + with_sin sin x + with_q x``, 3 x 4 each, row by row,
+// where x is ``multiplier`` times an entry of q.
 struct Body {
     int parent;
     int column;  // -1: no entry of q moves it
     bool slides;
     double axis[3];
+    double multiplier;
     double still[12], with_cos[12], with_sin[12], with_q[12];
 };
 

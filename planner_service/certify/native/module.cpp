@@ -227,13 +227,13 @@ class Prover {
         require(model_.terms.batch >= 1.0, "a batch has a row");
     }
 
-    // Rows: parent, entry of q, whether it slides, axis (3), still, with_cos, with_sin, with_q (12 each).
+    // Rows: parent, entry of q, whether it slides, axis (3), still, with_cos, with_sin, with_q (12 each), multiplier.
     void add_bodies(const Rows& rows) {
-        require(rows.shape(1) == 54 && rows.shape(0) > 0, "54 numbers for each body");
+        require(rows.shape(1) == 55 && rows.shape(0) > 0, "55 numbers for each body");
         require_finite(rows);
         const auto count = static_cast<std::int64_t>(rows.shape(0));
         for (std::int64_t k = 0; k < count; ++k) {
-            const double* row = rows.data() + 54 * k;
+            const double* row = rows.data() + 55 * k;
             Body body{};
             body.parent = whole(row[0], k == 0 ? -1 : 0, std::max<std::int64_t>(k - 1, -1), "a parent comes first");
             body.column = whole(row[1], -1, model_.dof - 1, "no such entry of q");
@@ -243,6 +243,7 @@ class Prover {
             std::copy(row + 18, row + 30, body.with_cos);
             std::copy(row + 30, row + 42, body.with_sin);
             std::copy(row + 42, row + 54, body.with_q);
+            body.multiplier = row[54];
             model_.bodies.push_back(body);
         }
     }

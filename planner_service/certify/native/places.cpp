@@ -22,7 +22,7 @@ void compose(const double* a, const double* b, double* out) {
 void place_body(const Body& body, const double* q, double* out) {
     std::copy(body.still, body.still + 12, out);
     if (body.column < 0) return;
-    const double angle = q[body.column];
+    const double angle = q[body.column] * body.multiplier;
     if (body.slides) {
         for (int k = 0; k < 12; ++k) out[k] += body.with_q[k] * angle;
         return;
@@ -207,7 +207,7 @@ const double* Places::motions_about(std::size_t piece) {
         out[k + 1] = out[k];
         if (body.column < 0) continue;
         const double radius = body.slides ? 1.0 : std::min(here[k] + out[k], link.far);
-        out[k + 1] = out[k] + radius * about_travel_[body.column];
+        out[k + 1] = out[k] + radius * (about_travel_[body.column] * std::fabs(body.multiplier));
     }
     return out;
 }
@@ -240,7 +240,7 @@ const double* Places::motions(std::size_t piece, std::size_t stretch, std::size_
         const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
         out[k + 1] = out[k];
         if (body.column < 0) continue;
-        const double travel = end[body.column] - start[body.column];
+        const double travel = (end[body.column] - start[body.column]) * std::fabs(body.multiplier);
         const double radius = body.slides ? 1.0 : std::min(0.5 * (one[k] + two[k]) + 0.5 * out[k], link.far);
         out[k + 1] = out[k] + radius * travel;
     }

@@ -70,14 +70,15 @@ void place_bodies(const Model& model, const double* q, std::vector<Pose>& bodies
         const Joint& joint = model.joints[k];
         const Pose& parent = bodies[static_cast<std::size_t>(joint.parent)];
         Pose& here = bodies[k + 1];
+        const double way = q[joint.q_index] * joint.multiplier;
         double fixed[9], turn[9];
         product(parent.R, joint.rotation, fixed);
         here.t = plus(parent.t, 1.0, turned(parent.R, point_of(joint.offset)));
         if (joint.motion == Motion::slide) {
             std::copy(fixed, fixed + 9, here.R);
-            here.t = plus(here.t, q[joint.q_index], turned(fixed, point_of(joint.axis)));
+            here.t = plus(here.t, way, turned(fixed, point_of(joint.axis)));
         } else {
-            rotation(joint.axis, q[joint.q_index], turn);
+            rotation(joint.axis, way, turn);
             product(fixed, turn, here.R);
         }
     }
@@ -524,7 +525,7 @@ class Looking {
             const Pose& pose = bodies_[static_cast<std::size_t>(body)];
             const Point axis = turned(pose.R, point_of(joint.axis));
             const Point speed = joint.motion == Motion::slide ? axis : cross(axis, minus(x, pose.t));
-            out[joint.q_index] += sign * dot(speed, n);
+            out[joint.q_index] += sign * joint.multiplier * dot(speed, n);
         }
     }
 };

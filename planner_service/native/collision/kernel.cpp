@@ -268,17 +268,18 @@ class Kernel {
         return Edge(std::move(a), std::move(b), (ends & 1) != 0, (ends & 2) != 0, segments);
     }
 
-    // Rows: parent, q_index, 1 for a slide; axis (3); placement, rotation (9) then position (3).
+    // Rows: parent, q_index, 1 for a slide; axis (3); placement, rotation (9) then position (3); multiplier.
     void add_joints(const Rows& rows) {
-        require(rows.shape(1) == 18, "18 numbers for each joint");
+        require(rows.shape(1) == 19, "19 numbers for each joint");
         require_finite(rows);
         const auto count = static_cast<std::int64_t>(rows.shape(0));
-        model_.dof = static_cast<int>(count);
         for (std::int64_t k = 0; k < count; ++k) {
-            const double* row = rows.data() + 18 * k;
+            const double* row = rows.data() + 19 * k;
             Joint joint{};
             joint.parent = whole(static_cast<std::int64_t>(row[0]), 0, k, "a parent comes before its child");
             joint.q_index = whole(static_cast<std::int64_t>(row[1]), 0, count - 1, "no such entry of q");
+            model_.dof = std::max(model_.dof, joint.q_index + 1);
+            joint.multiplier = row[18];
             std::copy(row + 3, row + 6, joint.axis);
             copy_rotation(row + 6, joint.rotation);
             std::copy(row + 15, row + 18, joint.offset);
@@ -327,7 +328,7 @@ class Kernel {
             solid.disc = row[4];
             solid.hull = whole(static_cast<std::int64_t>(row[5]), -1, static_cast<std::int64_t>(model_.hulls.size()) - 1,
                                "no such hull");
-            const int body = whole(static_cast<std::int64_t>(place[0]), -1, model_.dof, "no such body");
+            const int body = whole(static_cast<std::int64_t>(place[0]), -1, static_cast<std::int64_t>(model_.joints.size()), "no such body");
             if (body >= 0) {
                 require(model_.standers.empty(), "what rides comes first");
                 Rider rider{};

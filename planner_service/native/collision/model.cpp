@@ -77,9 +77,10 @@ void bound_motion(Model& model, const std::vector<double>& lower, const std::vec
             const auto k = static_cast<std::size_t>(body - 1);
             const Joint& joint = model.joints[k];
             const bool slides = joint.motion == Motion::slide;
-            model.reach[i * model.joints.size() + k] = (slides ? length(joint.axis) : far) * ORTHONORMAL;
+            const double times = std::fabs(joint.multiplier);
+            model.reach[i * model.joints.size() + k] = times * (slides ? length(joint.axis) : far) * ORTHONORMAL;
             far += length(joint.offset);
-            if (slides) far += length(joint.axis) * model.travel[static_cast<std::size_t>(joint.q_index)];
+            if (slides) far += times * length(joint.axis) * model.travel[static_cast<std::size_t>(joint.q_index)];
             body = joint.parent;
         }
     }

@@ -13,7 +13,7 @@ constexpr int LANES = 8;  // configurations looked at side by side
 
 enum class Motion { turn_x, turn_y, turn_z, slide, turn };
 
-// One body's move relative to its parent: a constant placement, then a turn or a slide by one entry of q.
+// One body's move relative to its parent: a constant placement, then a turn or a slide by a multiple of one entry of q.
 struct Joint {
     int parent;
     int q_index;
@@ -22,6 +22,7 @@ struct Joint {
     double rotation[9];  // row by row
     double offset[3];
     double axis[3];
+    double multiplier;
 };
 
 // The Minkowski sum of a box, a ball and a disc about local z; of a hull the box around it, and the number of its
@@ -108,7 +109,7 @@ struct Table {
 };
 
 struct Model {
-    int dof = 0;
+    int dof = 0;  // entries of q; several joints may move by the same one
     double margin = 0.0;
     std::vector<Joint> joints;  // of body 1, 2, ...; body 0 is the fixed base
     std::vector<Rider> riders;
@@ -120,7 +121,7 @@ struct Model {
     std::vector<OwnPair> own_pairs;  // by their first
     std::vector<int> own_from;       // of a rider: where those begin of which it is the first; and where all end
     std::vector<Table> tables;
-    std::vector<double> reach;   // riders x joints: metres that a joint moves any point of a rider per unit; 0: none
+    std::vector<double> reach;   // riders x joints: metres that a joint moves any point of a rider per unit of q; 0: none
     std::vector<double> travel;  // of each entry of q: how far from 0 it may be for that to hold
     std::vector<int> run_of;       // of a part that stands, by its number: the obstacle
     std::vector<int> run_first;    // of an obstacle: its first part

@@ -39,7 +39,7 @@ struct Moved {
             reach.push_back(0.0);
         }
         reach[known] += by;
-        key.insert(key.end(), {of_first ? 1.0 : 2.0, double(joint.q_index), double(joint.motion == Motion::slide)});
+        key.insert(key.end(), {of_first ? 1.0 : 2.0, double(joint.q_index), double(joint.motion == Motion::slide), joint.multiplier});
         append(joint.rotation, 9);
         append(joint.offset, 3);
         append(joint.axis, 3);

@@ -45,6 +45,7 @@ Region region_of(const double* row, std::size_t bodies, std::size_t joints) {
     out.chord = row[35];
     out.sine = row[36];
     out.reach.assign(row + region_numbers, row + region_numbers + joints);
+    out.turns.assign(row + region_numbers + joints, row + region_numbers + 2 * joints);
     return out;
 }
 
@@ -52,22 +53,24 @@ void make(Projector* self, const Rows& table, const Rows& bodies, const Row& low
     kinematics::Arm arm;
     arm.joints = lower.shape(0);
     arm.bodies = table.shape(0);
-    require(table.shape(1) == kinematics::Arm::width && bodies.shape(0) == arm.bodies && bodies.shape(1) == 6 &&
-                upper.shape(0) == arm.joints && regions.shape(1) == region_numbers + arm.joints,
+    require(table.shape(1) == kinematics::Arm::width && bodies.shape(0) == arm.bodies && bodies.shape(1) == 7 &&
+                upper.shape(0) == arm.joints && regions.shape(1) == region_numbers + 2 * arm.joints,
             "tables of an arm and its regions");
     Joints joints;
     joints.parent.push_back(-1);
     joints.index.push_back(0);
     joints.slides.push_back(false);
     joints.axis.push_back({0.0, 0.0, 0.0});
+    joints.multiplier.push_back(1.0);
     for (std::size_t k = 0; k < arm.bodies; ++k) {
-        const double *placed = table.data() + k * kinematics::Arm::width, *row = bodies.data() + 6 * k;
+        const double *placed = table.data() + k * kinematics::Arm::width, *row = bodies.data() + 7 * k;
         require(row[0] == placed[0] && row[0] >= 0.0 && row[0] <= static_cast<double>(k), "parents before children");
         require(row[1] == placed[1] && row[1] >= 0.0 && row[1] < static_cast<double>(arm.joints), "no such joint");
         joints.parent.push_back(static_cast<int>(row[0]));
         joints.index.push_back(static_cast<std::size_t>(row[1]));
         joints.slides.push_back(row[2] != 0.0);
         joints.axis.push_back({row[3], row[4], row[5]});
+        joints.multiplier.push_back(row[6]);
     }
     arm.table.assign(table.data(), table.data() + table.size());
     arm.lower.assign(lower.data(), lower.data() + arm.joints);

@@ -183,7 +183,7 @@ void Projector::gradients(const std::vector<std::size_t>& rows, std::vector<doub
                     change = (g >= 0.0 ? twist : -twist) * (f / norm) / 2.0 / region.sine;
                 }
             }
-            out[at * n + joints_.index[body]] += change;
+            out[at * n + joints_.index[body]] += joints_.multiplier[body] * change;
         }
     }
 }
@@ -252,9 +252,10 @@ bool Projector::keeps(const Configuration& a, const Configuration& b, const Shar
         double turns = 0.0, metres = 0.0;
         for (std::size_t i = 0; i < n; ++i) {
             if (region.reach[i] == 0.0) continue;
-            turns += std::fabs(difference_[i]);
+            turns += region.turns[i] * std::fabs(difference_[i]);
             for (std::size_t j = 0; j < n; ++j)
-                metres += std::fabs(difference_[i]) * std::fabs(difference_[j]) * std::min(region.reach[i], region.reach[j]);
+                metres += std::fabs(difference_[i]) * std::fabs(difference_[j]) *
+                          std::min(region.reach[i] * region.turns[j], region.reach[j] * region.turns[i]);
         }
         const double most = kind == TILT ? turns * turns / region.chord
                             : kind == TURN ? 0.354 * (turns * turns) / region.sine

@@ -23,6 +23,7 @@ struct Region {
     double room[3];                // metres over which the share of a coordinate falls from 1 to 0
     double chord, sine;            // of the tilt and of half the turn; infinite where there is no bound
     std::vector<double> reach;     // metres per unit of each joint that moves one of them against the other, else 0
+    std::vector<double> turns;     // radians per unit of each of these joints, else 0
 };
 
 // How the joints move the bodies.
@@ -31,6 +32,7 @@ struct Joints {
     std::vector<std::size_t> index;        // joint of each body
     std::vector<bool> slides;
     std::vector<std::array<double, 3>> axis;  // in the body
+    std::vector<double> multiplier;           // it moves by so many times the joint
 };
 
 class Projector {

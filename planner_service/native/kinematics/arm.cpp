@@ -29,7 +29,7 @@ void place(const Arm& arm, const double* q, std::vector<Frame>& out, Sines sines
     for (std::size_t k = 0; k < arm.bodies; ++k) {
         const double* row = arm.table.data() + k * Arm::width;
         const int kind = static_cast<int>(row[2]);
-        const double angle = q[static_cast<std::size_t>(row[1])];
+        const double angle = row[30] * q[static_cast<std::size_t>(row[1])];
         Frame here = out[static_cast<std::size_t>(row[0])];
         for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, row + 4);
         if (row[10] != 0.0) turn(here.R, row + 11);

@@ -24,10 +24,11 @@ struct Moved {
     std::size_t body, joint;
     bool slides;
     double axis[3];
+    double multiplier;  // it moves by so many times the joint
 };
 
 struct Arm {
-    static constexpr std::size_t width = 30;
+    static constexpr std::size_t width = 31;
     std::size_t joints = 0, bodies = 0, tool_body = 0;
     std::vector<double> table;  // BodyTree.table
     std::vector<Moved> chain;   // from the tool to the base

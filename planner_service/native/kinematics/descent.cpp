@@ -41,8 +41,8 @@ double error_at(const Arm& arm, const double* q, const double* target, std::vect
         const double linear[3] = {axis[1] * lever[2] - axis[2] * lever[1], axis[2] * lever[0] - axis[0] * lever[2],
                                   axis[0] * lever[1] - axis[1] * lever[0]};
         for (std::size_t i = 0; i < 3; ++i) {
-            jacobian[i * arm.joints + moved.joint] = (moved.slides ? axis[i] : linear[i]) * arm.scale;
-            jacobian[(3 + i) * arm.joints + moved.joint] = moved.slides ? 0.0 : axis[i];
+            jacobian[i * arm.joints + moved.joint] += (moved.slides ? axis[i] : linear[i]) * arm.scale * moved.multiplier;
+            jacobian[(3 + i) * arm.joints + moved.joint] += (moved.slides ? 0.0 : axis[i]) * moved.multiplier;
         }
     }
     return std::max(std::sqrt(along(shift, shift)), angle);

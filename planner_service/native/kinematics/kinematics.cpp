@@ -39,7 +39,7 @@ class ToolArm {
         : hypot_(std::move(hypot)) {
         arm_.joints = lower.shape(0);
         arm_.bodies = table.shape(0);
-        require(table.shape(1) == Arm::width && tool_body <= arm_.bodies && tool.shape(0) == 12 && chain.shape(1) == 6 &&
+        require(table.shape(1) == Arm::width && tool_body <= arm_.bodies && tool.shape(0) == 12 && chain.shape(1) == 7 &&
                     upper.shape(0) == arm_.joints,
                 "tables of an arm");
         for (std::size_t k = 0; k < arm_.bodies; ++k) {
@@ -50,10 +50,10 @@ class ToolArm {
         arm_.table.assign(table.data(), table.data() + table.size());
         arm_.tool_body = tool_body;
         for (std::size_t k = 0; k < chain.shape(0); ++k) {
-            const double* row = chain.data() + 6 * k;
+            const double* row = chain.data() + 7 * k;
             require(row[0] >= 0.0 && row[0] <= static_cast<double>(arm_.bodies), "no such body");
             require(row[1] >= 0.0 && row[1] < static_cast<double>(arm_.joints), "no such joint");
-            arm_.chain.push_back({static_cast<std::size_t>(row[0]), static_cast<std::size_t>(row[1]), row[2] != 0.0, {row[3], row[4], row[5]}});
+            arm_.chain.push_back({static_cast<std::size_t>(row[0]), static_cast<std::size_t>(row[1]), row[2] != 0.0, {row[3], row[4], row[5]}, row[6]});
         }
         std::copy_n(tool.data(), 12, arm_.tool);
         arm_.scale = scale;

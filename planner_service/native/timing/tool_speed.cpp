@@ -15,13 +15,14 @@ typedef double Pair __attribute__((vector_size(16)));
 struct Step {
     std::size_t q_index;
     int kind;
-    double sign;
+    double sign, multiplier;
     const double *offset, *slide, *before, *after;  // the rotations are null if they are none
 
     explicit Step(const double* row)
         : q_index(static_cast<std::size_t>(row[1])),
           kind(static_cast<int>(row[2])),
           sign(row[3]),
+          multiplier(row[30]),
           offset(row + 4),
           slide(row + 7),
           before(row[10] != 0.0 ? row + 11 : nullptr),
@@ -90,7 +91,7 @@ class Chain {
             }
             const bool first = k + 1 == steps_.size();
             for (int i = 0; i < 3; ++i) {
-                const Pair moved = move[i] * qd[step.q_index];
+                const Pair moved = move[i] * (qd[step.q_index] * step.multiplier);
                 velocity[i] = first ? moved : velocity[i] + moved;
             }
         }
@@ -111,7 +112,7 @@ class Chain {
             const Step& step = steps_[k];
             for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, step.offset);
             if (step.before != nullptr) turn(here.R, step.before);
-            const Pair angle = q[step.q_index];
+            const Pair angle = q[step.q_index] * step.multiplier;
             if (step.kind == prismatic) {
                 for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, step.slide) * angle;
             } else {

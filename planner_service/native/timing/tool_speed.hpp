@@ -9,7 +9,7 @@ namespace timing {
 
 // A robot's bodies: a row of BodyTree.table for each but the base. And where the tool's origin is in its body.
 struct Arm {
-    static constexpr std::size_t width = 30;
+    static constexpr std::size_t width = 31;
     std::size_t bodies;
     const double* table;
     std::size_t tool_body;
