@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import coal
 import numpy as np
@@ -80,7 +81,9 @@ class IndependentChecker:
         robot = robot_table(robot_dir) if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
-        self.model, self.geometry = _reduced(robot, Path(robot["urdf"]).read_text("utf-8"), gripper_width)
+        urdf = Path(robot["urdf"]).read_text("utf-8")
+        mimics = _mimics(urdf, robot["joints"])
+        self.model, self.geometry = _reduced(robot, urdf, gripper_width, mimics)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
         self._tool = self.model.getFrameId(robot["tool_frame"])
         self._add_bodies(content, self._tool)
@@ -90,16 +93,21 @@ class IndependentChecker:
         may_touch = [c["links"] for c in robot.get("allowed_contacts", ())] + [list(pair) for pair in allowed]
         may_touch += [[a["name"], link] for a in content.get("attached", ()) for link in a.get("touch_links", ())]
         self._pair_up({frozenset(pair) for pair in may_touch})
-        joints = [self.model.joints[self.model.getJointId(name)] for name in robot["joints"]]
-        self.joints: list[str] = robot["joints"]
-        self._order = np.argsort([joint.idx_q for joint in joints])  # Pinocchio may number the joints otherwise
-        columns = [joint.idx_q for joint in joints]
+        columns = [self.model.joints[self.model.getJointId(name)].idx_q for name in robot["joints"]]
+        self.joints: list[str] = list(robot["joints"])
+        names = sorted(
+            self.model.names.tolist()[1:], key=lambda name: self.model.joints[self.model.getJointId(name)].idx_q
+        )
+        ways = [mimics.get(name, (name, 1.0, 0.0)) for name in names]  # Pinocchio may number the joints otherwise
+        self._leaders = [self.joints.index(leader) for leader, _, _ in ways]
+        self._times, self._offsets = (np.array([way[k] for way in ways]) for k in (1, 2))
         position = robot.get("limits", {}).get("position", {})
         self._lower = np.array(position.get("lower", self.model.lowerPositionLimit[columns])) - LIMIT_SLACK
         self._upper = np.array(position.get("upper", self.model.upperPositionLimit[columns])) + LIMIT_SLACK
         velocity = robot.get("limits", {}).get("velocity", {})
         self._speed = np.array(velocity.get("values", self.model.velocityLimit[columns]))
-        self.reach = self._reaches()[columns]
+        self.reach = np.zeros(len(columns))
+        np.add.at(self.reach, self._leaders, np.abs(self._times) * self._reaches())
         self._data = self.model.createData()
         self._axes = [np.zeros(6), *(self._data.joints[k].S.ravel() for k in range(1, self.model.njoints))]
         self._geometry_data = pin.GeometryData(self.geometry)
@@ -109,7 +117,7 @@ class IndependentChecker:
 
     def tool_pose(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool frame in the base frame at q (n,), shape (4, 4)."""
-        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        x = self._whole(q)
         pin.framesForwardKinematics(self.model, self._data, x)
         return np.asarray(self._data.oMf[self._tool].homogeneous)
 
@@ -120,7 +128,7 @@ class IndependentChecker:
             LookupError: The URDF has no such link.
         """
         frames = self._numbers(links)
-        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        x = self._whole(q)
         pin.framesForwardKinematics(self.model, self._data, x)
         return [np.array(self._data.oMf[frame].homogeneous) for frame in frames]
 
@@ -132,7 +140,7 @@ class IndependentChecker:
         Raises:
             LookupError: The URDF has no such link.
         """
-        model, Q = self.model, np.asarray(samples, dtype=np.float64)[:, self._order]
+        model, Q = self.model, self._whole(samples)
         frames = [model.frames[number] for number in self._numbers(links)]
         placed = {0: np.broadcast_to(np.eye(4), (len(Q), 4, 4))}
 
@@ -149,7 +157,7 @@ class IndependentChecker:
         values = np.asarray(q, dtype=np.float64)
         if not ((values >= self._lower) & (values <= self._upper)).all():  # NaN is outside, too
             return False
-        x = np.ascontiguousarray(values[self._order])
+        x = self._whole(values)
         if not pin.computeCollisions(self.model, self._data, self._manager, x, True):
             return True
         return min(self._distances(x)) > 0.0
@@ -173,7 +181,7 @@ class IndependentChecker:
 
         Where it is negative, about one in four thousand is wrong by millimetres.
         """
-        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        x = self._whole(q)
         found: dict[tuple[str, str], float] = {}
         for pair, distance in zip(self.pairs, self._distances(x), strict=True):
             found[pair] = min(found.get(pair, math.inf), distance)
@@ -188,7 +196,7 @@ class IndependentChecker:
         Args:
             climbs: To that direction; with few a gap may be told too small by some micrometres, never too large.
         """
-        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        x = self._whole(q)
         least = math.inf
         for k, distance in enumerate(self._distances(x)):
             if distance < NEAR:
@@ -257,6 +265,10 @@ class IndependentChecker:
         walked = np.concatenate([[0.0], np.cumsum(moved)])
         _, first = np.unique(np.floor(walked / (motion_step - finest)), return_index=True)
         return np.asarray(samples[np.append(first, count - 1)])
+
+    def _whole(self, q: ArrayLike) -> FloatArray:
+        """Configurations (..., n) in Pinocchio's order, with the joints that mimic others."""
+        return np.ascontiguousarray(np.asarray(q, dtype=np.float64)[..., self._leaders] * self._times + self._offsets)
 
     def _numbers(self, links: Iterable[str]) -> list[int]:
         names = list(links)
@@ -369,8 +381,23 @@ def _read(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text("utf-8"))
 
 
-def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
-    """The robot's model and collision geometry with every joint that robot.toml does not list locked.
+def _mimics(urdf: str, joints: Sequence[str]) -> dict[str, tuple[str, float, float]]:
+    """Of each joint that mimics one of ``joints``, itself none of them, that one, the multiplier and the offset."""
+    ways = {}
+    for joint in ElementTree.fromstring(urdf).findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None and joint.attrib["name"] not in joints:
+            numbers = float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0))
+            ways[joint.attrib["name"]] = (mimic.attrib["joint"], *numbers)
+    for name in ways:
+        while (leader := ways[name][0]) in ways:
+            (_, times, offset), (above, by, beside) = ways[name], ways[leader]
+            ways[name] = (above, times * by, times * beside + offset)
+    return {name: way for name, way in ways.items() if way[0] in joints}
+
+
+def _reduced(robot: Table, urdf: str, width: float | None, mimics: Iterable[str]) -> tuple[Any, Any]:
+    """The robot's model and collision geometry with every joint that is neither in robot.toml nor a mimic locked.
 
     The two finger carriages stand at half the gripper's width each, other joints as robot.toml locks them, or at zero.
     """
@@ -385,11 +412,13 @@ def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
     gripper = robot.get("gripper", {})
     opening = gripper.get("width", 0.0) if width is None else width
     q = pin.neutral(model)
-    for name, position in robot.get("locked_joints", {}).items():
+    locked_joints = robot.get("locked_joints", {})
+    for name, position in locked_joints.items():
         q[model.joints[model.getJointId(name)].idx_q] = position
     for name in gripper.get("joints", ()):
         q[model.joints[model.getJointId(name)].idx_q] = opening / 2
-    locked = [k for k in range(1, model.njoints) if model.names[k] not in robot["joints"]]
+    moving = {*robot["joints"], *mimics} - locked_joints.keys()
+    locked = [k for k in range(1, model.njoints) if model.names[k] not in moving]
     reduced, (moved,) = pin.buildReducedModel(model, [geometry], locked, q)
     return reduced, moved
 

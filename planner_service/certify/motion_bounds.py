@@ -28,7 +28,8 @@ ROUNDING = 1e-9
 class _Arm:
     """Poses and motion bounds of the pieces that ride on a robot; they do not depend on what stands around it.
 
-    Between two nodes of a path joint k travels ``t_k``, its total variation; one that mimics another travels a multiple. Against the parent of an ancestor j a
+    Between two nodes of a path joint k travels ``t_k``, its total variation (a multiple of that of the joint that it
+    mimics). Against the parent of an ancestor j a
     point of a body moves by at most ``sum r_k t_k`` over the joints k from j outwards to the body, r_k its largest
     distance from axis k on the way: an arc is no longer than radius times angle, and joints inside j move both alike.
     r_k changes only by the joints outside k: if m bounds the motion by these, then at x between nodes a and b
@@ -114,7 +115,7 @@ class _Arm:
         cos = np.fromiter(map(math.cos, flat), np.float64, len(flat)).reshape(angles.shape)
         sin = np.fromiter(map(math.sin, flat), np.float64, len(flat)).reshape(angles.shape)
         still, with_cos, with_sin, with_q = self._joints
-        out = still + with_cos * cos + with_sin * sin + with_q * angles
+        out: FloatArray = still + with_cos * cos + with_sin * sin + with_q * angles
         for index, parent in enumerate(self._parents[1:], start=1):
             out[..., index] = _composed(out[..., parent], out[..., index])
         return out
@@ -216,10 +217,11 @@ class Motion:
         """All of this as numbers, for compiled code that does the same.
 
         The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
-        (``_joint``), and multiplier, (bodies, 55); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
-        hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
-        piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
-        other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
+        (``_joint``), and multiplier, (bodies, 55); of each piece body (-1: it stands), half lengths, disc, ball,
+        radius, number of its hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that
+        carries it, its own first, piece, body and distance from the axis, (k, 3); of each pair pieces, joints that
+        move only the one and only the other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of
+        q, lower and upper, (2, n).
         """
         arm, every = self._arm, self._every
         frames = np.concatenate([arm.local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)

@@ -81,7 +81,7 @@ def _simple_rules(step: EdgeStep) -> list[EdgeStep]:
 
 @lru_cache(maxsize=16)
 def _joints(robot: Robot) -> FloatArray:
-    """Each body but the base: parent, entry of q, whether it slides, axis, rotation and position of its placement, multiplier."""
+    """Each body but the base: parent, entry of q, whether it slides, axis, its placement by rows, multiplier."""
     rows = [
         [
             float(body.parent),

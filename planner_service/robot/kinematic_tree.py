@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_only, set_fields
+from planner_service.geometry.arrays import (
+    FloatArray,
+    Vector,
+    axis_matrix,
+    cosines_and_sines,
+    read_only,
+    set_fields,
+)
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import numbers
 
@@ -28,6 +35,7 @@ __all__ = [
     "LinkFrame",
     "LinkShape",
     "chain_to_base",
+    "joint_motion",
 ]
 
 MIN_MULTIPLIER, MAX_MULTIPLIER = 1e-6, 1e3
@@ -77,6 +85,16 @@ def chain_to_base(bodies: Sequence[Body], index: int) -> list[int]:
         chain.append(index)
         index = bodies[index].parent
     return chain
+
+
+def joint_motion(axis: Vector, position: float, *, slides: bool) -> FloatArray:
+    """4 x 4 T_joint_body at a position: a slide along the axis, or a turn about it."""
+    T = np.eye(4)
+    if slides:
+        T[:3, 3] = np.array(axis) * position
+    else:
+        T[:3, :3] = axis_matrix(axis, position)
+    return T
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,15 @@ from planner_service.robot.kinematic_tree import LinkFrame
 from planner_service.robot.model import AllowedContact, Gripper, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
-from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, transform
-from planner_service.robot.urdf_model import Urdf, UrdfJoint
+from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, mimicked, transform
+from planner_service.robot.urdf_model import Mimic, Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
 
 __all__ = ["Selection", "robot_from_file", "robot_from_urdf", "robot_of", "standing_joints"]
 
 HOME = "home"
+
+logger = logging.getLogger(__name__)
 
 VELOCITY = {"revolute": 1.0, "prismatic": 0.1}
 """rad/s and m/s of a joint for which the URDF states none, or zero: slow enough for any arm."""
@@ -99,7 +102,9 @@ def _disagreements(table: RobotTable, urdf: Urdf, fingers: Sequence[str], standi
     problems += [
         f"joint {name!r} is listed more than once" for name, times in sorted(Counter(used).items()) if times > 1
     ]
-    problems += _unaccounted(movable.values(), table.joints, standing)
+    mimics = mimicked(urdf, table.joints, standing)
+    problems += _unaccounted(movable.values(), table.joints, [*standing, *mimics])
+    movable |= {joint.name: joint for joint in _with_mimics(urdf, table.joints, mimics)}
     named = [("tool_frame", table.tool_frame), *(("base_links", link) for link in table.base_links)]
     named += [(f"allowed_contacts[{i}].links", link) for i, c in enumerate(table.allowed_contacts) for link in c.links]
     named += [(f"retreat[{i}].pairs", link) for i, r in enumerate(table.retreat) for pair in r.pairs for link in pair]
@@ -115,15 +120,16 @@ def _unjudged(urdf: Urdf) -> list[str]:
     return [] if shaped else ["no link of the URDF has a collision shape, so nothing could ever collide"]
 
 
-def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: Mapping[str, float]) -> list[str]:
+def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], others: Sequence[str]) -> list[str]:
+    """Problems of joints that are no joints of q and ``others``, which stand or mimic, or are both."""
     problems = []
     for joint in movable:
         moves = joint.name in joints
-        if joint.mimic is not None and (moves or joint.name not in standing):
+        if joint.mimic is not None and moves:
             problems.append(
-                f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: a moving joint cannot be mimicked"
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}: it moves with it; leave it out of joints"
             )
-        elif not moves and joint.name not in standing:
+        elif not moves and joint.name not in others:
             problems.append(f"movable joint {joint.name!r} is neither in joints, nor in the gripper, nor locked")
     return problems
 
@@ -220,9 +226,12 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
     """The robot of the URDF that was read from ``path``; see ``Robot.from_urdf``."""
     movable = _movable(urdf)
     locked = standing_joints(urdf, selection)
-    names = tuple(name for name in movable if name not in locked) if selection.joints is None else selection.joints
-    joints = [movable[name] for name in names]
-    problems = _unaccounted(movable.values(), names, locked)
+    names = selection.joints
+    if names is None:
+        names = tuple(name for name, joint in movable.items() if name not in locked and joint.mimic is None)
+    mimics = mimicked(urdf, names, locked)
+    joints = _with_mimics(urdf, names, mimics)
+    problems = _unaccounted(movable.values(), names, [*locked, *mimics])
     problems += [
         f"joint {joint.name!r}: lower and upper are both {joint.lower:g}, it cannot move; lock it (locked_joints)"
         for joint in joints
@@ -241,7 +250,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
     return Robot(
         name=urdf.name,
         joint_names=names,
-        limits=_urdf_limits(joints),
+        limits=_urdf_limits(urdf, joints, mimics),
         named_poses=_poses(joints, srdf.states),
         base_links=tuple(link for link, (body, _) in assembly.frames.items() if body == 0),
         tool_frame=tool,
@@ -299,16 +308,56 @@ def _poses(
     moving = {name: {k: v for k, v in values.items() if k in home} for name, values in states.items()}
     home |= moving.pop(HOME, {})
     poses = [(HOME, home), *((name, home | values) for name, values in moving.items() if values)]
-    return tuple((name, np.array([values[joint.name] for joint in joints])) for name, values in poses)
+    lower, upper = ([getattr(joint, end) for joint in joints] for end in ("lower", "upper"))  # as mimics need them
+    return tuple((name, np.clip([values[joint.name] for joint in joints], lower, upper)) for name, values in poses)
 
 
-def _urdf_limits(joints: Sequence[UrdfJoint]) -> JointLimits:
+def _with_mimics(urdf: Urdf, names: Sequence[str], mimics: Mapping[str, Mimic]) -> list[UrdfJoint]:
+    """The joints of these names, their limits as tight as those that mimic them need.
+
+    Limits of a mimic that would leave no room contradict how it moves, and are not used.
+    """
+    by_name = {joint.name: joint for joint in urdf.joints}
+    out = {name: by_name[name] for name in names if name in by_name}
+    for name, mimic in mimics.items():
+        joint, leader = by_name[name], out.get(mimic.joint)
+        if leader is None:
+            continue
+        speed = min(_velocity(leader), _velocity(joint) / abs(mimic.multiplier))
+        leader = replace(leader, velocity=speed)
+        if joint.continuous:  # as it was after a turn of its leader only if that turns it a whole number of times
+            leader = replace(leader, continuous=leader.continuous and mimic.multiplier.is_integer())
+        else:
+            ends = sorted((limit - mimic.offset) / mimic.multiplier for limit in (joint.lower, joint.upper))
+            lower, upper = max(leader.lower, ends[0]), min(leader.upper, ends[1])
+            if lower < upper:
+                leader = replace(leader, lower=lower, upper=upper, continuous=False)
+            else:
+                limits = f"limits {joint.lower:g} .. {joint.upper:g} leave {mimic.joint} no room"
+                logger.warning("joint %s mimics %s; its %s: they are not used", name, mimic.joint, limits)
+        out[mimic.joint] = leader
+    return [out[name] for name in names if name in out]
+
+
+def _velocity(joint: UrdfJoint) -> float:
+    return joint.velocity or VELOCITY[joint.kind]
+
+
+def _urdf_limits(urdf: Urdf, joints: Sequence[UrdfJoint], mimics: Mapping[str, Mimic]) -> JointLimits:
+    kinds = {joint.name: joint.kind for joint in urdf.joints}
+
+    def rates(usual: Mapping[str, float]) -> FloatArray:
+        own = {joint.name: usual[joint.kind] for joint in joints}
+        for name, mimic in mimics.items():
+            own[mimic.joint] = min(own[mimic.joint], usual[kinds[name]] / abs(mimic.multiplier))
+        return np.array([own[joint.name] for joint in joints])
+
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
-        velocity=np.array([joint.velocity or VELOCITY[joint.kind] for joint in joints]),
-        acceleration=np.array([ACCELERATION[joint.kind] for joint in joints]),
-        jerk=np.array([JERK[joint.kind] for joint in joints]),
+        velocity=np.array([_velocity(joint) for joint in joints]),
+        acceleration=rates(ACCELERATION),
+        jerk=rates(JERK),
     )
 
 

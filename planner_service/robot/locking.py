@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import TypeVar
 
-import numpy as np
-
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, axis_matrix, product, vector
+from planner_service.geometry.arrays import FloatArray, product, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
-from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape, chain_to_base
+from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape, chain_to_base, joint_motion
 from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Robot
 
 __all__ = ["lock_joints"]
@@ -75,21 +73,12 @@ def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tu
         parent, offset = anchors[body.parent]
         placement = body.placement if offset is None else product(offset, body.placement)
         if body.q_index in positions:
-            anchors.append((parent, product(placement, _motion(body, body.multiplier * positions[body.q_index]))))
+            way, axis = body.multiplier * positions[body.q_index], vector(body.axis.tolist())
+            anchors.append((parent, product(placement, joint_motion(axis, way, slides=body.prismatic))))
         else:
             anchors.append((len(bodies), None))
             bodies.append(replace(body, parent=parent, placement=placement, q_index=kept.index(body.q_index)))
     return tuple(bodies), anchors
-
-
-def _motion(body: Body, position: float) -> FloatArray:
-    """T_joint_body at a position: a slide along the axis, or a turn about it."""
-    T = np.eye(4)
-    if body.prismatic:
-        T[:3, 3] = body.axis * position
-    else:
-        T[:3, :3] = axis_matrix(vector(body.axis.tolist()), position)
-    return T
 
 
 def _moved(item: Item, anchors: list[Anchor]) -> Item:
@@ -124,10 +113,10 @@ def _kept_retreats(
         rest = robot.pose(retreat.pose)
         pairs = tuple((a, b) for a, b in retreat.pairs if new[a] != new[b])
         between = {
-            index
+            robot.bodies[body].q_index
             for a, b in pairs
-            for index in set(_joints_above(robot, old[a])) ^ set(_joints_above(robot, old[b]))
-            if index in positions
+            for body in set(chain_to_base(robot.bodies, old[a])) ^ set(chain_to_base(robot.bodies, old[b]))
+            if robot.bodies[body].q_index in positions
         }
         if pairs and all(float(rest[i]) == positions[i] == float(retreat.to[i]) for i in between):
             retreats.append(replace(retreat, to=retreat.to[kept], pairs=pairs))

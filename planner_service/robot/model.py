@@ -184,7 +184,8 @@ class Robot:
 
         A link and the next link above it that has shapes may touch. URDF has no accelerations and jerks: they are
         conventions (``planner_service.robot.loading``), and so is the range of a continuous joint, a full turn either
-        way. Home is zero where the limits allow it, else their middle.
+        way. Joints that mimic a moving one move with it, and its limits are as tight as theirs need. Home is zero where
+        the limits allow it, else their middle.
 
         Args:
             tool_frame: The last link of the longest chain if None.
@@ -199,8 +200,7 @@ class Robot:
                 mesh is cut (extra ``decompose``).
 
         Raises:
-            InvalidFile: the URDF or SRDF has problems; all of them are named. A joint that mimics a moving joint is a
-                problem: lock both.
+            InvalidFile: the URDF or SRDF has problems; all of them are named.
             UnknownName: no such tool frame or joint.
             InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
         """

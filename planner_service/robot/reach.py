@@ -37,8 +37,7 @@ TILT = 1e-7
 def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterable[Placed]) -> list[float]:
     """For each joint, in order of q, an upper bound of the distance from its axis of anything that it moves.
 
-    For a prismatic joint 1.0: metres of motion per metre. What a joint moves through several bodies, by those that mimic
-    it, moves by the sum.
+    For a prismatic joint 1.0: metres of motion per metre. Where others mimic it, the sum over all of them on the way.
 
     Args:
         travel: Largest absolute position of each joint, in order of q; used for prismatic ones.
@@ -47,13 +46,14 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
     for body, shape, pose in shapes:
         clouds.setdefault(body, []).extend(_hull(shape, pose))
     out = [0.0] * len(travel)
-    for body in bodies[1:]:
-        if body.prismatic:
-            out[body.q_index] = max(out[body.q_index], abs(body.multiplier))
+    for joint in bodies[1:]:
+        if joint.prismatic:
+            out[joint.q_index] = max(out[joint.q_index], abs(joint.multiplier))
     for last, cloud in clouds.items():
         moved = [0.0] * len(travel)
         chain = chain_to_base(bodies, last)[::-1]
-        for k, joint in enumerate(bodies[index] for index in chain):
+        for k, at in enumerate(chain):
+            joint = bodies[at]
             far = 1.0 if joint.prismatic else _farthest(chain[k:], bodies, travel, cloud) * (1.0 + ROUNDING)
             moved[joint.q_index] += abs(joint.multiplier) * far
         out = [max(pair) for pair in zip(out, moved, strict=True)]

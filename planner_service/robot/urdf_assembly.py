@@ -14,12 +14,12 @@ import numpy as np
 
 from planner_service.concurrency.library_import import loaded
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, product, rpy_matrix
+from planner_service.geometry.arrays import FloatArray, product, rpy_matrix, vector
 from planner_service.geometry.shapes import Pose
-from planner_service.robot.kinematic_tree import Body, LinkShape
-from planner_service.robot.urdf_model import Urdf, UrdfJoint
+from planner_service.robot.kinematic_tree import Body, LinkShape, joint_motion
+from planner_service.robot.urdf_model import Mimic, Urdf, UrdfJoint
 
-__all__ = ["Assembly", "assemble", "locked_positions", "transform"]
+__all__ = ["Assembly", "assemble", "locked_positions", "mimicked", "transform"]
 
 LINK, JOINT = "link:", "joint:"
 """Prefixes of names in Pinocchio's model, where links and joints share one list that begins with "universe"."""
@@ -52,19 +52,38 @@ def transform(xyz: Sequence[float], rpy: Sequence[float]) -> FloatArray:
 
 
 def locked_positions(urdf: Urdf, joints: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
-    """Positions of the movable joints that are not in ``joints``: as given, or mimicking a joint with a position.
+    """Positions of the movable joints that are not in ``joints``: as given, or mimicking a joint that stands.
 
-    A joint that is not given and mimics no locked joint is left out.
+    A joint that is not given and mimics none that stands is left out. A mimic with the multiplier 0 stands anyway.
     """
-    positions = dict(given)
+    fixed = {joint.name: 0.0 for joint in urdf.joints if joint.kind == "fixed"}
+    positions = fixed | dict(given)
     waiting = [
-        joint for joint in urdf.joints if joint.mimic and joint.name not in positions and joint.name not in joints
+        (joint.name, joint.mimic)
+        for joint in urdf.joints
+        if joint.mimic is not None and joint.name not in positions and joint.name not in joints
     ]
     for _ in range(len(waiting)):  # a mimic may follow a mimic
-        for joint in waiting:
-            if joint.mimic is not None and joint.mimic.joint in positions:
-                positions[joint.name] = joint.mimic.multiplier * positions[joint.mimic.joint] + joint.mimic.offset
-    return positions
+        for name, mimic in waiting:
+            if mimic.multiplier == 0.0:
+                positions[name] = mimic.offset
+            elif mimic.joint in positions:
+                positions[name] = mimic.multiplier * positions[mimic.joint] + mimic.offset
+    return {name: position for name, position in positions.items() if name not in fixed}
+
+
+def mimicked(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> dict[str, Mimic]:
+    """How the joints that are neither in ``joints`` nor ``locked`` follow one of ``joints``, also through others."""
+    by_name = {joint.name: joint for joint in urdf.joints}
+    out = {}
+    for joint in urdf.joints:
+        if joint.kind == "fixed" or joint.mimic is None or joint.name in joints or joint.name in locked:
+            continue
+        way = joint.mimic
+        while way.joint not in joints and (above := by_name[way.joint].mimic) is not None:
+            way = Mimic(above.joint, way.multiplier * above.multiplier, way.multiplier * above.offset + way.offset)
+        out[joint.name] = way
+    return out
 
 
 def _pinocchio() -> Any:
@@ -74,7 +93,7 @@ def _pinocchio() -> Any:
 
 
 def assemble(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
-    """The bodies that ``joints`` move, with every other movable joint at its position in ``locked``."""
+    """The bodies that ``joints`` and their mimics move, with every other joint at its position in ``locked``."""
     pin = loaded(_pinocchio)
     full = _model(pin, urdf)
     q = np.zeros(full.nq)
@@ -82,7 +101,8 @@ def assemble(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> 
         q[full.joints[full.getJointId(JOINT + name)].idx_q] = position
     model = pin.buildReducedModel(full, [full.getJointId(JOINT + name) for name in locked], q)
     names = [name.removeprefix(JOINT) for name in model.names.tolist()[1:]]
-    if sorted(names) != sorted(joints):
+    mimics = mimicked(urdf, joints, locked)
+    if sorted(names) != sorted([*joints, *mimics]):
         raise BrokenInvariant(f"Pinocchio moves {names}, the robot says {list(joints)}")
     bodies = [Body("base", -1, np.eye(4), np.zeros(3), False, -1)]
     for index, name in enumerate(names, 1):
@@ -90,7 +110,11 @@ def assemble(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> 
         prismatic = bool(np.abs(motion[:3]).max() > 0.5)
         placement = _exact(model.jointPlacements[index].homogeneous)
         axis = motion[:3] if prismatic else motion[3:]
-        bodies.append(Body(name, int(model.parents[index]), placement, axis, prismatic, joints.index(name)))
+        mimic = mimics.get(name, Mimic(name, 1.0, 0.0))
+        if mimic.offset != 0.0:
+            placement = product(placement, joint_motion(vector(axis.tolist()), mimic.offset, slides=prismatic))
+        column = joints.index(mimic.joint)
+        bodies.append(Body(name, int(model.parents[index]), placement, axis, prismatic, column, mimic.multiplier))
     frames = {}
     for link in urdf.links:
         frame = model.frames[model.getFrameId(LINK + link.name, pin.FrameType.BODY)]

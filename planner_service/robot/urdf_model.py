@@ -49,8 +49,9 @@ class Mimic:
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint; ``kind`` is revolute (also a continuous one), prismatic or fixed; ``axis`` is a unit vector.
+    """A joint; ``kind`` is revolute, prismatic or fixed; ``axis`` is a unit vector.
 
+    One that is ``continuous`` is revolute, and its limits are a whole turn either way.
     ``velocity`` and ``effort`` are 0 where the file does not state them.
     """
 
@@ -66,6 +67,7 @@ class UrdfJoint:
     velocity: float
     effort: float
     mimic: Mimic | None
+    continuous: bool = False
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from planner_service.files.numerals import plain_float
 from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
+from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
 
 __all__ = ["read_urdf"]
@@ -63,6 +64,20 @@ def _resolved(folder: Path) -> Path:
         return folder.resolve()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a lone surrogate, a cycle of links
         raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
+
+
+def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:
+    """Joints that mimic each other, as problems: none of them says where they are."""
+    problems, seen = [], set[str]()
+    for name in mimics:
+        way = [name]
+        while way[-1] in mimics and mimics[way[-1]] not in way and way[-1] not in seen:
+            way.append(mimics[way[-1]])
+        if way[-1] not in seen and mimics.get(way[-1]) in way[:-1]:
+            circle = way[way.index(mimics[way[-1]]) :]
+            problems.append(f"joints mimic each other in a circle: {' -> '.join([*circle, circle[0]])}")
+        seen.update(way)
+    return problems
 
 
 class _Reader:
@@ -170,6 +185,7 @@ class _Reader:
             velocity=velocity,
             effort=effort,
             mimic=self.mimic(element, where),
+            continuous=kind == "continuous",
         )
 
     def axis(self, joint: ElementTree.Element, kind: str, where: str) -> Vector:
@@ -216,6 +232,9 @@ class _Reader:
             return None
         where = f"{where} mimic"
         multiplier = self.optional(element, "multiplier", where, 1.0)
+        if multiplier != 0.0 and not MIN_MULTIPLIER <= abs(multiplier) <= MAX_MULTIPLIER:
+            expected = f"0, or a size from {MIN_MULTIPLIER:g} to {MAX_MULTIPLIER:g}"
+            self.problems.append(f"{where}: multiplier {multiplier:g}; expected {expected}")
         return Mimic(element.get("joint", ""), multiplier, self.optional(element, "offset", where, 0.0))
 
     def tree(self, links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...]) -> str:
@@ -230,6 +249,7 @@ class _Reader:
                     self.problems.append(f"joint {joint.name!r}: {end} link {link!r} does not exist")
             if joint.mimic is not None and joint.mimic.joint not in joint_names - {joint.name}:
                 self.problems.append(f"joint {joint.name!r}: mimics {joint.mimic.joint!r}, which is not another joint")
+        self.problems += _mimic_circles({joint.name: joint.mimic.joint for joint in joints if joint.mimic is not None})
         parents = Counter(joint.child for joint in joints)
         self.problems += [f"link {name!r} has {n} parent joints; expected one" for name, n in parents.items() if n > 1]
         roots = sorted(known - set(parents))

@@ -198,7 +198,7 @@ class _Pair:
         first, second = (chain_to_base(robot.bodies, body_of[link]) for link in links)
         between = [body for body in first if body not in second]
         between += [body for body in reversed(second) if body not in first]
-        self.columns = [robot.bodies[body].q_index for body in between]
+        self.columns = list(dict.fromkeys(robot.bodies[body].q_index for body in between))
         self.names = tuple(robot.joint_names[column] for column in self.columns)
 
     @property

@@ -1,0 +1,191 @@
+"""Joints that mimic others: where they stand, what the kernel and the proof say, against checkers that share no code."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from auditor.checker import IndependentChecker, tables_of
+from benchmarks.studies.backends import STEP
+from benchmarks.studies.differential import compare, kernels, questions
+from planner_service.certify import certify
+from planner_service.certify.certifier import Certifier
+from planner_service.certify.kept_proof import KeptRefusal, prove_kept
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.collision.native_kernel import instruction_sets
+from planner_service.constraints.projection import ReferenceProjector, projector_of
+from planner_service.constraints.resolved import constraint_set
+from planner_service.constraints.values import ToolRegion
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose
+from planner_service.kinematics.numeric_inverse import descend
+from planner_service.kinematics.tool_arm import tool_arm
+from planner_service.kinematics.tool_speed import tool_speeds
+from planner_service.path.joint_path import JointPath
+from planner_service.records.robot import RobotRecord
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Obstacle, Scene
+from tests.laws.test_proof_laws import agreed
+from tests.support.random_robots import random_robot
+from tests.support.small_robots import built
+
+SEEDS = range(4)
+WALL = Obstacle("wall", Box((0.1, 1.0, 1.0)), Pose((0.6, 0.0, 0.2)))
+FLOOR = Obstacle("floor", Box((2.0, 2.0, 0.1)), Pose((0.0, 0.0, -0.6)))
+SCENE = Scene((WALL, FLOOR))
+FINE = 0.002
+"""Metres that any point moves between two samples of the second checker."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A random robot, and the second checker that reads its URDF once more."""
+
+    robot: Robot
+    auditor: IndependentChecker
+    rng: np.random.Generator
+
+    def anywhere(self, count: int) -> FloatArray:
+        limits = self.robot.limits
+        return self.rng.uniform(limits.lower, limits.upper, (count, self.robot.n))
+
+
+@pytest.fixture(scope="module", params=SEEDS)
+def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    folder = tmp_path_factory.mktemp("random")
+    rng = np.random.default_rng(request.param)
+    robot = built(folder, random_robot(rng))
+    limits = {"position": {"lower": robot.limits.lower, "upper": robot.limits.upper}}
+    table = {
+        "urdf": folder / "robot.urdf",
+        "joints": list(robot.joint_names),
+        "tool_frame": robot.tool_frame,
+        "limits": limits,
+        "allowed_contacts": [{"links": contact.links} for contact in robot.allowed_contacts],
+    }
+    return Case(robot, IndependentChecker(table, tables_of(SCENE)), rng)
+
+
+def test_mimics_stand_where_pinocchio_has_them(case: Case) -> None:
+    assert len(case.robot.bodies) == case.robot.n + 4
+    links = [item.link for item in case.robot.link_frames]
+    for q in case.anywhere(20):
+        bodies = np.array(case.robot.body_poses(q))
+        for frame, expected in zip(case.robot.link_frames, case.auditor.link_poses(q, links), strict=True):
+            R, p = bodies[frame.body][:9].reshape(3, 3), bodies[frame.body][9:]
+            assert R @ frame.pose.rotation == pytest.approx(expected[:3, :3], abs=1e-12)
+            assert R @ frame.pose.position + p == pytest.approx(expected[:3, 3], abs=1e-12)
+
+
+def test_poses_have_the_same_bits_alone_and_in_a_batch(case: Case) -> None:
+    Q = case.anywhere(10)
+    R, t = case.robot.body_poses_batch(Q)
+    for q, rotations, positions in zip(Q, R, t, strict=True):
+        alone = np.array(case.robot.body_poses(q))
+        assert (alone[:, :9].reshape(-1, 3, 3) == rotations).all()
+        assert (alone[:, 9:] == positions).all()
+
+
+def test_no_point_moves_farther_than_reach_allows(case: Case) -> None:
+    robot = case.robot
+    A = case.anywhere(200)
+    B = np.clip(A + case.rng.normal(0.0, 0.05, A.shape), robot.limits.lower, robot.limits.upper)
+    most = (np.abs(B - A) * robot.reach()).sum(axis=1)
+    (R_a, t_a), (R_b, t_b) = robot.body_poses_batch(A), robot.body_poses_batch(B)
+    for item in robot.shapes:
+        at = np.array(item.pose.position)
+        moved = (R_b[:, item.body] @ at + t_b[:, item.body]) - (R_a[:, item.body] @ at + t_a[:, item.body])
+        assert (np.sqrt((moved * moved).sum(axis=1)) <= most * (1.0 + 1e-9)).all()
+
+
+def test_the_jacobian_is_the_derivative(case: Case) -> None:
+    robot, h = case.robot, 1e-6
+    for q in case.anywhere(5):
+        steps = h * np.eye(robot.n)
+        moved = [robot.tool_pose(q + step)[:3, 3] - robot.tool_pose(q - step)[:3, 3] for step in steps]
+        J = robot.tool_jacobian(q)[:3]
+        assert pytest.approx(np.stack(moved).T / (2.0 * h), abs=1e-7) == J
+        qd = case.rng.normal(size=robot.n)
+        assert tool_speeds(robot, q[None], qd[None])[0] == pytest.approx(float(np.linalg.norm(J @ qd)), abs=1e-12)
+
+
+def test_compiled_kinematics_have_the_bits_of_python(case: Case) -> None:
+    arm, robot = tool_arm(case.robot), case.robot
+    if arm is None:
+        pytest.skip("nothing is compiled")
+    for q in case.anywhere(5):
+        pose, starts = Pose.from_matrix(robot.tool_pose(q)), case.anywhere(6)
+        target = np.array(pose.matrix[:3].ravel())
+        found, arrived = arm.descend(target, starts, True, 40)
+        expected = descend(robot, pose, starts)
+        assert found.tobytes() == expected.q.tobytes()
+        assert arrived == expected.arrived.tolist()
+
+
+@pytest.mark.skipif(not instruction_sets(), reason="nothing is compiled")
+def test_the_kernel_says_what_fcl_says(case: Case) -> None:
+    made = kernels(case.robot, SCENE)
+    made["fcl"] = CollisionChecker(case.robot, SCENE, edge_step=JointStep(STEP), backend="fcl")
+    for (kind, what), tally in compare(made, questions(case.robot, SCENE, 100, 15, 0)).items():
+        assert tally.differences == 0, (kind, what, tally.words)
+    Q = case.anywhere(200)
+    free = made["fcl"].states_are_free(Q)
+    assert [case.auditor.free(q) for q in Q] == free.tolist()
+
+
+def test_what_is_proven_free_is_free_between_samples(case: Case) -> None:
+    """Two configurations that a second checker, sampling densely, says are joined by a free line, and others."""
+    proven = 0
+    for _ in range(12):
+        start = case.anywhere(1)[0]
+        limits = case.robot.limits
+        end = np.clip(start + case.rng.normal(0.0, 0.1, case.robot.n), limits.lower, limits.upper)
+        certifier, path = Certifier(case.robot, SCENE), JointPath(np.array([start, end]))
+        agreed(certifier, path)
+        touch = case.auditor.curve_touch(path, path.length, FINE)
+        certificate = certify(case.robot, SCENE, path)
+        assert not (certificate.certified and touch), (start, end, touch)
+        proven += certificate.certified
+        if not certificate.certified and touch is None and case.auditor.free(start):
+            assert certificate.refusal is not None
+    assert proven > 0
+
+
+def test_constraints_are_projected_with_the_same_bits_and_proven_as_densely_sampled(case: Case) -> None:
+    robot = case.robot
+    q = case.anywhere(1)[0]
+    x, y, z = robot.tool_pose(q)[:3, 3].tolist()
+    region = ToolRegion(lower=(x - 0.2, y - 0.3, -9.0), upper=(x + 0.2, y + 0.3, z + 0.1))
+    resolved = constraint_set(robot, (region,))
+    compiled, reference = projector_of(resolved), ReferenceProjector(resolved)
+    for a, b in zip(case.anywhere(6).tolist(), case.anywhere(6).tolist(), strict=True):
+        assert compiled.share(a) == reference.share(a)
+        assert compiled.project(a) == reference.project(a)
+        near = [u + 0.05 * (v - u) for u, v in zip(q.tolist(), b, strict=True)]
+        assert compiled.keeps(q.tolist(), near) == reference.keeps(q.tolist(), near)
+        path = JointPath(np.array([q, near]))
+        samples = path(np.linspace(0.0, path.length, 200))
+        kept = not isinstance(prove_kept(robot, path, (region,)), KeptRefusal)
+        assert kept == all(resolved.violation(sample) is None for sample in samples)
+
+
+def test_a_plan_file_holds_the_robot(case: Case) -> None:
+    document = json.loads(json.dumps(RobotRecord.of(case.robot).document()))
+    back = RobotRecord.model_validate(document).value
+    assert back.hash == case.robot.hash
+    assert [body.multiplier for body in back.bodies] == [body.multiplier for body in case.robot.bodies]
+    others = [replace(body, multiplier=-body.multiplier) if body.multiplier != 1.0 else body for body in back.bodies]
+    if any(body.multiplier != 1.0 for body in back.bodies):
+        assert replace(back, bodies=tuple(others)).hash != back.hash
+
+
+def test_a_mimic_of_a_locked_joint_stands_with_it(case: Case) -> None:
+    robot = case.robot
+    if robot.n < 2:
+        return
+    q = case.anywhere(1)[0]
+    locked = robot.locked({robot.joint_names[0]: float(q[0])})
+    assert locked.tool_pose(q[1:]) == pytest.approx(robot.tool_pose(q), abs=1e-12)
