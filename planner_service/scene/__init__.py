@@ -2,6 +2,7 @@
 
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
+from planner_service.scene.self_filter import remove_robot
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
 
@@ -13,6 +14,7 @@ __all__ = [
     "load_world",
     "read_moveit_scene",
     "read_urdf_scene",
+    "remove_robot",
     "save_scene",
     "scene_names",
 ]
