@@ -6,9 +6,6 @@ import hashlib
 import json
 import math
 import os
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from planner_service.concurrency.confined import ScriptFailed, run_confined
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
@@ -191,28 +189,18 @@ def _points(data: bytes | None, most: int) -> list[FloatArray] | None:
 
 
 def _run_coacd(vertices: FloatArray, faces: IntArray, settings: _Settings) -> bytes:
-    """The output of ``coacd_child`` for a mesh.
+    """The answer of ``coacd_child`` for a mesh.
 
     Raises:
         InvalidRequest: it crashed, took too long or too much memory, or coacd refused the mesh.
     """
-    job = {"path": sys.path, "seconds": SECONDS + 5, "bytes": BYTES, "vertices": len(vertices), "triangles": len(faces)}
     script = Path(__file__).with_name("coacd_child.py")
-    command = [sys.executable, "-I", str(script), json.dumps({**job, "settings": settings.for_coacd()})]
+    job = {"vertices": len(vertices), "triangles": len(faces), "settings": settings.for_coacd()}
     given = vertices.astype("<f8").tobytes() + faces.astype("<i4").tobytes()
-    few = {"OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "1"}  # each thread reserves memory
     try:
-        done = subprocess.run(
-            command, input=given, capture_output=True, timeout=SECONDS, env={**os.environ, **few}, check=False
-        )
-    except subprocess.TimeoutExpired:
-        raise _failed(f"it took more than {SECONDS} s") from None
-    if done.returncode < 0:
-        raise _failed(f"it died: {signal.strsignal(-done.returncode)}")
-    if done.returncode > 0:
-        last = done.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
-        raise _failed(f"its last message was {' '.join(last)[:200]!r}")
-    return done.stdout
+        return run_confined(script, job, seconds=SECONDS, memory=BYTES, given=given)
+    except ScriptFailed as error:
+        raise _failed(str(error)) from None
 
 
 def _failed(why: str) -> InvalidRequest:
