@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 URDF_SUFFIXES = (".urdf", ".xacro")
-"""Of files read as URDF; one with macros is refused with what to do."""
+"""Of files read as URDF, their macros expanded."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.numerals import plain_float
-from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
+from planner_service.robot.xacro_reader import expanded_xml, robot_folders
 
 __all__ = ["read_urdf"]
 
@@ -34,12 +34,10 @@ INSTEAD = {
     "floating": "write type fixed and plan for what it carries as it stands",
 }
 """What to do about joints of several degrees of freedom, which have no limits."""
-XACRO = "xacro:"
-"""What the names of xacro's elements begin with."""
 
 
 def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[str, int] | None = None) -> Urdf:
-    """The robot of a URDF file.
+    """The robot of a URDF file, or of a xacro file with the defaults of its arguments (``expanded_xml``).
 
     Args:
         package_dirs: Folders besides the file's own in which meshes and ``package://`` folders may lie.
@@ -47,23 +45,14 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[
 
     Raises:
         InvalidFile: with every problem of the file.
-        MissingDependency: a mesh has to be cut, and coacd is not installed.
+        MissingDependency: a mesh has to be cut, and coacd is not installed; or macros expanded, and xacro is not.
     """
-    root = read_xml(path, "robot")
-    if any(element.tag.startswith(XACRO) for element in root.iter()):
-        raise InvalidFile(path, [f"holds xacro macros; expand them first: xacro {path.name} > expanded.urdf"])
-    reader = _Reader((path.resolve().parent, *map(_resolved, package_dirs)), dict(decompose or {}))
-    urdf = reader.robot(root)
+    folders = robot_folders(path, package_dirs)
+    reader = _Reader(folders, dict(decompose or {}))
+    urdf = reader.robot(expanded_xml(path, folders))
     if reader.problems:
         raise InvalidFile(path, reader.problems)
     return urdf
-
-
-def _resolved(folder: Path) -> Path:
-    try:
-        return folder.resolve()
-    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a lone surrogate, a cycle of links
-        raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
 
 
 def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:
@@ -254,7 +243,7 @@ class _Reader:
         self.problems += [f"link {name!r} has {n} parent joints; expected one" for name, n in parents.items() if n > 1]
         roots = sorted(known - set(parents))
         if len(roots) != 1:
-            listed = ", ".join(roots) or "none: the joints form a cycle"
+            listed = ", ".join(roots) or ("none: the joints form a cycle" if known else "no link at all")
             self.problems.append(f"expected exactly one root link; found {listed}")
         return self.reachable(roots[0], known, joints) if len(roots) == 1 else ""
 

@@ -24,6 +24,7 @@ from planner_service.robot.loading import ACCELERATION, JERK, VELOCITY, Selectio
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
+from planner_service.robot.xacro_reader import expanded_xml, package_folders, robot_folders
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, PairFinding, contact_table
 from planner_service.scene.scene import Scene
@@ -65,9 +66,20 @@ class Source:
         return Selection(self.tool_frame, self.srdf, self.joints, self.locked_joints)
 
     @property
+    def copy_name(self) -> str:
+        """The name of the copy: a xacro file's is a URDF."""
+        plain = self.urdf.name.removesuffix(".xacro")
+        return self.urdf.name if plain == self.urdf.name else f"{plain.removesuffix('.urdf')}.urdf"
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """The resolved folders that may be read: the URDF's own, those given, and its ROS package."""
+        return robot_folders(self.urdf, (*self.package_dirs, *package_folders(self.urdf)))
+
+    @property
     def meshes(self) -> MeshLoader:
         """Where its meshes are."""
-        return MeshLoader((self.urdf.resolve().parent, *(folder.resolve() for folder in self.package_dirs)))
+        return MeshLoader(self.folders)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +125,12 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
     instance("source", source, Source, "a Source")
     flag("force", force)
     folder = as_path("out", out)
-    toml, copy = folder / ROBOT_FILE, folder / source.urdf.name
     text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
-    root = read_xml(source.urdf, "robot")
-    urdf = read_urdf(source.urdf, source.package_dirs)
+    root = expanded_xml(source.urdf, source.folders)
+    if _serialised(root) != _serialised(read_xml(source.urdf, "robot")):
+        text = f"<!-- expanded from {source.urdf.name} -->\n{_serialised(root)}\n"
+    toml, copy = folder / ROBOT_FILE, folder / source.copy_name
+    urdf = read_urdf(source.urdf, source.folders)
     robot = robot_of(source.urdf, urdf, source.selection)
     agreement = compare_with_yourdfpy(robot, source.urdf, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
@@ -231,7 +245,7 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str
         f"# {robot.name}, imported from {source.urdf.name}. Please review and edit.",
         "# Angles in rad, lengths in m, times in s.",
         f"name = {_quoted(robot.name)}",
-        f"urdf = {_quoted(source.urdf.name)}",
+        f"urdf = {_quoted(source.copy_name)}",
         f"joints = {_list(map(_quoted, robot.joint_names))}",
         f"tool_frame = {_quoted(robot.tool_frame)}"
         + ("" if source.tool_frame else "   # the last link of the longest chain: is it the tool?"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot.xacro_reader import package_folders
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
 from planner_service.scene.scene import Scene
 
@@ -25,9 +25,6 @@ __all__ = ["load_urdf"]
 
 READY = "ready"
 """What MoveIt's configurations call the pose at rest if they do not call it home."""
-
-URDF_FOLDERS = ("urdf", "robots")
-"""Folders of a ROS package that hold URDFs, whose meshes are in a folder next to them."""
 
 SHARES = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Parts of the joint ranges around a colliding home in which a free configuration is looked for, one after another."""
@@ -52,7 +49,7 @@ def load_urdf(path: Path) -> Robot:
         InvalidFile: the URDF has problems; all of them are named. An SRDF with problems is not used, with a warning.
     """
     read_xml(path, "robot")  # refuses what is no path
-    urdf = read_urdf(path, _package_folders(path))
+    urdf = read_urdf(path, package_folders(path))
     file, srdf = _srdf_beside(path, urdf)
     tool = next(iter(srdf.tips), None)
     robot = robot_of(path, urdf, Selection(tool, file))
@@ -71,13 +68,6 @@ def load_urdf(path: Path) -> Robot:
 def _whence(tool: str | None, srdf: Path | None) -> str:
     chain = "the last link of the longest chain" if tool is None else f"the tip of a chain in {srdf}"
     return f"{chain}; SRDF: {'none' if srdf is None else srdf}"
-
-
-def _package_folders(path: Path) -> list[Path]:
-    """The folder of the ROS package that the URDF is in, and the one above a folder of URDFs."""
-    own = path.resolve().parent
-    packages = (folder for folder in own.parents if (folder / "package.xml").is_file())
-    return [*([own.parent] if own.name in URDF_FOLDERS else []), *islice(packages, 1)]
 
 
 def _srdf_beside(path: Path, urdf: Urdf) -> tuple[Path | None, Srdf]:

@@ -14,6 +14,8 @@ from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.package_files import package_folder
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import ContactKind
+from tests.support.small_robots import joint, link, urdf
+from tests.support.small_robots import solid as ball
 
 # A ring-like mesh around a block that turns in it, and a ball far off.
 MESHED = """<robot name="meshed">
@@ -134,3 +136,18 @@ def test_a_ur5_is_imported_with_its_meshes(tmp_path: Path) -> None:
     q = shipped.home.copy()
     q[:4] = 0.0
     assert np.abs(found.robot.tool_pose(q[4:]) - shipped.tool_pose(q)).max() < 1e-12
+
+
+def test_an_imported_xacro_file_is_kept_as_the_urdf_it_expands_to(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    foot, tip = (
+        link(name, ball("sphere", 'radius="0.05"', at)) for name, at in (("foot", "0 0 0"), ("tip", "0.5 0 0"))
+    )
+    macro = f'<xacro:macro name="tip" params="">{tip}</xacro:macro>'
+    path = tmp_path / "twice.urdf.xacro"
+    text = urdf("twice", macro, foot, "<xacro:tip/>", joint("turn", "revolute foot tip -1 1"))
+    path.write_text(text.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '))
+    imported = import_robot(Source(path), tmp_path / "out")
+    assert imported.urdf == tmp_path / "out" / "twice.urdf"
+    assert "xacro:macro" not in imported.urdf.read_text()
+    assert load_robot(imported.path).hash == imported.robot.hash
