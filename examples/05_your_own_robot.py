@@ -27,7 +27,7 @@ def main() -> None:
     print(f"{quick.name}: {quick.n} joints ({', '.join(quick.joint_names)}), {len(quick.shapes)} collision shapes")
 
     with tempfile.TemporaryDirectory() as folder:  # use a folder that you keep, review and edit
-        imported = import_robot(Source(URDF, tool_frame="tip"), Path(folder) / "desk_arm")
+        imported = import_robot(Source(URDF, tool_frame="tip"), Path(folder) / "desk_arm", prove=True)
     for finding in imported.table.findings:
         verdict = "allowed" if finding.kind.allowed else "checked"
         print(f"  {verdict:<8} {' x '.join(finding.links):<20} {finding.reason}")

@@ -6,11 +6,15 @@ All arithmetic is elementwise and in one fixed order; of several corners equally
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from planner_service.certify.native._proof import Hulls
 
 __all__ = ["Corners", "dot", "nearest_of"]
 
@@ -39,11 +43,13 @@ class Corners:
         rows: For each solid the number of its hull, or -1, (p,).
         table: The corners of each hull about its centre, (3, hulls, v), the first repeated where there are fewer.
         radii: The distance of the farthest corner from the centre, for each hull.
+        compiled: What says how far they extend, with the same bits; None: numpy does.
     """
 
     rows: IntArray
     table: FloatArray
     radii: FloatArray
+    compiled: Hulls | None = None
 
     @classmethod
     def of(cls, clouds: Sequence[FloatArray | None]) -> Corners | None:
@@ -60,7 +66,15 @@ class Corners:
 
     def take(self, rows: IntArray) -> Corners:
         """The solids at ``rows``."""
-        return Corners(self.rows[rows], self.table, self.radii)
+        return replace(self, rows=self.rows[rows])
+
+    def with_compiled(self) -> Corners:
+        """The same, told by compiled code how far they extend; as they are where it was not built."""
+        try:
+            from planner_service.certify.native._proof import Hulls
+        except ImportError:
+            return self
+        return replace(self, compiled=Hulls(self.clouds()))
 
     def clouds(self) -> list[FloatArray]:
         """The corners (v, 3) of each hull, each once."""
@@ -76,6 +90,10 @@ class Corners:
             return values
         flat = n.reshape(-1, *n.shape[-2:])
         out = values.reshape(-1, values.shape[-1])
+        if self.compiled is not None:
+            heights = np.array(out, order="C")
+            self.compiled.extend(np.ascontiguousarray(flat), self.rows, heights)
+            return heights.reshape(values.shape)
         for columns in self._blocks(len(flat)):
             out[:, columns] = self._heights(flat, columns).max(axis=-1)
         return out.reshape(values.shape)

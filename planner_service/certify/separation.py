@@ -48,12 +48,13 @@ class Solids:
     hulls: Corners | None = None
 
     @classmethod
-    def of(cls, shapes: Sequence[Shape]) -> Solids:
-        """The solids of ``shapes``."""
+    def of(cls, shapes: Sequence[Shape], *, compiled: bool = False) -> Solids:
+        """The solids of ``shapes``; if ``compiled``, compiled code says how far hulls extend, with the same bits."""
         rows = [_row(shape) for shape in shapes]
         table = np.array(rows, dtype=np.float64).reshape(-1, 5).T
         clouds = [_corners(shape) for shape in shapes]
-        return cls(table[:3], table[3], table[4], Corners.of(clouds))
+        hulls = Corners.of(clouds)
+        return cls(table[:3], table[3], table[4], hulls.with_compiled() if compiled and hulls is not None else hulls)
 
     def take(self, rows: IntArray) -> Solids:
         """The solids at ``rows``."""

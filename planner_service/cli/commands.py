@@ -28,6 +28,7 @@ from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
+from planner_service.parallel.named import engine_named
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.presentation.tables import CostTable, Table
@@ -301,18 +302,24 @@ def import_robot_(
     joint: Annotated[
         list[str] | None, typer.Option(metavar="JOINT", help="A joint that moves; all others are fixed. Repeatable.")
     ] = None,
+    prove: Annotated[
+        bool, typer.Option("--prove", help="Look for proofs that pairs of links never touch: they need no checks then.")
+    ] = False,
+    workers: options.Workers = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Write a robot.toml from a URDF: limits with their sources, and the self-collisions to allow, with reasons.
 
-    Pairs of links that can never touch are proven so over all joint values; pairs that sometimes touch are checked.
+    Links may touch that are adjacent, that the SRDF disables, or that always overlap; all other pairs are checked. With
+    --prove, pairs that can never touch are proven so over all joint values and need no checks.
     """
     with bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
         srdf_file, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
         source = Source(Path(urdf), srdf_file, tool_frame, folders, locks(lock or ()), joints)
-        imported = import_robot(source, out, force=force)
+        engine = engine_named("processes", workers)
+        imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=None)
     if as_json:
         emit(json_text(import_record(imported)))
     else:

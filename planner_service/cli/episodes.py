@@ -28,7 +28,7 @@ def episodes(
     seed: options.Seed = 0,
     robot: options.RobotName = "wxai",
     fps: Annotated[int, typer.Option(metavar="HZ", help="Frames per second.")] = 30,
-    workers: Annotated[int | None, typer.Option(metavar="N", help="Worker processes; default: one per core.")] = None,
+    workers: options.Workers = None,
     engine: Annotated[
         str, typer.Option(metavar="NAME", help="processes, ray (this machine) or ray=ADDRESS.")
     ] = "processes",

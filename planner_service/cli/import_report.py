@@ -83,7 +83,10 @@ def to_check(imported: ImportedRobot, source: Source) -> list[str]:
     often = sorted(table.of(ContactKind.SOMETIMES), key=lambda f: -f.share)
     lines += [f"checked, most often colliding: {_named(often)}"] if often else []
     unproven = table.of(ContactKind.UNPROVEN)
-    lines += [f"checked, as neither a collision nor a proof was found: {_named(unproven)}"] if unproven else []
+    if unproven and not imported.proven:
+        lines.append(f"{len(unproven):,} pairs are checked, even if they can never touch: --prove works that out")
+    elif unproven:
+        lines.append(f"checked, as neither a collision nor a proof was found: {_named(unproven)}")
     return lines
 
 

@@ -145,3 +145,4 @@ DEFAULT = PlanRequest((), ())
 
 SECONDS = math.inf if DEFAULT.time_limit is None else DEFAULT.time_limit
 """The default of ``--time-limit``."""
+Workers = Annotated[int | None, typer.Option(metavar="N", help="Worker processes; default: one per core.")]

@@ -20,13 +20,20 @@ from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.mesh_formats import MAX_BYTES
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.validation import copied_in, flag, instance, items
+from planner_service.parallel.engine import Engine
 from planner_service.robot.loading import ACCELERATION, JERK, VELOCITY, Selection, robot_of, standing_joints
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
 from planner_service.robot.xacro_reader import expanded_xml, package_folders, robot_folders
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
-from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, PairFinding, contact_table
+from planner_service.robot_setup.self_collision_matrix import (
+    ContactKind,
+    ContactTable,
+    PairFinding,
+    contact_table,
+    quick_table,
+)
 from planner_service.scene.scene import Scene
 
 __all__ = ["ImportedRobot", "Source", "import_robot"]
@@ -93,6 +100,7 @@ class ImportedRobot:
         meshes: The copies of the meshes; where the URDF was in place already, they are, too.
         links: Links of the URDF, with shapes or without.
         agreement: How closely yourdfpy, which read the URDF as well, agrees.
+        proven: Whether each pair of links was looked at; else only those that always overlap were.
         seconds: What it took.
     """
 
@@ -103,10 +111,19 @@ class ImportedRobot:
     links: int
     agreement: Agreement
     table: ContactTable
+    proven: bool
     seconds: float
 
 
-def import_robot(source: Source, out: Path | str, *, force: bool = False) -> ImportedRobot:
+def import_robot(
+    source: Source,
+    out: Path | str,
+    *,
+    force: bool = False,
+    prove: bool = False,
+    engine: Engine | None = None,
+    progress: bool | None = False,
+) -> ImportedRobot:
     """Write robot.toml, and copies of the URDF and its meshes, into ``out``, which is made if only it is missing.
 
     Nothing is put there before a second reader has seen the same robot in the URDF, and before the new files were
@@ -114,6 +131,10 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
 
     Args:
         force: Replace files that are there.
+        prove: Look at every pair of links (``contact_table``), so that pairs which never touch need not be checked:
+            seconds for a small arm, minutes for a large robot. Else only at those that always overlap.
+        engine: Where pairs are looked at; None: in this process.
+        progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
 
     Raises:
         InvalidFile: the URDF or SRDF has problems, yourdfpy sees another robot in it, or ``out`` cannot be written.
@@ -124,6 +145,7 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
     begun = time.perf_counter()
     instance("source", source, Source, "a Source")
     flag("force", force)
+    flag("prove", prove)
     folder = as_path("out", out)
     text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
     root = expanded_xml(source.urdf, source.folders)
@@ -139,14 +161,14 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
         text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
     files = {copy.name: text.encode(), **{name: read_bytes(path, MAX_BYTES) for name, path in meshes.items()}}
     _require_place(folder, [toml] if in_place else [toml, *(folder / name for name in files)], force=force)
-    table = contact_table(robot)
+    table = contact_table(robot, engine=engine, progress=progress) if prove else quick_table(robot, progress=progress)
     robot = replace(robot, allowed_contacts=table.allowed)
     files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf), table).encode()
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
     seconds = time.perf_counter() - begun
-    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, seconds)
+    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, prove, seconds)
 
 
 def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
@@ -316,7 +338,7 @@ def _convention(values: Mapping[str, float], power: str, why: str) -> str:
 _HEADS = {
     ContactKind.ADJACENT: "adjacent: the next link with shapes above; in contact by design.",
     ContactKind.GIVEN: "given: taken from the SRDF, with its reasons, and not verified.",
-    ContactKind.ALWAYS: "always: the shapes overlap everywhere in a dense sweep of the joints between. Intended?",
+    ContactKind.ALWAYS: "always: the shapes overlap wherever they were looked at. Intended?",
     ContactKind.NEVER: "never: proven for the shapes of the URDF over the whole range of the joints.",
 }
 
@@ -335,7 +357,7 @@ def _contacts(robot: Robot, table: ContactTable) -> list[str]:
         lines += ["", f"# Checked, because they collide somewhere; with an example of {', '.join(robot.joint_names)}:"]
         lines += [f"#   {_judged(item)}" for item in sometimes]
     unproven = table.of(ContactKind.UNPROVEN)
-    lines += ["", "# Checked, because no proof was found:"] if unproven else []
+    lines += ["", "# Checked, without a collision or a proof that there is none:"] if unproven else []
     return lines + [f"#   {' x '.join(item.links)}: {item.reason}" for item in unproven]
 
 

@@ -1,53 +1,38 @@
-"""Which links of a robot may touch, worked out from its shapes: a table to review, with a reason for every line.
-
-A pair that is not checked is never looked at again, so "never" has to be proven. Over a box of joint values with centre
-c the gap of two solids is at least their gap at c less what they move against each other from c to anywhere in the box.
-The path from c to a point of the box and back travels no more than the widths of the box, and what moves on the way out
-moves as far on the way back: half of the certificate's bound for a stretch that begins and ends in c bounds the motion.
-Boxes that this leaves open are cut in half until all are proven, a centre collides, or the budget is spent.
-"""
+"""Which links of a robot may touch, worked out from its shapes: a table to review, with a reason for every line."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
-from enum import Enum
-from functools import cached_property
 
 import numpy as np
 
-from planner_service.certify.motion_bounds import Motion
-from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.separation import refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.validation import instance, whole
+from planner_service.parallel.engine import Engine, Lost
+from planner_service.parallel.sequential import Sequential
 from planner_service.presentation.progress import bar
-from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import AllowedContact, Robot
+from planner_service.robot_setup.link_pair import (
+    ContactKind,
+    LinkPair,
+    PairFinding,
+    columns_between,
+    listed,
+    names_between,
+    never_touches,
+)
 from planner_service.scene.scene import Scene
 
-__all__ = ["ContactKind", "ContactTable", "PairFinding", "always_overlapping", "contact_table"]
+__all__ = ["ContactKind", "ContactTable", "PairFinding", "always_overlapping", "contact_table", "quick_table"]
 
 
-MARGIN = 2e-6
-"""Metres by which "never" is proven at least; below 1 um FCL's answer is undefined."""
-FRACTION = 0.5
-"""A box stays open while it proves less than this share of the smallest gap so far: else the reported gap is poor."""
-FAR = 0.010
-"""Metres: a pair that far apart needs no better figure."""
-NEAR = 0.05
-"""Metres: nearer pairs get a tight bound where a quick one leaves a box open."""
 MAX_BOUNDS = 500_000
 """(box, pair of shapes) bounds per pair of links, about five seconds; a proof takes 100 to 100,000."""
-BOXES = 1024
-"""Boxes placed at once: memory."""
-ROUNDS, LAST_ROUNDS = 4, 200
-"""Steps of the search for the best direction: usually, and before a centre is taken to touch."""
-ROUNDING = 1e-9
-"""Relative, above the rounding of centres and widths of boxes."""
 SAMPLES = 1000
 """Configurations checked over the whole joint box: gives shares to a few per cent, in seconds."""
 SWEPT, MAX_SWEPT_JOINTS = 4000, 3
@@ -56,57 +41,6 @@ FIRST = 20
 """Configurations looked at before the rest: most pairs come apart in some of them."""
 DRAWN = "configurations drawn at random, which is no proof"
 ADJACENT = "adjacent"
-
-
-class ContactKind(Enum):
-    """What a pair of links does."""
-
-    ADJACENT = "adjacent"
-    """One is the next link with shapes above the other: in contact by design; allowed."""
-    GIVEN = "given"
-    """Allowed before the shapes were looked at, by an SRDF."""
-    ALWAYS = "always"
-    """The shapes overlap all over a dense sweep: the robot would never be free; allowed."""
-    NEVER = "never"
-    """Proven apart in all configurations: checking it is a waste; allowed."""
-    SOMETIMES = "sometimes"
-    """Collides in a configuration that was found; checked."""
-    UNPROVEN = "unproven"
-    """No collision was found, and no proof that there is none; checked."""
-
-    @property
-    def allowed(self) -> bool:
-        """Whether such pairs are not checked."""
-        return self not in (ContactKind.SOMETIMES, ContactKind.UNPROVEN)
-
-
-@dataclass(frozen=True, eq=False)
-class PairFinding:
-    """What was found out about two links.
-
-    Attributes:
-        joints: The joints that move one against the other, from the first link to the second.
-        reason: Why the pair is allowed or checked.
-        share: Share of the sampled configurations in which it collides; 0 for an adjacent pair, which is not checked.
-        example: A configuration (n,) that collides, None if none was found.
-        at_home: Whether it collides in the pose "home".
-        gap: Metres that a "never" pair keeps, a lower bound in whole micrometres; nan for other kinds.
-        bounds: (box, pair of shapes) bounds computed for a proof.
-    """
-
-    links: tuple[str, str]
-    kind: ContactKind
-    joints: tuple[str, ...]
-    reason: str
-    share: float = 0.0
-    example: FloatArray | None = None
-    at_home: bool = False
-    gap: float = math.nan
-    bounds: int = 0
-
-    def __post_init__(self) -> None:
-        if self.example is not None:
-            object.__setattr__(self, "example", read_only(self.example))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +60,24 @@ class ContactTable:
         return tuple(finding for kind in kinds for finding in self.findings if finding.kind is kind)
 
 
-def contact_table(robot: Robot, *, samples: int = SAMPLES, max_bounds: int = MAX_BOUNDS) -> ContactTable:
+def contact_table(
+    robot: Robot,
+    *,
+    samples: int = SAMPLES,
+    max_bounds: int = MAX_BOUNDS,
+    engine: Engine | None = None,
+    progress: bool | None = False,
+) -> ContactTable:
     """The contacts that a robot should be allowed, its gripper standing as it does; the same in every run.
 
     Contacts that it is allowed already are kept: those whose reason begins with "adjacent" as such, others as given.
+    Each pair is looked at by itself, so the table is the same whatever the engine. After Ctrl-C nothing goes on.
 
     Args:
         samples: Configurations checked over the whole joint box.
         max_bounds: Bounds computed for one pair of links before it is left unproven.
+        engine: Where pairs are looked at, such as ``Processes()``; None: in this process.
+        progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
 
     Raises:
         InvalidRequest: ``samples`` or ``max_bounds`` is no positive integer.
@@ -141,44 +85,100 @@ def contact_table(robot: Robot, *, samples: int = SAMPLES, max_bounds: int = MAX
     instance("robot", robot, Robot, "a Robot")
     whole("samples", samples, 1, 1_000_000)
     whole("max_bounds", max_bounds, 1, 10**12)
-    given: dict[frozenset[str], str] = {}
-    for contact in robot.allowed_contacts:  # an adjacent pair that an SRDF lists too stays adjacent
-        given.setdefault(frozenset(contact.links), contact.reason)
+    found, rest = _known(robot)
+    if not rest:
+        return ContactTable(tuple(found.values()), samples)
     bare = replace(robot, allowed_contacts=())
-    Q = _draws(robot, samples)
-    findings = []
-    for links in bare.link_pairs:
-        pair = _Pair(bare, links)
-        reason = given.get(frozenset(links))
-        if reason is not None and reason.startswith(ADJACENT):
-            findings.append(PairFinding(links, ContactKind.ADJACENT, pair.names, f"adjacent: {_listed(pair.names)}"))
+    given = {frozenset(contact.links): contact.reason for contact in reversed(robot.allowed_contacts)}
+    hard = sorted(rest, key=lambda links: -len(columns_between(bare, links)))  # those that take longest first
+    answers = (engine or Sequential()).run(_Findings(bare, given, samples, max_bounds), hard)
+    with bar("pairs of links", progress) as tell, closing(answers):
+        for done, finding in answers:
+            if isinstance(finding, Lost):
+                raise BrokenInvariant(f"no answer about {' x '.join(hard[done])}: {finding.detail}")
+            found[hard[done]] = finding
+            if tell is not None:
+                tell(done + 1, len(hard))
+    return ContactTable(tuple(found[links] for links in bare.link_pairs), samples)
+
+
+def quick_table(robot: Robot, *, progress: bool | None = False) -> ContactTable:
+    """As ``contact_table``, in seconds: pairs that do not always overlap are checked, whether they can touch or not."""
+    instance("robot", robot, Robot, "a Robot")
+    found, rest = _known(robot)
+    always = {frozenset(contact.links): contact.reason for contact in always_overlapping(robot, progress=progress)}
+    at_home = _touching(robot)
+    for links in rest:
+        names, pair = names_between(robot, links), frozenset(links)
+        home = pair in at_home
+        given = next((c.reason for c in robot.allowed_contacts if frozenset(c.links) == pair), None)
+        kind = ContactKind.GIVEN if given else ContactKind.ALWAYS if pair in always else ContactKind.UNPROVEN
+        reason = given or always.get(pair) or "whether they can touch was not looked at; --prove does"
+        found[links] = PairFinding(links, kind, names, reason, at_home=home)
+    bare = replace(robot, allowed_contacts=())
+    return ContactTable(tuple(found[links] for links in bare.link_pairs), SAMPLES)
+
+
+def _known(robot: Robot) -> tuple[dict[tuple[str, str], PairFinding], list[tuple[str, str]]]:
+    """The findings on adjacent pairs of links, and the other pairs."""
+    adjacent = {frozenset(c.links) for c in robot.allowed_contacts if c.reason.startswith(ADJACENT)}
+    found, rest = {}, []
+    for links in replace(robot, allowed_contacts=()).link_pairs:
+        if frozenset(links) in adjacent:
+            names = names_between(robot, links)
+            found[links] = PairFinding(links, ContactKind.ADJACENT, names, f"adjacent: {listed(names)}")
         else:
-            findings.append(_found(pair, Q, reason, max_bounds))
-    return ContactTable(tuple(findings), samples)
+            rest.append(links)
+    return found, rest
 
 
-def always_overlapping(robot: Robot) -> tuple[AllowedContact, ...]:
+@dataclass(frozen=True, eq=False)
+class _Findings:
+    """The work of finding out about a pair of links, for an engine."""
+
+    robot: Robot
+    given: Mapping[frozenset[str], str]
+    samples: int
+    max_bounds: int
+
+    def prepare(self) -> None:
+        """See ``Work``; there is nothing that pairs share but their samples."""
+
+    def __call__(self, links: tuple[str, str]) -> PairFinding:
+        """The finding on a pair that is not adjacent."""
+        Q = _draws(self.robot, self.samples)
+        return _found(LinkPair(self.robot, links), Q, self.given.get(frozenset(links)), self.max_bounds)
+
+
+def always_overlapping(robot: Robot, *, progress: bool | None = None) -> tuple[AllowedContact, ...]:
     """The checked pairs that overlap wherever they were looked at, so that the robot would never be free.
 
     They overlap at home and in each of 1,000 configurations drawn over the whole joint box. Where at most three joints
     lie between them, they also overlap all over a dense sweep of these, as ``ContactKind.ALWAYS`` says. A pair that was
     ever seen apart is not among them. The same in every run.
+
+    Args:
+        progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
     """
     instance("robot", robot, Robot, "a Robot")
-    at_home = {frozenset((c.a, c.b)) for c in CollisionChecker(robot, Scene()).contacts(robot.home)}
+    at_home = _touching(robot)
     touching = [links for links in robot.link_pairs if frozenset(links) in at_home]
     Q = _draws(robot, SAMPLES)
     found = []
-    with bar("links that always overlap", None if touching else False) as tell:
+    with bar("links that always overlap", progress if touching else False) as tell:
         for done, links in enumerate(touching, 1):
-            pair = _Pair(robot, links)
+            pair = LinkPair(robot, links)
             if not any(pair.checker.states_are_free(part).any() for part in (Q[:FIRST], Q[FIRST:])):
-                drawn = f"always: the shapes overlap in each of {SAMPLES:,} {DRAWN}"
-                reason = _always_overlaps(pair) if pair.sweepable else drawn
+                reason = _always_overlaps(pair, SAMPLES)
                 found += [AllowedContact(links, reason)] if reason else []
             if tell is not None:
                 tell(done, len(touching))
     return tuple(found)
+
+
+def _touching(robot: Robot) -> set[frozenset[str]]:
+    """The pairs of links that overlap at home."""
+    return {frozenset((c.a, c.b)) for c in CollisionChecker(robot, Scene()).contacts(robot.home)}
 
 
 def _draws(robot: Robot, samples: int) -> FloatArray:
@@ -188,57 +188,7 @@ def _draws(robot: Robot, samples: int) -> FloatArray:
     return np.minimum(lower + (upper - lower) * unit, upper)
 
 
-class _Pair:
-    """Two links alone: the robot without its other shapes, and the entries of q that move one against the other."""
-
-    def __init__(self, robot: Robot, links: tuple[str, str]) -> None:
-        self.robot = replace(robot, shapes=tuple(item for item in robot.shapes if item.link in links))
-        self.links = links
-        body_of = {item.link: item.body for item in self.robot.shapes}
-        first, second = (chain_to_base(robot.bodies, body_of[link]) for link in links)
-        between = [body for body in first if body not in second]
-        between += [body for body in reversed(second) if body not in first]
-        self.columns = list(dict.fromkeys(robot.bodies[body].q_index for body in between))
-        self.names = tuple(robot.joint_names[column] for column in self.columns)
-
-    @property
-    def sweepable(self) -> bool:
-        """Whether few enough joints lie between for a dense sweep."""
-        return len(self.columns) <= MAX_SWEPT_JOINTS
-
-    @cached_property
-    def listed(self) -> ProofPairs:
-        return ProofPairs(self.robot, Scene(), ())
-
-    @cached_property
-    def motion(self) -> Motion:
-        return Motion(self.robot, self.listed)
-
-    @cached_property
-    def checker(self) -> CollisionChecker:
-        return CollisionChecker(self.robot, Scene())
-
-    def configurations(self, values: FloatArray) -> FloatArray:
-        """Home, but for the joints between, which stand at ``values`` (m, k); (m, n)."""
-        out = np.repeat(self.robot.home[None], len(values), axis=0)
-        out[:, self.columns] = values
-        return out
-
-    def collides(self, Q: FloatArray) -> BoolArray:
-        """Which configurations (m, n) collide; FCL is asked only where a quick bound proves nothing."""
-        out = np.zeros(len(Q), dtype=bool)
-        count = len(self.listed.pairs)
-        for start in range(0, len(Q), BOXES):
-            part = Q[start : start + BOXES]
-            node, shapes = np.repeat(np.arange(len(part)), count), np.tile(np.arange(count), len(part))
-            facing = self.motion.facing(self.motion.nodes(part)[0], shapes, node)
-            gaps, _ = rough_gaps(facing, np.zeros((0, 3, len(node))))
-            for k in np.flatnonzero(gaps.reshape(len(part), count).min(axis=1) <= MARGIN).tolist():
-                out[start + k] = not self.checker.state_is_free(part[k])
-        return out
-
-
-def _found(pair: _Pair, Q: FloatArray, given: str | None, max_bounds: int) -> PairFinding:
+def _found(pair: LinkPair, Q: FloatArray, given: str | None, max_bounds: int) -> PairFinding:
     """The finding on a pair that is not adjacent: from the samples Q (m, n), else from a proof."""
     hits, at_home = pair.collides(Q), bool(pair.collides(pair.robot.home[None])[0])
     share = int(hits.sum()) / len(Q)
@@ -248,16 +198,19 @@ def _found(pair: _Pair, Q: FloatArray, given: str | None, max_bounds: int) -> Pa
         seen = replace(seen, example=Q[hits.argmax()] if share else pair.robot.home)
     if given is not None:
         return replace(seen, kind=ContactKind.GIVEN, reason=f"{given}; yet it {words}" if share or at_home else given)
-    if share == 1.0 and (reason := _always_overlaps(pair)):
+    if share == 1.0 and at_home and (reason := _always_overlaps(pair, len(Q))):
         return replace(seen, kind=ContactKind.ALWAYS, reason=reason)
-    return seen if share or at_home else _Proof(pair, max_bounds).run()
+    return seen if share or at_home else never_touches(pair, max_bounds)
 
 
-def _always_overlaps(pair: _Pair) -> str:
-    """The reason for a pair that collides all over a grid of the joints between, limits included; else empty."""
+def _always_overlaps(pair: LinkPair, drawn: int) -> str:
+    """The reason to allow a pair that collides in all of the configurations ``drawn``; empty if it comes apart.
+
+    Where few enough joints lie between, it has to collide all over a grid of them, too, limits included.
+    """
     count, columns = len(pair.columns), pair.columns
-    if not pair.sweepable:
-        return ""
+    if count > MAX_SWEPT_JOINTS:
+        return f"always: the shapes overlap in each of {drawn:,} {DRAWN}"
     each = max(side for side in range(2, SWEPT + 1) if side**count <= SWEPT)
     lower, upper = pair.robot.limits.lower[columns], pair.robot.limits.upper[columns]
     share = np.arange(each) / (each - 1)
@@ -266,143 +219,8 @@ def _always_overlaps(pair: _Pair) -> str:
     if pair.checker.states_are_free(pair.configurations(grid)).any():
         return ""
     steps = ", ".join(f"{step:.2g}" for step in ((upper - lower) / (each - 1)).tolist())
-    swept = f"{len(grid):,} points swept over {_listed(pair.names)}, steps of {steps}"
+    swept = f"{len(grid):,} points swept over {listed(pair.names)}, steps of {steps}"
     meshes = {item.link for item in pair.robot.shapes if isinstance(item.shape, Mesh)}
     filled = [link for link in pair.links if link in meshes]
     hulls = f"; {' and '.join(filled)} judged as the solid hull of the mesh, hollows filled" if filled else ""
     return f"always: the shapes overlap at each of {swept}{hulls}"
-
-
-@dataclass(frozen=True, eq=False)
-class _Boxes:
-    """Boxes of joint values (m, k), and the rows still open: which box, which pair of shapes."""
-
-    lower: FloatArray
-    upper: FloatArray
-    box: IntArray
-    pair: IntArray
-
-
-class _Proof:
-    """The search for a proof that a pair never collides."""
-
-    def __init__(self, pair: _Pair, max_bounds: int) -> None:
-        self._pair, self._max_bounds = pair, max_bounds
-        self._motion = pair.motion
-        self._columns = pair.columns
-        self._bounds = 0
-        self._smallest = self._proven = math.inf
-
-    def run(self) -> PairFinding:
-        """The finding: never, sometimes or unproven."""
-        limits, columns = self._pair.robot.limits, self._columns
-        rows = np.arange(len(self._pair.listed.pairs))
-        level = _Boxes(limits.lower[None, columns], limits.upper[None, columns], 0 * rows, rows)
-        while len(level.box):
-            if self._bounds + len(level.box) > self._max_bounds:
-                return self._unproven(f"{self._max_bounds:,} bounds did not suffice for a proof that it never collides")
-            rest: list[_Boxes] = []
-            for boxes in _batches(level):
-                touching, halves = self._halves(boxes)
-                if touching is not None:
-                    if self._pair.checker.state_is_free(touching):
-                        return self._unproven("somewhere the shapes all but touch")
-                    reason = "collides in no sample, but in a configuration the proof found"
-                    return replace(self._finding(ContactKind.SOMETIMES, reason), example=touching)
-                rest += halves
-            level = _merged(rest, len(columns))
-        gap = math.floor(self._proven * 1e6) / 1e6
-        whatever = f"whatever {_listed(self._pair.names)} {'is' if len(columns) == 1 else 'are'}"
-        reason = f"never: proven at least {gap * 1e3:.3g} mm apart {whatever} ({self._bounds:,} bounds)"
-        return replace(self._finding(ContactKind.NEVER, reason), gap=gap)
-
-    def _finding(self, kind: ContactKind, reason: str) -> PairFinding:
-        return PairFinding(self._pair.links, kind, self._pair.names, reason, bounds=self._bounds)
-
-    def _unproven(self, why: str) -> PairFinding:
-        return self._finding(ContactKind.UNPROVEN, f"no collision was found, but {why}")
-
-    def _halves(self, boxes: _Boxes) -> tuple[FloatArray | None, list[_Boxes]]:
-        """A centre (n,) that seems to collide if there is one, and the halves of the boxes that are not proven."""
-        q = self._pair.configurations(0.5 * (boxes.lower + boxes.upper))
-        poses, radii = self._motion.nodes(q)
-        moved = self._moved(radii, boxes)
-        gaps = self._gaps(poses, boxes, moved)
-        self._bounds += len(gaps)
-        worst = int(gaps.argmin())
-        if not gaps[worst] > MARGIN:
-            return q[boxes.box[worst]], []
-        self._smallest = min(self._smallest, float(gaps[worst]))
-        bound = gaps - moved
-        proven = bound >= self._wanted
-        self._proven = min(self._proven, float(bound[proven].min(initial=math.inf)))
-        return None, self._split(boxes, radii, ~proven)
-
-    @property
-    def _wanted(self) -> float:
-        """The gap that a box has to prove to be done."""
-        return max(MARGIN, min(FAR, FRACTION * self._smallest))
-
-    def _gaps(self, poses: FloatArray, boxes: _Boxes, moved: FloatArray) -> FloatArray:
-        """Lower bounds of the gaps at the centres, tight where that may decide."""
-        facing = self._motion.facing(poses, boxes.pair, boxes.box)
-        gaps, n = rough_gaps(facing, np.zeros((0, 3, len(boxes.pair))))
-        for rounds, doubtful in ((ROUNDS, gaps - moved < self._wanted), (LAST_ROUNDS, None)):
-            rows = np.flatnonzero(gaps <= MARGIN if doubtful is None else doubtful & (gaps < NEAR))
-            if len(rows):
-                gaps[rows], n[:, rows] = refined_gaps(facing.take(rows), gaps[rows], n[:, rows], rounds)
-        return gaps
-
-    def _moved(self, radii: FloatArray, boxes: _Boxes, joint: int | None = None) -> FloatArray:
-        """How far the rows' shapes move against each other from the centre to anywhere in their box, at most.
-
-        Args:
-            joint: Only this one of the joints between moves.
-        """
-        travel = np.zeros((len(boxes.lower), self._pair.robot.n))
-        columns = slice(None) if joint is None else slice(joint, joint + 1)
-        travel[:, self._columns[columns]] = ((boxes.upper - boxes.lower) * (1.0 + ROUNDING))[:, columns]
-        motions = self._motion.motions(radii, radii, travel)
-        return 0.5 * (1.0 + ROUNDING) * self._motion.pair_motions(motions, boxes.pair, boxes.box)
-
-    def _split(self, boxes: _Boxes, radii: FloatArray, rows: BoolArray) -> list[_Boxes]:
-        """Both halves of each box that has one of ``rows``, cut across the joint that moves these most."""
-        used = np.flatnonzero(np.bincount(boxes.box[rows], minlength=len(boxes.lower)))
-        if not len(used):
-            return []
-        effect = np.zeros((len(boxes.lower), len(self._columns)))
-        for joint in range(len(self._columns)):
-            np.maximum.at(effect[:, joint], boxes.box[rows], self._moved(radii, boxes, joint)[rows])
-        across = effect[used].argmax(axis=1)
-        lower, upper = boxes.lower[used], boxes.upper[used]
-        each = np.arange(len(used))
-        middle = 0.5 * (lower[each, across] + upper[each, across])
-        upper_of_first, lower_of_second = upper.copy(), lower.copy()
-        upper_of_first[each, across] = lower_of_second[each, across] = middle
-        number = np.zeros(len(boxes.lower), dtype=np.intp)
-        number[used] = each
-        box, pair = number[boxes.box[rows]], boxes.pair[rows]
-        return [_Boxes(lower, upper_of_first, box, pair), _Boxes(lower_of_second, upper, box, pair)]
-
-
-def _merged(parts: Sequence[_Boxes], joints: int) -> _Boxes:
-    """All boxes in one list."""
-    offsets = np.cumsum([0, *(len(part.lower) for part in parts)])
-    none = np.zeros(0, dtype=np.intp)
-    return _Boxes(
-        np.concatenate([np.zeros((0, joints)), *(part.lower for part in parts)]),
-        np.concatenate([np.zeros((0, joints)), *(part.upper for part in parts)]),
-        np.concatenate([none, *(part.box + offset for part, offset in zip(parts, offsets.tolist(), strict=False))]),
-        np.concatenate([none, *(part.pair for part in parts)]),
-    )
-
-
-def _batches(boxes: _Boxes) -> Iterator[_Boxes]:
-    for start in range(0, len(boxes.lower), BOXES):
-        few = slice(start, start + BOXES)
-        rows = (boxes.box >= start) & (boxes.box < start + BOXES)
-        yield _Boxes(boxes.lower[few], boxes.upper[few], boxes.box[rows] - start, boxes.pair[rows])
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -180,3 +180,14 @@ def test_a_thin_hull_that_crosses_a_thin_one_between_two_samples_is_refused(fold
     assert HullSetup("thin", folder, scene.obstacles, (NEEDLE,)).independent().path_touch(path.waypoints, 5e-4)
     refusal = refused_pair(certify(robot, scene, path))
     assert {refusal.a, refusal.b} == {"needle", "sheet"}
+
+
+def test_compiled_code_says_with_equal_bits_how_far_hulls_extend() -> None:
+    rng = np.random.default_rng(3)
+    clouds = [rng.normal(size=(3, count)) for count in (4, 8, 9, 57)]
+    corners = Corners.of([clouds[0], None, *clouds[1:], clouds[1]])
+    assert corners is not None
+    n = rng.normal(size=(5, 3, 6))
+    expected, found = (each.extended(n, np.full((5, 6), -7.0)) for each in (corners, corners.with_compiled()))
+    assert found.tobytes() == expected.tobytes()
+    assert (found[:, 1] == -7.0).all()

@@ -21,6 +21,12 @@ class EdgeAnswer:
     @property
     def s(self) -> float: ...
 
+class Hulls:
+    def __init__(self, corners: Sequence[NDArray[np.float64]]) -> None: ...
+    def extend(
+        self, directions: NDArray[np.float64], hulls: NDArray[np.int64], heights: NDArray[np.float64]
+    ) -> None: ...
+
 class Prover:
     def __init__(
         self,

@@ -26,6 +26,8 @@ using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cp
 using Anything = nb::ndarray<nb::ro, nb::device::cpu>;
 using Numbers = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using WholeRows = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Directions = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using Heights = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Wholes = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 constexpr int SIDES = 13;  // directions in which outermost corners are looked for, and their opposites
@@ -350,6 +352,42 @@ class Prover {
     }
 };
 
+// Hulls by themselves: how far they extend along many directions.
+class Hulls {
+  public:
+    explicit Hulls(const std::vector<Rows>& hulls) {
+        variant_ = variants().back();
+        for (const auto& rows : hulls) {
+            require(rows.shape(1) == 3 && rows.shape(0) > 0, "corners of a hull, (v, 3)");
+            require_finite(rows);
+            std::vector<std::size_t> all(rows.shape(0));
+            for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
+            corners_.push_back(padded(rows, all));
+        }
+    }
+
+    // Directions (k, 3, p), the hull of each column or -1, (p,), and where the heights go, (k, p).
+    void extend(const Directions& directions, const Wholes& hulls, const Heights& heights) const {
+        const std::size_t count = directions.shape(0), p = directions.shape(2);
+        require(directions.shape(1) == 3 && hulls.shape(0) == p, "directions (k, 3, p) and hulls (p,)");
+        require(heights.shape(0) == count && heights.shape(1) == p, "room for heights (k, p)");
+        for (std::size_t column = 0; column < p; ++column) {
+            const int which = whole(hulls.data()[column], -1, static_cast<std::int64_t>(corners_.size()) - 1, "no such hull");
+            if (which < 0) continue;
+            const auto& corners = corners_[static_cast<std::size_t>(which)];
+            const Hull hull{corners.size() / 3, 0, corners.data(), nullptr};
+            for (std::size_t k = 0; k < count; ++k) {
+                const double* n = directions.data() + 3 * p * k + column;
+                heights.data()[p * k + column] = variant_->height(hull, n[0], n[p], n[2 * p]);
+            }
+        }
+    }
+
+  private:
+    const Variant* variant_;
+    std::vector<std::vector<double>> corners_;
+};
+
 }  // namespace
 
 NB_MODULE(_proof, m) {
@@ -365,6 +403,10 @@ NB_MODULE(_proof, m) {
         .def_prop_ro("verdict", [](const EdgeAnswer& answer) { return static_cast<int>(answer.result.verdict); })
         .def_prop_ro("pair", [](const EdgeAnswer& answer) { return answer.result.pair; })
         .def_prop_ro("s", [](const EdgeAnswer& answer) { return answer.result.s; });
+    nb::class_<Hulls>(m, "Hulls")
+        .def(nb::init<const std::vector<Rows>&>(), nb::arg("corners"))
+        .def("extend", &Hulls::extend, nb::arg("directions"), nb::arg("hulls"), nb::arg("heights"),
+             nb::call_guard<nb::gil_scoped_release>());
     nb::class_<Prover>(m, "Prover")
         .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, std::int64_t, const Rows&, const WholeRows&,
                       const std::vector<Rows>&, const Rows&, const std::string&>(),

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +16,11 @@ import pytest
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
+from planner_service.parallel.engine import Engine
+from planner_service.parallel.processes import Processes
 from planner_service.robot.model import AllowedContact, Robot, load_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
-from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, contact_table
+from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, contact_table, quick_table
 from planner_service.scene.scene import Scene
 from tests.support.optional import present
 from tests.support.small_robots import joint, link, solid, urdf
@@ -114,15 +120,73 @@ def test_a_pair_apart_in_a_few_configurations_is_not_always_overlapping(tmp_path
     assert kinds(table)["base", "block"] is ContactKind.SOMETIMES
 
 
-def test_the_same_robot_gives_the_same_table(tmp_path: Path) -> None:
+@pytest.mark.parametrize("engine", [None, pytest.param(Processes(2), marks=pytest.mark.slow)])
+def test_the_same_robot_gives_the_same_table_whoever_works_it_out(tmp_path: Path, engine: Engine | None) -> None:
     robot = Robot.from_urdf(small(tmp_path, -0.06))
-    one, two = (contact_table(robot, samples=20) for _ in range(2))
+    one, two = (contact_table(robot, samples=20, engine=each) for each in (None, engine))
     assert [(f.links, f.kind, f.reason, f.share, f.bounds) for f in one.findings] == [
         (f.links, f.kind, f.reason, f.share, f.bounds) for f in two.findings
     ]
     for a, b in zip(one.findings, two.findings, strict=True):
         assert (a.example is None) == (b.example is None)
         assert a.example is None or b.example is None or a.example.tolist() == b.example.tolist()
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_all_who_work_on_a_table(tmp_path: Path) -> None:
+    """The proofs about the arm take longer than it takes to see both workers."""
+    program = (
+        "import os, sys\n"
+        "from planner_service.parallel.processes import Processes\n"
+        "from planner_service.robot_setup.import_robot import Source, import_robot\n"
+        "lock = {'left_carriage_joint': 0.0, 'right_carriage_joint': 0.0}\n"
+        "source = Source(sys.argv[1], locked_joints=lock)\n"
+        "import_robot(source, sys.argv[2], prove=True, engine=Processes(2))\n"
+    )
+    urdf = data_folder("robots") / "wxai" / "wxai.urdf"
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", program, str(urdf), str(out)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as child:
+        workers: list[str] = []
+        until = time.monotonic() + 30.0
+        while len(workers) < 2 and time.monotonic() < until:
+            workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+            time.sleep(0.05)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(20.0) != 0
+    assert len(workers) == 2
+    assert not out.exists()
+    assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+
+
+def test_links_that_always_overlap_are_found_over_many_joints_too(tmp_path: Path) -> None:
+    """Too many for a sweep: the trunk holds the tip, wherever the four joints between them are."""
+    ball = solid("sphere", 'radius="0.05"')
+    text = urdf(
+        "nested",
+        link("trunk", solid("sphere", 'radius="1.0"')) + link("stub", ball),
+        link("one") + link("two") + link("tip", ball),
+        joint("a", "revolute trunk stub -2 2"),
+        joint("b", "revolute stub one -2 2", axis="0 1 0", xyz="0.1 0 0"),
+        joint("c", "revolute one two -2 2", axis="0 1 0", xyz="0.1 0 0"),
+        joint("d", "revolute two tip -2 2", axis="0 1 0", xyz="0.1 0 0"),
+    )
+    path = tmp_path / "nested.urdf"
+    path.write_text(text)
+    (found,) = contact_table(Robot.from_urdf(path), samples=50).of(ContactKind.ALWAYS)
+    assert found.links == ("trunk", "tip")
+    assert found.reason == (
+        "always: the shapes overlap in each of 50 configurations drawn at random, which is no proof"
+    )
+
+
+def test_a_quick_table_allows_what_always_overlaps_and_leaves_the_rest_checked(tmp_path: Path) -> None:
+    robot = Robot.from_urdf(small(tmp_path))
+    quick, whole = quick_table(robot), contact_table(robot)
+    assert [f.links for f in quick.findings] == [f.links for f in whole.findings]
+    kept = (ContactKind.ADJACENT, ContactKind.ALWAYS)
+    assert [f.links for f in quick.of(*kept)] == [f.links for f in whole.of(*kept)]
+    assert {f.kind for f in quick.findings} == {*kept, ContactKind.UNPROVEN}
 
 
 def test_contacts_that_are_given_keep_their_reasons_and_say_when_they_collide(tmp_path: Path) -> None:
@@ -210,7 +274,7 @@ def test_an_imported_robot_is_the_robot_of_the_urdf_but_for_what_may_touch(
 
 
 def test_the_file_says_where_limits_come_from_and_what_is_judged(tmp_path: Path) -> None:
-    text = import_robot(Source(small(tmp_path, -0.09)), tmp_path / "out").path.read_text("utf-8")
+    text = import_robot(Source(small(tmp_path, -0.09)), tmp_path / "out", prove=True).path.read_text("utf-8")
     assert 'source = "URDF <limit>; convention: turn continuous, 6.2832 rad (a turn) either way"' in text
     assert 'source = "URDF <limit>; convention: 1 rad/s (0.1 m/s sliding) for turn, which has none"' in text
     assert (
