@@ -1,4 +1,4 @@
-"""Reading COLLADA (.dae) files: the vertices that the faces of the scene use, placed by its nodes.
+"""Reading COLLADA (.dae) files: the faces of the scene and the vertices that they use, placed by its nodes.
 
 Like other readers of robot descriptions, this one ignores ``<up_axis>``. They differ in whether ``<unit>`` scales the
 mesh (RViz and Gazebo apply it, Coal and MoveIt do not), so only metres are accepted. Anything else that would move a
@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -18,7 +20,7 @@ from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
 from planner_service.geometry.arrays import FloatArray, IntArray, along, axis_matrix, product
 
-__all__ = ["dae_vertices"]
+__all__ = ["dae_surface"]
 
 MAX_NODES = 10_000
 """Nodes of the scene, counting each instance: a node may be used many times by nodes that are used many times."""
@@ -35,12 +37,16 @@ UNIT = 1e-5
 REFERABLE = ("geometry", "node", "visual_scene", "source", "float_array", "vertices")
 IDLE = ("asset", "extra", "instance_camera", "instance_light")
 """Children of a node that move no vertex."""
-STRIPS = ("triangles", "polylist", "polygons", "tristrips", "trifans", "lines", "linestrips")
+LINES = ("lines", "linestrips")
+STRIPS = ("triangles", "polylist", "polygons", "tristrips", "trifans", *LINES)
 SIZES = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 
 
-def dae_vertices(content: bytes) -> FloatArray:
+def dae_surface(content: bytes) -> tuple[FloatArray, Callable[[], IntArray]]:
     """The vertices (n, 3) that the faces of a COLLADA document use, in metres, as its scene places them.
+
+    Also a function that gives the triangles (t, 3) between them, as rows of vertices. A polygon is a fan around its
+    first corner; lines have no triangles; a geometry that its node mirrors still faces outwards.
 
     Raises:
         Malformed: not COLLADA, too large, not in metres, or with an element that is not understood.
@@ -48,7 +54,8 @@ def dae_vertices(content: bytes) -> FloatArray:
     root = parse_xml(content)
     if _tag(root) != "COLLADA":
         raise Malformed(f"the root element is <{_tag(root)}>; expected <COLLADA>")
-    return _Document(root).vertices()
+    document = _Document(root)
+    return document.vertices(), document.triangles
 
 
 def _tag(element: Element) -> str:
@@ -66,15 +73,35 @@ def _only(element: Element, tag: str) -> Element:
     return children[0]
 
 
+@dataclass(frozen=True, eq=False)
+class _Geometry:
+    """The vertices (n, 3) that the faces of a mesh use, and these faces.
+
+    Attributes:
+        rows: For each position of the mesh its row in ``points``.
+    """
+
+    points: FloatArray
+    rows: IntArray
+    faces: Sequence[tuple[Element, list[IntArray]]]
+
+    @cached_property
+    def triangles(self) -> IntArray:
+        """Rows of ``points``, (t, 3)."""
+        found = [self.rows[_triangles(element, lists)] for element, lists in self.faces]
+        return np.concatenate([np.zeros((0, 3), dtype=np.intp), *found])
+
+
 class _Document:
-    """A document with its elements by id, and how much of it was placed."""
+    """A document with its elements by id, None for an id that several have, and how much of it was placed."""
 
     def __init__(self, root: Element) -> None:
         self._root = root
-        self._by_id: dict[tuple[str, str], Element] = {}
-        self._corners: dict[str, FloatArray] = {}
+        self._by_id: dict[tuple[str, str], Element | None] = {}
+        self._geometries: dict[str, _Geometry] = {}
+        self._placed: list[tuple[FloatArray, _Geometry]] = []
         self._numbers: dict[str, FloatArray] = {}
-        self._nodes = self._parts = self._read = self._placed = 0
+        self._nodes = self._parts = self._read = self._count = 0
         for element in root.iter():
             tag, name = _tag(element), element.get("id")
             if tag == "unit":
@@ -82,19 +109,29 @@ class _Document:
             if tag == "channel":
                 raise Malformed(f"an animation moves {element.get('target', '')[:80]!r}; expected a rigid mesh")
             if tag in REFERABLE and name is not None:
-                if (tag, name) in self._by_id:
-                    raise Malformed(f"<{tag}> with the id {name[:80]!r} twice")
-                self._by_id[tag, name] = element
+                self._by_id[tag, name] = None if (tag, name) in self._by_id else element
 
     def vertices(self) -> FloatArray:
         scene = self._named("visual_scene", _only(_only(self._root, "scene"), "instance_visual_scene").get("url"))
-        placed: list[FloatArray] = []
         for node in _all(scene, "node"):
-            self._place(node, np.eye(4), 1, placed)
-        return np.concatenate([np.zeros((0, 3)), *placed])
+            self._place(node, np.eye(4), 1)
+        return np.concatenate([np.zeros((0, 3)), *(_moved(pose, each.points) for pose, each in self._placed)])
 
-    def _place(self, node: Element, above: FloatArray, depth: int, placed: list[FloatArray]) -> None:
-        """Add the vertices of a node and its descendants; ``above`` is the pose of its parent."""
+    def triangles(self) -> IntArray:
+        """Rows of ``vertices()``, (t, 3)."""
+        found: list[IntArray] = [np.zeros((0, 3), dtype=np.intp)]
+        count = first = 0
+        for pose, geometry in self._placed:
+            triangles = geometry.triangles + first
+            found.append(triangles[:, ::-1] if float(np.linalg.det(pose[:3, :3])) < 0.0 else triangles)
+            first += len(geometry.points)
+            count += len(triangles)
+            if count > MAX_PLACED:
+                raise Malformed(f"more than {MAX_PLACED:,} triangles")
+        return np.concatenate(found)
+
+    def _place(self, node: Element, above: FloatArray, depth: int) -> None:
+        """Add the geometries of a node and its descendants; ``above`` is the pose of its parent."""
         self._nodes += 1
         self._parts += len(node)
         if self._parts > MAX_PARTS:
@@ -110,32 +147,35 @@ class _Document:
                 held.append(child)
         for child in held:
             if _tag(child) == "node":
-                self._place(child, pose, depth + 1, placed)
+                self._place(child, pose, depth + 1)
             elif _tag(child) == "instance_node":
-                self._place(self._named("node", child.get("url")), pose, depth + 1, placed)
+                self._place(self._named("node", child.get("url")), pose, depth + 1)
             elif _tag(child) == "instance_geometry":
-                placed.append(_moved(pose, self._instance(child.get("url"))))
+                self._placed.append((pose, self._instance(child.get("url"))))
             else:
                 raise Malformed(f"<{_tag(child)}> in a node; expected rigid geometries and their placement")
 
     def _named(self, tag: str, url: str | None) -> Element:
-        element = self._by_id.get((tag, url[1:])) if url and url.startswith("#") else None
-        if element is None:
+        key = (tag, (url or "")[1:])
+        if url is None or not url.startswith("#") or key not in self._by_id:
             raise Malformed(f"{'' if url is None else url[:80]!r} is no <{tag}> of this file")
+        element = self._by_id[key]
+        if element is None:
+            raise Malformed(f"<{tag}> with the id {url[1:81]!r} twice")
         return element
 
-    def _instance(self, url: str | None) -> FloatArray:
+    def _instance(self, url: str | None) -> _Geometry:
         geometry = self._named("geometry", url)
         name = geometry.get("id", "")
-        if name not in self._corners:
-            self._corners[name] = self._used(_only(geometry, "mesh"))
-        self._placed += len(self._corners[name])
-        if self._placed > MAX_PLACED:
+        if name not in self._geometries:
+            self._geometries[name] = self._used(_only(geometry, "mesh"))
+        self._count += len(self._geometries[name].points)
+        if self._count > MAX_PLACED:
             raise Malformed(f"more than {MAX_PLACED:,} vertices")
-        return self._corners[name]
+        return self._geometries[name]
 
-    def _used(self, mesh: Element) -> FloatArray:
-        """The vertices of a mesh that its faces use (n, 3), each once."""
+    def _used(self, mesh: Element) -> _Geometry:
+        """The vertices of a mesh that its faces use, each once."""
         vertices = _only(mesh, "vertices")
         sources = [item.get("source") for item in _all(vertices, "input") if item.get("semantic") == "POSITION"]
         if len(sources) != 1:
@@ -145,15 +185,17 @@ class _Document:
         if self._read > MAX_READ:
             raise Malformed(f"geometries with more than {MAX_READ:,} positions")
         used = np.zeros(len(points), dtype=bool)
+        faces = []
         for child in mesh:
             if _tag(child) in STRIPS:
-                for indices in _indices(child, f"#{vertices.get('id')}"):
+                faces.append((child, list(_indices(child, f"#{vertices.get('id')}"))))
+                for indices in faces[-1][1]:
                     if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
                         raise Malformed(f"<{_tag(child)}> of vertices that do not exist")
                     used[indices] = True
             elif _tag(child) not in ("source", "vertices", "extra"):
                 raise Malformed(f"<{_tag(child)}> in a mesh; expected one of {', '.join(STRIPS)}")
-        return np.asarray(points[used])
+        return _Geometry(np.asarray(points[used]), np.cumsum(used) - 1, faces)
 
     def _points(self, source: Element) -> FloatArray:
         """The points (n, 3) of a source, which may hold more than them."""
@@ -229,11 +271,36 @@ def _indices(faces: Element, vertices: str) -> Iterator[IntArray]:
         corners += len(indices) // stride
         yield indices[mine[0] :: stride]
     if _tag(faces) in ("triangles", "polylist"):
-        wanted = 3 * _count(faces, "count")
-        if _tag(faces) == "polylist":
-            wanted = int(_integers("".join(item.text or "" for item in _all(faces, "vcount"))).sum())
+        wanted = int(_sizes(faces).sum()) if _tag(faces) == "polylist" else 3 * _count(faces, "count")
         if corners != wanted:
             raise Malformed(f"<{_tag(faces)}> with {corners} corners; expected {wanted}")
+
+
+def _sizes(polylist: Element) -> IntArray:
+    """How many corners each polygon has."""
+    return _integers("".join(item.text or "" for item in _all(polylist, "vcount")))
+
+
+def _triangles(faces: Element, lists: Sequence[IntArray]) -> IntArray:
+    """The triangles (t, 3) of faces, as indices of positions, from their corners as ``_indices`` gives them."""
+    kind = _tag(faces)
+    if kind in LINES:
+        return np.zeros((0, 3), dtype=np.intp)
+    corners = np.concatenate([np.zeros(0, dtype=np.int64), *lists])
+    if kind == "triangles":
+        return corners.reshape(-1, 3)
+    sizes = _sizes(faces) if kind == "polylist" else np.array([len(each) for each in lists], dtype=np.int64)
+    if sizes.size and int(sizes.min()) < 3:
+        raise Malformed(f"<{kind}> with {int(sizes.min())} corners in one; expected three or more")
+    many = sizes - 2
+    first = np.repeat(np.cumsum(sizes) - sizes, many)
+    step = np.arange(int(many.sum())) - np.repeat(np.cumsum(many) - many, many)  # counts the triangles of each
+    if kind == "tristrips":
+        odd = step % 2
+        at = np.stack([first + step + odd, first + step + 1 - odd, first + step + 2], axis=-1)
+    else:
+        at = np.stack([first, first + step + 1, first + step + 2], axis=-1)
+    return np.asarray(corners[at])
 
 
 def _count(element: Element, key: str, default: str = "") -> int:

@@ -1,4 +1,4 @@
-"""Reading mesh files: vertices and triangles of STL, OBJ and PLY, vertices of COLLADA.
+"""Reading mesh files: vertices and triangles of STL, OBJ, PLY and COLLADA.
 
 A file gives all of its vertices or is refused: a lost vertex would be a hole in an obstacle. Materials, textures and
 other files that it names are never opened. ``docs/design/libraries.md`` says why no library does this.
@@ -17,7 +17,7 @@ from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray, IntArray
-from planner_service.geometry.collada import dae_vertices
+from planner_service.geometry.collada import dae_surface
 from planner_service.geometry.validation import MAX_LENGTH, in_file
 
 __all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "read_triangles", "read_vertices"]
@@ -65,7 +65,7 @@ def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.
     distinct corners is left out, and triangles that a negative scale mirrors still face outwards.
 
     Raises:
-        InvalidFile: what ``read_vertices`` refuses, a COLLADA file, no triangles or more than a million, or a corner
+        InvalidFile: what ``read_vertices`` refuses, no triangles or more than a million, or a corner
             that is no vertex.
     """
     return in_file(path, lambda: _triangles(path, scale))
@@ -116,13 +116,6 @@ def _scaled(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray
     if not np.all(np.abs(points) <= MAX_LENGTH):
         raise Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
     return np.asarray(points)
-
-
-def _collada(data: bytes) -> _Parsed:
-    def corners() -> IntArray:
-        raise Malformed("triangles of .dae files are not read; expected one of .stl, .obj, .ply")
-
-    return dae_vertices(data), corners
 
 
 def _stl(data: bytes) -> _Parsed:
@@ -296,7 +289,7 @@ def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
     return np.array(values, dtype=np.float64).reshape(-1, 3)
 
 
-_PARSERS: dict[str, Callable[[bytes], _Parsed]] = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".dae": _collada}
+_PARSERS: dict[str, Callable[[bytes], _Parsed]] = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".dae": dae_surface}
 
 MESH_SUFFIXES = tuple(_PARSERS)
 """Suffixes of the formats that are read."""

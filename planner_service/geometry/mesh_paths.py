@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 from urllib.parse import unquote
 
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.geometry.arrays import FloatArray, IntArray, frozen
 from planner_service.geometry.composite import HeightField, PointCloud
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.mesh import Mesh, checked_scale
-from planner_service.geometry.mesh_formats import MESH_SUFFIXES
+from planner_service.geometry.mesh_formats import MESH_SUFFIXES, read_triangles
 
-__all__ = ["MeshLoader"]
+__all__ = ["MeshLoader", "Surface"]
 
 T = TypeVar("T")
 
@@ -22,6 +24,17 @@ MAX_TOTAL = 500_000_000
 
 MAX_SCALED = 100_000
 """Corners of all hulls of one robot or scene that repeat a file in another scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The triangles of a mesh file, (t, 3), as rows of ``vertices`` (n, 3), in metres.
+
+    Seen from outside they are counter-clockwise if the file says so; nobody checks whether they enclose anything.
+    """
+
+    vertices: FloatArray
+    triangles: IntArray
 
 
 class MeshLoader:
@@ -67,6 +80,16 @@ class MeshLoader:
         """
         path, factors = self.path(filename), checked_scale("scale", scale)
         return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most))
+
+    def surface(self, filename: str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Surface:
+        """The triangles of the mesh that the file calls ``filename``, hollows and all.
+
+        Raises:
+            InvalidRequest: as for ``mesh``, but that a flat one is fine.
+        """
+        path, factors = self.path(filename), checked_scale("scale", scale)
+        vertices, triangles = self._opened(filename, path, lambda: read_triangles(path, factors))
+        return Surface(frozen(vertices), frozen(triangles))
 
     def cloud(self, filename: str, resolution: float) -> PointCloud:
         """The point cloud that the file calls ``filename``.

@@ -1,13 +1,14 @@
-"""The content of a URDF as checked values, without visual elements, transmissions and plug-in tags."""
+"""The content of a URDF as checked values, without materials, transmissions and plug-in tags."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from planner_service.geometry.arrays import Vector
+from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Shape
 
-__all__ = ["Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "Vector"]
+__all__ = ["Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "UrdfVisual", "Vector"]
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,22 @@ class UrdfCollision:
 
 
 @dataclass(frozen=True)
+class UrdfVisual:
+    """A visual element, the surface of a mesh or another shape, and its ``<origin>`` in the link."""
+
+    appearance: Shape | Surface
+    xyz: Vector
+    rpy: Vector
+
+
+@dataclass(frozen=True)
 class UrdfLink:
-    """A link with its collision shapes, in the file's order."""
+    """A link with its collision shapes, in the file's order, and what it looks like if the reader was asked for it."""
 
     name: str
     collisions: tuple[UrdfCollision, ...]
     inertial: Inertial | None
+    visuals: tuple[UrdfVisual, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,9 +83,14 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A robot description: one tree of links with the root ``root``."""
+    """A robot description: one tree of links with the root ``root``.
+
+    Attributes:
+        unread_visuals: Why visual elements that the reader was asked for are missing, a line each.
+    """
 
     name: str
     root: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
+    unread_visuals: tuple[str, ...] = ()

@@ -8,19 +8,33 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 from xml.etree import ElementTree
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.numerals import plain_float
+from planner_service.geometry.arrays import vector
+from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
-from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
+from planner_service.robot.urdf_model import (
+    Inertial,
+    Mimic,
+    Urdf,
+    UrdfCollision,
+    UrdfJoint,
+    UrdfLink,
+    UrdfVisual,
+    Vector,
+)
 from planner_service.robot.xacro_reader import expanded_xml, robot_folders
 
 __all__ = ["read_urdf"]
+
+T = TypeVar("T")
 
 MAX_ELEMENTS = 500
 """Links, and joints: several times those of a humanoid with hands; pairs of links grow with the square."""
@@ -36,19 +50,27 @@ INSTEAD = {
 """What to do about joints of several degrees of freedom, which have no limits."""
 
 
-def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[str, int] | None = None) -> Urdf:
+def read_urdf(
+    path: Path,
+    package_dirs: Sequence[Path] = (),
+    decompose: Mapping[str, int] | None = None,
+    *,
+    visuals: bool = False,
+) -> Urdf:
     """The robot of a URDF file, or of a xacro file with the defaults of its arguments (``expanded_xml``).
 
     Args:
         package_dirs: Folders besides the file's own in which meshes and ``package://`` folders may lie.
         decompose: For links whose meshes are cut into convex pieces: the maximum number of pieces.
+        visuals: Read what the links look like, too. A visual element with a problem is left out, and
+            ``Urdf.unread_visuals`` says why.
 
     Raises:
         InvalidFile: with every problem of the file.
         MissingDependency: a mesh has to be cut, and coacd is not installed; or macros expanded, and xacro is not.
     """
     folders = robot_folders(path, package_dirs)
-    reader = _Reader(folders, dict(decompose or {}))
+    reader = _Reader(folders, dict(decompose or {}), visuals=visuals)
     urdf = reader.robot(expanded_xml(path, folders))
     if reader.problems:
         raise InvalidFile(path, reader.problems)
@@ -72,10 +94,12 @@ def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:
 class _Reader:
     """Reads elements and collects every problem; after a problem it goes on with a stand-in value."""
 
-    def __init__(self, folders: tuple[Path, ...], decompose: dict[str, int]) -> None:
+    def __init__(self, folders: tuple[Path, ...], decompose: dict[str, int], *, visuals: bool) -> None:
         self.meshes = MeshLoader(folders)
+        self.surfaces = MeshLoader(folders) if visuals else None
         self.decompose = decompose
         self.problems: list[str] = []
+        self.unread_visuals: list[str] = []
 
     def robot(self, root: ElementTree.Element) -> Urdf:
         link_elements, joint_elements = root.findall("link"), root.findall("joint")
@@ -89,21 +113,45 @@ class _Reader:
         for link in sorted(map(str, self.decompose.keys() - shaped)):
             self.problems.append(f"decompose: {link!r} is not a link with a collision shape")
         joints = tuple(self.joint(element) for element in joint_elements)
-        return Urdf(name, self.tree(links, joints), links, joints)
+        return Urdf(name, self.tree(links, joints), links, joints, tuple(self.unread_visuals))
 
     def link(self, element: ElementTree.Element) -> UrdfLink:
         name = self.text(element, "name", "link")
+        most = self.decompose.get(name, 1)
+
+        def solids(file: str, scale: Vector) -> tuple[Mesh, ...]:
+            return (self.meshes.mesh(file, scale),) if most == 1 else self.meshes.pieces(file, scale, most)
+
         collisions = []
         for index, child in enumerate(element.findall("collision")):
             where = f"link {name!r} collision[{index}]"
-            shapes = self.shapes(child, where, self.decompose.get(name, 1))
+            shapes = self.shapes(child, where, solids)
             xyz, rpy = self.origin(child, where)
             collisions += [UrdfCollision(shape, xyz, rpy) for shape in shapes]
-        return UrdfLink(name, tuple(collisions), self.inertial(element, name))
+        inertial = self.inertial(element, name)
+        return UrdfLink(name, tuple(collisions), inertial, self.visuals(element, name))
 
-    def shapes(self, collision: ElementTree.Element, where: str, most: int) -> tuple[Shape, ...]:
-        """The shape of a collision element, or up to ``most`` pieces of a mesh; nothing if there is a problem."""
-        geometry = self.one(collision, "geometry", where)
+    def visuals(self, link: ElementTree.Element, name: str) -> tuple[UrdfVisual, ...]:
+        """What a link looks like; problems are not those of the robot."""
+        if self.surfaces is None:
+            return ()
+        surface, found = self.surfaces.surface, []
+        problems, self.problems = self.problems, []
+        for index, child in enumerate(link.findall("visual")):
+            where, before = f"link {name!r} visual[{index}]", len(self.problems)
+            appearances = self.shapes(child, where, lambda file, scale: (surface(file, scale),))
+            xyz, rpy = self.origin(child, where)
+            if len(self.problems) == before:
+                found += [UrdfVisual(each, xyz, rpy) for each in appearances]
+        self.unread_visuals += self.problems
+        self.problems = problems
+        return tuple(found)
+
+    def shapes(
+        self, element: ElementTree.Element, where: str, mesh: Callable[[str, Vector], tuple[T, ...]]
+    ) -> tuple[Shape | T, ...]:
+        """What a collision or visual element has: a shape, or what ``mesh`` gives; nothing if there is a problem."""
+        geometry = self.one(element, "geometry", where)
         kinds = [] if geometry is None else list(geometry)
         if len(kinds) != 1:
             self.problems.append(f"{where}: <geometry> has {len(kinds)} shapes; expected exactly one")
@@ -113,8 +161,7 @@ class _Reader:
             if kind.tag == "mesh":
                 one = (1.0, 1.0, 1.0)
                 scale = self.numbers(kind, "scale", 3, where, one) if "scale" in kind.attrib else one
-                name = kind.get("filename", "")
-                return (self.meshes.mesh(name, scale),) if most == 1 else self.meshes.pieces(name, scale, most)
+                return mesh(kind.get("filename", ""), vector(scale))
             if kind.tag == "box":
                 return (Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0))),)  # type: ignore[arg-type]
             if kind.tag == "cylinder":

@@ -1,4 +1,4 @@
-"""COLLADA files give the vertices that their scene shows, where Coal sees them, or a reason why not."""
+"""COLLADA files give the faces that their scene shows, where Coal sees them, or a reason why not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from planner_service.errors import InvalidFile
 from planner_service.files.xml_reader import Malformed
-from planner_service.geometry.collada import dae_vertices
+from planner_service.geometry.collada import dae_surface
 from planner_service.geometry.mesh import Mesh
 
 CORNERS = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.3], [0.0, 0.2, 0.0], [0.1, 0.0, 0.0]]
@@ -41,7 +41,7 @@ def document(
 
 
 def corners(text: str) -> list[list[float]]:
-    found: list[list[float]] = np.unique(dae_vertices(text.encode()), axis=0).tolist()
+    found: list[list[float]] = np.unique(dae_surface(text.encode())[0], axis=0).tolist()
     return found
 
 
@@ -89,6 +89,60 @@ def test_a_mesh_stands_where_coal_reads_it(tmp_path: Path, nodes: str, up: str) 
     assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < ROUNDING
 
 
+def volume(nodes: str) -> float:
+    """Of the solid that the triangles enclose, negative if they face inwards."""
+    vertices, triangles = dae_surface(document(nodes).encode())
+    a, b, c = (vertices[triangles()[:, k]] for k in range(3))
+    return float((np.cross(a, b) * c).sum() / 6.0)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "factor"),
+    [
+        (PLACED["a matrix"], 1.0),
+        (PLACED["scale below a turn"], 3.0),
+        (PLACED["twice"], 2.0),
+        (f"<node><scale>-1 1 2</scale>{GEOMETRY}</node>", 2.0),
+        (f"<node><scale>-1 -1 2</scale>{GEOMETRY}</node>", 2.0),
+        (f"<node><scale>-1 1 1</scale>{GEOMETRY}</node><node>{GEOMETRY}</node>", 2.0),
+    ],
+)
+def test_triangles_stand_where_their_nodes_place_them_and_face_outwards(nodes: str, factor: float) -> None:
+    assert volume(nodes) == pytest.approx(0.001 * factor, rel=1e-12)
+
+
+INPUT = '<input semantic="VERTEX" source="#v" offset="0"/>'
+WRITTEN = [
+    (f'<triangles count="1">{INPUT}<p>0 1 2</p></triangles>', [(0, 1, 2)]),
+    (
+        f'<polylist count="3">{INPUT}<vcount>4 3 5</vcount><p>0 1 2 3 3 2 1 0 1 2 3 1</p></polylist>',
+        [(0, 1, 2), (0, 2, 3), (3, 2, 1), (0, 1, 2), (0, 2, 3), (0, 3, 1)],
+    ),
+    (f'<polygons count="2">{INPUT}<p>0 1 2 3</p><p>3 2 1</p></polygons>', [(0, 1, 2), (0, 2, 3), (3, 2, 1)]),
+    (
+        f'<tristrips count="2">{INPUT}<p>0 1 2 3 0</p><p>3 2 1</p></tristrips>',
+        [(0, 1, 2), (2, 1, 3), (2, 3, 0), (3, 2, 1)],
+    ),
+    (f'<trifans count="1">{INPUT}<p>0 1 2 3</p></trifans>', [(0, 1, 2), (0, 2, 3)]),
+    (f'<lines count="1">{INPUT}<p>2 3 1 0</p></lines>', []),
+]
+
+
+@pytest.mark.parametrize(("faces", "expected"), WRITTEN)
+def test_polygons_strips_and_fans_become_triangles(faces: str, expected: list[tuple[int, int, int]]) -> None:
+    vertices, triangles = dae_surface(document(faces=faces).encode())
+    positions = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]])
+    assert vertices[triangles()].tolist() == positions[np.array(expected, dtype=int).reshape(-1, 3)].tolist()
+
+
+@pytest.mark.parametrize("sizes", ["2 3", "-1 6"])
+def test_a_polygon_of_fewer_than_three_corners_is_refused(sizes: str) -> None:
+    faces = f'<polylist count="2">{INPUT}<vcount>{sizes}</vcount><p>0 1 2 3 0</p></polylist>'
+    _, triangles = dae_surface(document(faces=faces).encode())
+    with pytest.raises(Malformed, match="expected three or more"):
+        triangles()
+
+
 REFUSED = [
     (document(asset='<unit meter="0.01"/>'), "a unit of 0.01 m: readers of robot descriptions differ"),
     (document('<node><instance_controller url="#c"/></node>'), "<instance_controller> in a node"),
@@ -112,7 +166,10 @@ REFUSED = [
     (document().replace('name="X"', 'name="Y"'), "positions Y, Y, Z"),
     (document().replace("9 9 9", "9 9 x"), "'x' is not a number"),
     (document().replace("9 9 9", f"9 9 {'9' * 65}"), "is not a number"),
-    (document(library='<library_nodes><node id="n"/><node id="n"/></library_nodes>'), "id 'n' twice"),
+    (
+        document('<node><instance_node url="#n"/></node>', library='<node id="n"/><node id="n"/>'),
+        "<node> with the id 'n' twice",
+    ),
     (document().replace("<scene>", "<scenes>").replace("</scene>", "</scenes>"), "with 0 <scene>"),
     ("<!DOCTYPE COLLADA>" + document().partition("?>")[2], "<!DOCTYPE is not allowed"),
     ("<robot/>", "the root element is <robot>"),
@@ -123,19 +180,23 @@ REFUSED = [
 @pytest.mark.parametrize(("text", "reason"), REFUSED)
 def test_what_is_not_understood_is_refused(text: str, reason: str) -> None:
     with pytest.raises(Malformed, match=reason):
-        dae_vertices(text.encode())
+        dae_surface(text.encode())
+
+
+def test_an_id_that_nothing_refers_to_may_be_there_twice() -> None:
+    assert corners(document(library='<library_nodes><node id="n"/><node id="n"/></library_nodes>')) == CORNERS
 
 
 def test_a_document_of_too_many_elements_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("planner_service.files.xml_reader.MAX_ELEMENTS", 10)
     with pytest.raises(Malformed, match="more than 10 elements"):
-        dae_vertices(document().encode())
+        dae_surface(document().encode())
 
 
 def test_nodes_in_a_circle_end() -> None:
     library = '<library_nodes><node id="n"><instance_node url="#n"/></node></library_nodes>'
     with pytest.raises(Malformed, match="nested deeper than 64, perhaps in a circle"):
-        dae_vertices(document('<node><instance_node url="#n"/></node>', library=library).encode())
+        dae_surface(document('<node><instance_node url="#n"/></node>', library=library).encode())
 
 
 def test_nodes_that_multiply_end() -> None:
@@ -143,7 +204,7 @@ def test_nodes_that_multiply_end() -> None:
     nodes = "".join(f'<node id="n{k}">{below}</node>' for k, below in enumerate(twice))
     library = f'<library_nodes>{nodes}<node id="n40"/></library_nodes>'
     with pytest.raises(Malformed, match="more than 10,000"):
-        dae_vertices(document('<node><instance_node url="#n0"/></node>', library=library).encode())
+        dae_surface(document('<node><instance_node url="#n0"/></node>', library=library).encode())
 
 
 def test_a_mesh_file_may_be_collada(tmp_path: Path) -> None:

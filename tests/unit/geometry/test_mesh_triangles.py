@@ -118,7 +118,7 @@ def test_a_triangle_without_three_different_corners_is_left_out(tmp_path: Path) 
 
 BIG = ply_binary(">", "binary_big_endian")
 REFUSED = [
-    ("x.txt", OBJ, "suffix '.txt'; expected one of .stl, .obj, .ply"),
+    ("x.txt", OBJ, "suffix '.txt'; expected one of .stl, .obj, .ply, .dae"),
     ("none.stl", bytes(84), "no triangles"),
     ("none.obj", V, "an OBJ without a face"),
     ("thin.obj", V + "f 1 1 2\n", "no triangles"),

@@ -1,0 +1,102 @@
+"""What links look like is read as their files have it, and a picture that cannot be read never costs a robot."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidFile
+from planner_service.geometry.mesh_paths import Surface
+from planner_service.geometry.shapes import Box, Sphere
+from planner_service.robot.package_files import package_folder
+from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.visuals import link_visuals, visuals_of
+from tests.support.small_robots import joint, link, solid, urdf
+
+CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0))
+PATCH = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "f 1 2 3\n"
+"""One triangle: flat, which no collision shape may be."""
+
+
+def seen(name: str, *visuals: str) -> str:
+    return link(name, "".join(visuals)).replace("collision", "visual")
+
+
+def mesh(file: str, scale: str = "1 1 1", rpy: str = "0 0 0") -> str:
+    geometry = f'<geometry><mesh filename="{file}" scale="{scale}"/></geometry>'
+    return f'<visual><origin xyz="1 2 3" rpy="{rpy}"/>{geometry}</visual>'
+
+
+def arm(folder: Path, *parts: str) -> Path:
+    (folder / "patch.obj").write_text(PATCH)
+    content = [link("foot", solid("sphere", 'radius="0.1"')), *parts, link("tip", solid("sphere", 'radius="0.1"'))]
+    joints = [joint("turn", "revolute foot tip -1 1", xyz="1 0 0")]
+    joints += [joint(f"j{k}", f"fixed foot {part.split(chr(34))[1]} 0 0") for k, part in enumerate(parts)]
+    (folder / "arm.urdf").write_text(urdf("arm", *content, *joints))
+    return folder / "arm.urdf"
+
+
+def test_a_mesh_is_its_triangles_where_the_link_has_them(tmp_path: Path) -> None:
+    path = arm(tmp_path, seen("cover", mesh("patch.obj", "0.5 2 1", f"0 0 {math.pi / 2!r}"), mesh("patch.obj")))
+    found = link_visuals(path)
+    assert list(found) == ["cover"]
+    first, second = found["cover"]
+    assert isinstance(first.appearance, Surface)
+    assert isinstance(second.appearance, Surface)
+    corners = np.array(CORNERS, dtype=float)
+    assert sorted(first.appearance.vertices.tolist()) == sorted((corners * (0.5, 2.0, 1.0)).tolist())
+    assert second.appearance.vertices[second.appearance.triangles[0]].tolist() == corners.tolist()
+    turned = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+    assert np.allclose(first.pose.matrix, turned, rtol=0.0, atol=1e-15)
+
+
+def test_boxes_and_balls_stay_what_they_are(tmp_path: Path) -> None:
+    path = arm(tmp_path, seen("cover", solid("box", "0.1 0.2 0.3"), solid("sphere", 'radius="0.2"')))
+    assert [item.appearance for item in link_visuals(path)["cover"]] == [Box((0.1, 0.2, 0.3)), Sphere(0.2)]
+
+
+def test_nothing_is_read_unless_asked_for(tmp_path: Path) -> None:
+    urdf = read_urdf(arm(tmp_path, seen("cover", mesh("none.obj"))))
+    assert (visuals_of(urdf), urdf.unread_visuals) == ({}, ())
+
+
+UNREADABLE = [
+    (mesh("none.obj"), "link 'cover' visual[1]: mesh 'none.obj' does not exist"),
+    (mesh("/etc/passwd"), "is not a .stl, .obj, .ply or .dae file"),
+    (mesh("patch.obj", "0 1 1"), "scale: got"),
+    (solid("box", "1 1"), "link 'cover' visual[1]: size = '1 1'; expected 3 finite numbers"),
+    (solid("cone", 'radius="1"'), "unknown geometry <cone>"),
+    (mesh("patch.obj", rpy="0 x 0"), "rpy = '0 x 0'"),
+    ("<visual/>", "<geometry> has 0 shapes"),
+]
+
+
+@pytest.mark.parametrize(("element", "why"), UNREADABLE)
+def test_a_visual_with_a_problem_is_left_out_and_said_so(tmp_path: Path, element: str, why: str) -> None:
+    urdf = read_urdf(arm(tmp_path, seen("cover", mesh("patch.obj"), element)), visuals=True)
+    assert len(visuals_of(urdf)["cover"]) == 1
+    (told,) = urdf.unread_visuals
+    assert why in told
+
+
+def test_other_problems_are_still_refused(tmp_path: Path) -> None:
+    path = arm(tmp_path, seen("cover", mesh("none.obj")))
+    path.write_text(path.read_text().replace('radius="0.1"', 'radius="-1"', 1))
+    with pytest.raises(InvalidFile, match=r"1 problem\(s\)\n.*link 'foot' collision\[0\]: sphere radius"):
+        link_visuals(path)
+
+
+@pytest.mark.parametrize("name", ["panda_description/urdf/panda", "ur_description/urdf/ur10_robot"])
+def test_example_robots_look_like_something(name: str) -> None:
+    """Their COLLADA meshes have up to 20,000 triangles, and enclose about what the hulls of the links do."""
+    path = package_folder("example-robot-data") / "robots" / f"{name}.urdf"
+    found = link_visuals(path)
+    assert {"upper_arm_link", "panda_link3"} & set(found)
+    for visuals in found.values():
+        for item in visuals:
+            assert isinstance(item.appearance, Surface)
+            size = np.ptp(item.appearance.vertices[np.unique(item.appearance.triangles)], axis=0)
+            assert 0.01 < size.max() < 1.0
