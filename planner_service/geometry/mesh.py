@@ -17,9 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks, cross, frozen, read_only, set_fields
+from planner_service.geometry.arrays import (
+    FloatArray,
+    IntArray,
+    along,
+    blocks,
+    cosines_and_sines,
+    cross,
+    frozen,
+    read_only,
+    set_fields,
+)
 from planner_service.geometry.mesh_formats import MAX_VERTICES, read_vertices
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, margin_of, numbers, points_of, vectors
 
@@ -27,6 +37,12 @@ __all__ = ["Mesh", "checked_scale"]
 
 MAX_HULL = 5_000
 """Corners of a hull, each of which every distance bound looks at; a scanned ball of 50,000 vertices has fewer."""
+SIMPLE_HULL = 600
+"""Corners kept of a larger hull: it is then grown, and growing makes at most eight of one."""
+AT_ONCE = 100
+"""Points whose distance is computed together."""
+DIRECTIONS = 100
+"""In which the first of these corners are farthest."""
 
 THINNEST = 1e-6
 """Metres: anything thinner is flat up to rounding, and collision libraries are undefined below this gap."""
@@ -46,6 +62,8 @@ class Mesh:
         faces: Triangles (t, 3) that bound the hull, as rows of ``vertices``, counter-clockwise seen from outside.
         normals: Their outward unit normals, (t, 3).
         offsets: The hull lies where ``normals . x <= offsets``, (t,).
+        growth: Metres by which this hull extends at most beyond that of a file's vertices, which it contains; 0 but for
+            files whose hulls have more than 5,000 corners.
 
     Raises:
         InvalidRequest: not finite numbers of shape (n, 3), more than 500,000 points, beyond 1 km, flat (thinner than
@@ -56,6 +74,7 @@ class Mesh:
     faces: IntArray = field(init=False)
     normals: FloatArray = field(init=False)
     offsets: FloatArray = field(init=False)
+    growth: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
         self._become(_checked(self.vertices), MAX_HULL)
@@ -79,6 +98,8 @@ class Mesh:
     def from_file(cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
         """The solid hull of the vertices in an STL, OBJ, PLY or COLLADA (.dae) file.
 
+        A hull of more than 5,000 corners is replaced by a simpler one around it; see ``growth``.
+
         Args:
             scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
 
@@ -88,7 +109,7 @@ class Mesh:
         """
         file = as_path("path", path)
         points = read_vertices(file, checked_scale("scale", scale))
-        return in_file(file, lambda: cls(points))
+        return in_file(file, lambda: _simple(points))
 
     @cached_property
     def digest(self) -> str:
@@ -169,6 +190,95 @@ def _grown(mesh: Mesh, margin: float) -> Mesh:
     points = np.unique(np.concatenate([moved, (mesh.vertices[~blunt, None] + cube).reshape(-1, 3)]), axis=0)
     out._become(points, len(points))
     return out
+
+
+def _simple(vertices: FloatArray) -> Mesh:
+    """The hull of vertices (n, 3); one of more than ``MAX_HULL`` corners is replaced by a simpler one around it.
+
+    Of its corners those are kept that are farthest in some direction, then those farthest from the hull of the kept
+    ones. That hull is grown by as much as any other corner is outside of it.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = _checked(vertices)
+    try:
+        corners = points[np.sort(ConvexHull(points).vertices)]
+    except (QhullError, ValueError):
+        raise _flat(points) from None
+    if len(corners) <= MAX_HULL:
+        return Mesh(corners)
+    kept = np.unique([int(along(corners, direction).argmax()) for direction in _directions(DIRECTIONS)])
+    slack = ROUNDING * float((corners.max(axis=0) - corners.min(axis=0)).max())
+    while True:
+        inner = Mesh(corners[kept])
+        outside, farthest = _outside(inner, corners, slack)
+        if len(kept) == SIMPLE_HULL or not len(farthest):
+            break
+        kept = np.union1d(kept, farthest[: SIMPLE_HULL - len(kept)])
+    outside[kept] = 0.0
+    outer = Mesh(inner.grown(_largest(inner, corners, outside) + slack).vertices)
+    if float(_heights(outer, corners).max()) > 0.0:
+        raise BrokenInvariant("a hull was to be simplified, and sticks out of the simpler one")
+    set_fields(outer, growth=float(inner.distance(outer.vertices).max()))
+    return outer
+
+
+def _directions(count: int) -> FloatArray:
+    """Unit vectors (count, 3) along a spiral on the sphere, evenly spread: the same bits everywhere."""
+    k = np.arange(count, dtype=np.float64)
+    z = 1.0 - (2.0 * k + 1.0) / count
+    c, s = cosines_and_sines(np.pi * (3.0 - np.sqrt(5.0)) * k)
+    across = np.sqrt(1.0 - z * z)
+    return np.stack([across * c, across * s, z], axis=-1)
+
+
+def _heights(mesh: Mesh, points: FloatArray) -> FloatArray:
+    """How far points (k, 3) are above the highest of the planes through a mesh's faces, (k,)."""
+    rows = [
+        (along(mesh.normals, points[k]) - mesh.offsets).max(axis=-1) for k in blocks(len(points), len(mesh.normals))
+    ]
+    return np.concatenate(rows)
+
+
+def _outside(mesh: Mesh, points: FloatArray, slack: float) -> tuple[FloatArray, IntArray]:
+    """Upper bounds (k,) of the distances of points (k, 3) from a mesh, and which points are farthest above its faces.
+
+    The bound is the distance from the face whose plane the point is highest above. The rows of points come with the
+    highest first, one for each face that has a point more than ``slack`` above it.
+    """
+    face, height = np.zeros(len(points), dtype=np.intp), np.zeros(len(points))
+    for k in blocks(len(points), len(mesh.normals)):
+        above = along(mesh.normals, points[k]) - mesh.offsets
+        face[k], height[k] = above.argmax(axis=-1), above.max(axis=-1)
+    corners = mesh.vertices[mesh.faces[face]]
+    foot = points - height[:, None] * mesh.normals[face]
+    beside = np.full(len(points), False)
+    least = np.full(len(points), np.inf)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        start, edge = corners[:, a], corners[:, b] - corners[:, a]
+        beside |= (cross(mesh.normals[face], edge) * (foot - start)).sum(axis=-1) < 0.0
+        rest = points - start - edge * _share(points - start, edge)[:, None]
+        least = np.minimum(least, np.sqrt((rest * rest).sum(axis=-1)))
+    bound = np.where(height <= 0.0, 0.0, np.where(beside, least, height))
+    order = np.lexsort((np.arange(len(points)), -height))
+    _, first = np.unique(face[order], return_index=True)
+    rows = order[np.sort(first)]
+    return bound, rows[height[rows] > slack]
+
+
+def _largest(mesh: Mesh, points: FloatArray, bounds: FloatArray) -> float:
+    """The largest distance of points (k, 3) from a mesh; ``bounds`` are not below their distances."""
+    order, largest = np.argsort(-bounds, kind="stable"), 0.0
+    for k in range(0, len(order), AT_ONCE):
+        if not bounds[order[k]] > largest:
+            break
+        largest = max(largest, float(mesh.distance(points[order[k : k + AT_ONCE]]).max()))
+    return largest
+
+
+def _share(x: FloatArray, edge: FloatArray) -> FloatArray:
+    """Where the points of edges (k, 3) that are nearest to x (k, 3) are, 0 to 1."""
+    return np.asarray(np.clip((x * edge).sum(axis=-1) / (edge * edge).sum(axis=-1), 0.0, 1.0))
 
 
 def checked_scale(field_name: str, scale: Any) -> tuple[float, float, float]:

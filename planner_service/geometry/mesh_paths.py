@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,8 @@ from planner_service.geometry.mesh_formats import MESH_SUFFIXES, read_triangles
 __all__ = ["MeshLoader", "Surface"]
 
 T = TypeVar("T")
+
+logger = logging.getLogger(__name__)
 
 MAX_TOTAL = 500_000_000
 """Bytes of all meshes and clouds of one robot or scene."""
@@ -67,7 +70,10 @@ class MeshLoader:
             if self._scaled > MAX_SCALED:
                 why = f"is used in too many scales: hulls with more than {MAX_SCALED:,} corners in all"
                 raise _refused(filename, why)
-            self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
+            mesh = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
+            if mesh.growth:
+                logger.info("%s: its hull is simplified, and at most %.2g mm larger", key[0], 1000.0 * mesh.growth)
+            self._read[key] = mesh
             self._corners[key[0]] = len(self._read[key].vertices)
         return self._read[key]
 

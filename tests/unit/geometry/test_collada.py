@@ -113,7 +113,7 @@ def test_triangles_stand_where_their_nodes_place_them_and_face_outwards(nodes: s
 
 INPUT = '<input semantic="VERTEX" source="#v" offset="0"/>'
 WRITTEN = [
-    (f'<triangles count="1">{INPUT}<p>0 1 2</p></triangles>', [(0, 1, 2)]),
+    (f'<triangles count="1">{INPUT}<p>1 2 3</p></triangles>', [(1, 2, 3)]),
     (
         f'<polylist count="3">{INPUT}<vcount>4 3 5</vcount><p>0 1 2 3 3 2 1 0 1 2 3 1</p></polylist>',
         [(0, 1, 2), (0, 2, 3), (3, 2, 1), (0, 1, 2), (0, 2, 3), (0, 3, 1)],

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import math
 from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -236,6 +238,58 @@ def test_a_hull_of_too_many_corners_is_refused_and_a_mesh_of_many_points_is_not(
     assert len(Mesh(np.concatenate([ball[:50], 0.4 * ball])).vertices) <= 50
     with pytest.raises(InvalidRequest, match="got a hull of 5,001 corners; expected a hull of at most 5,000 corners"):
         Mesh(ball)
+
+
+def sphere(rng: np.random.Generator, count: int) -> FloatArray:
+    points = rng.normal(size=(count, 3))
+    return np.asarray(points / np.sqrt((points * points).sum(axis=1))[:, None])
+
+
+def drum(rng: np.random.Generator, count: int) -> FloatArray:
+    turns = rng.uniform(0.0, 2 * np.pi, count)
+    return np.stack([0.1 * np.cos(turns), 0.1 * np.sin(turns), np.where(np.arange(count) % 2, 0.2, 0.0)], axis=1)
+
+
+def rounded(rng: np.random.Generator, count: int) -> FloatArray:
+    ball = sphere(rng, count)
+    return np.asarray(0.02 * ball + np.sign(ball) * [0.1, 0.2, 0.3])
+
+
+LARGE: dict[str, tuple[Callable[[np.random.Generator], FloatArray], float]] = {
+    "ball": (lambda rng: 0.1 * sphere(rng, 8000), 1.2e-3),
+    "lens": (lambda rng: sphere(rng, 8000) * [0.2, 0.2, 0.01], 3e-3),
+    "drum": (lambda rng: drum(rng, 6000), 1e-4),
+    "rounded box": (lambda rng: rounded(rng, 8000), 4e-4),
+    "needle": (lambda rng: sphere(rng, 8000) * [1.0, 1e-4, 1e-4] + 500.0, 1e-5),
+}
+"""Solids of more corners than a hull may have, and metres by which simpler ones may be larger."""
+
+
+@pytest.mark.parametrize("solid", LARGE)
+def test_a_large_hull_of_a_file_is_replaced_by_one_that_holds_it_and_is_little_larger(
+    tmp_path: Path, solid: str
+) -> None:
+    rng = np.random.default_rng(2)
+    make, most = LARGE[solid]
+    points = make(rng)
+    rows = "\n".join(" ".join(map(repr, row)) for row in points.tolist())
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    (tmp_path / "solid.ply").write_text(
+        f"{head}property double x\nproperty double y\nproperty double z\nend_header\n{rows}\n"
+    )
+    simple = Mesh.from_file(tmp_path / "solid.ply")
+    assert len(simple.vertices) <= MAX_HULL
+    directions = sphere(rng, 1000)
+    beyond = [float((simple.vertices @ d).max() - (points @ d).max()) for d in directions]
+    assert 0.0 < min(beyond) <= max(beyond) <= simple.growth <= most
+    assert np.array_equal(simple.distance(points), np.zeros(len(points)))
+    assert Mesh.from_file(tmp_path / "solid.ply") == simple
+
+
+def test_a_hull_of_a_file_that_is_not_large_is_not_grown(tmp_path: Path) -> None:
+    (tmp_path / "cube.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3\n")
+    found = Mesh.from_file(tmp_path / "cube.obj")
+    assert (found, found.growth) == (Mesh(CUBE), 0.0)
 
 
 @pytest.mark.parametrize("scale", [(1.0, 1.0), 1.0, (1.0, 0.0, 1.0), (1.0, math.nan, 1.0), (math.inf, 1, 1), "111"])
