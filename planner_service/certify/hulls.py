@@ -14,7 +14,7 @@ import numpy as np
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from planner_service.certify.native._proof import Hulls
+    from planner_service.certify.native import _proof
 
 __all__ = ["Corners", "dot", "nearest_of"]
 
@@ -49,7 +49,7 @@ class Corners:
     rows: IntArray
     table: FloatArray
     radii: FloatArray
-    compiled: Hulls | None = None
+    compiled: _proof.Hulls | None = None
 
     @classmethod
     def of(cls, clouds: Sequence[FloatArray | None]) -> Corners | None:
@@ -71,10 +71,10 @@ class Corners:
     def with_compiled(self) -> Corners:
         """The same, told by compiled code how far they extend; as they are where it was not built."""
         try:
-            from planner_service.certify.native._proof import Hulls
+            from planner_service.certify.native import _proof
         except ImportError:
             return self
-        return replace(self, compiled=Hulls(self.clouds()))
+        return replace(self, compiled=_proof.Hulls(self.clouds()))
 
     def clouds(self) -> list[FloatArray]:
         """The corners (v, 3) of each hull, each once."""

@@ -1,4 +1,4 @@
-"""Joints that mimic others: where they stand, what the kernel and the proof say, against checkers that share no code."""
+"""Joints that mimic others: where they stand, and what kernel and proof say, against checkers that share no code."""
 
 from __future__ import annotations
 
