@@ -25,6 +25,7 @@ from planner_service.constraints import Constraint
 from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import flag, instance
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
@@ -52,6 +53,9 @@ from planner_service.timing.laws import Trapezoidal
 __all__ = ["PlannerService"]
 
 T = TypeVar("T")
+
+MAX_WINDOWS = 4
+"""Windows of continuous joints for which a service keeps a checker."""
 
 os.register_at_fork(after_in_child=renew_locks)
 
@@ -85,6 +89,7 @@ class PlannerService:
         self._planning = self._new_checker()
         self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
         self._certifier = Prepared(self._new_certifier, quick=self._planning.quick)
+        self._windows: dict[Robot, tuple[CollisionChecker, Prepared[Certifier]]] = {}
         self._process = os.getpid()
 
     @classmethod
@@ -112,8 +117,23 @@ class PlannerService:
         """Pairs of link or object names that may touch, beside those the robot allows; sorted."""
         return self._planning.allowed
 
-    def _new_checker(self) -> CollisionChecker:
-        return CollisionChecker(self.robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
+    def _new_checker(self, robot: Robot | None = None) -> CollisionChecker:
+        robot = self.robot if robot is None else robot
+        return CollisionChecker(robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
+
+    def _window(self, q: ArrayLike | None) -> tuple[CollisionChecker, Prepared[Certifier]]:
+        """What plans and proves where continuous joints have made some turns; the usual if they have not."""
+        robot = self.robot if q is None else self.robot.around(q)
+        if robot is self.robot:
+            return self._planning, self._certifier
+        known = self._windows.get(robot)
+        if known is None:
+            checker = self._new_checker(robot)
+            for old in list(self._windows)[: len(self._windows) + 1 - MAX_WINDOWS]:
+                self._windows.pop(old, None)
+            prover = Prepared(partial(self._new_certifier, robot), quick=checker.quick)
+            known = self._windows.setdefault(robot, (checker, prover))
+        return known
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Sent to another process, a service is built anew there."""
@@ -149,7 +169,8 @@ class PlannerService:
         instance("request", request, PlanRequest, "a PlanRequest")
         flag("trace", trace)
         tracer = Tracer() if trace else None
-        result = plan(request, self._planning, self._certifier, cancel=cancel, tracer=tracer)
+        checker, certifier = self._window(request.start if not isinstance(request.planner, Roadmap) else None)
+        result = plan(request, checker, certifier, cancel=cancel, tracer=tracer)
         return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
 
     def plan_many(
@@ -229,10 +250,11 @@ class PlannerService:
         if scene is not None:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
+        checker, certifier = self._window(_later(previous, at_time, latency))
         replanned = replan(
             previous,
-            self._planning,
-            self._certifier,
+            checker,
+            certifier,
             at_time=at_time,
             latency=latency,
             request=request,
@@ -241,8 +263,8 @@ class PlannerService:
         )
         return replace(replanned, result=replace(replanned.result, origin=Origin(self.world, replanned.request)))
 
-    def _new_certifier(self) -> Certifier:
-        return Certifier(self.robot, self.scene, allowed=self._allowed)
+    def _new_certifier(self, robot: Robot | None = None) -> Certifier:
+        return Certifier(self.robot if robot is None else robot, self.scene, allowed=self._allowed)
 
     def certify(
         self,
@@ -454,3 +476,15 @@ class PlannerService:
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:
             raise InvalidRequest("service", "built before a fork", "a PlannerService built in this process")
+
+
+def _later(previous: PlanResult | Replanned, at_time: float, latency: float) -> FloatArray | None:
+    """Where a motion has a robot once ``replan`` has returned; None if that is to be refused."""
+    result = previous.result if isinstance(previous, Replanned) else previous
+    trajectory = result.trajectory if isinstance(result, PlanResult) else None
+    if trajectory is None:
+        return None
+    try:
+        return trajectory(min(max(at_time + latency, 0.0), trajectory.duration))
+    except (TypeError, InvalidRequest):
+        return None

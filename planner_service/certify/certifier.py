@@ -171,7 +171,7 @@ class Certifier:
         self.listed = ProofPairs(robot, scene, self._allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
-        self._bounds = robot.limits.lower - LIMIT_SLACK, robot.limits.upper + LIMIT_SLACK
+        self._bounds = robot.bounds[0] - LIMIT_SLACK, robot.bounds[1] + LIMIT_SLACK
         self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
 
     def certify(
@@ -302,7 +302,7 @@ class Certifier:
         return values
 
     def _check_limits(self, name: str, rows: FloatArray) -> None:
-        lower, upper = self.robot.limits.lower, self.robot.limits.upper
+        lower, upper = self.robot.bounds
         inside = (rows >= self._bounds[0]) & (rows <= self._bounds[1])  # False for NaN
         if not inside.all():
             row, joint = np.argwhere(~inside)[0].tolist()

@@ -109,10 +109,10 @@ def certify_gripper(
 def _within(robot: Robot, q: ArrayLike) -> FloatArray:
     """A configuration, its rounding beyond the limits taken off."""
     expected = f"{robot.n} joint values within the limits of {robot.name}"
-    values, limits = numbers("q", q, expected), robot.limits
+    values, (lower, upper) = numbers("q", q, expected), robot.bounds
     if values.shape != (robot.n,):
         raise InvalidRequest("q", values.tolist(), expected)
-    inside = np.clip(values, limits.lower, limits.upper)
+    inside = np.clip(values, lower, upper)
     if not np.all(np.abs(inside - values) <= LIMIT_SLACK):  # False for NaN
         raise InvalidRequest("q", values.tolist(), expected)
     return np.asarray(inside)
@@ -149,5 +149,6 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         allowed_contacts=(*robot.allowed_contacts, *guides),
         gripper=None,
         retreats=(),
+        continuous=(*robot.continuous, False) if robot.continuous else (),
     )
     return lock_joints(sliding, dict(zip(robot.joint_names, q.tolist(), strict=True)))

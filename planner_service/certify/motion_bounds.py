@@ -50,7 +50,7 @@ class _Arm:
     def __init__(self, robot: Robot, riding: Sequence[Piece], *, compiled: bool) -> None:
         bodies = robot.bodies
         self.n = robot.n
-        self.limits = np.stack([robot.limits.lower, robot.limits.upper])
+        self.limits = np.stack(robot.bounds)
         self._riding = len(riding)
         self._solids = Solids.of([piece.shape for piece in riding], compiled=compiled)
         self.local = _table([_centred(piece) for piece in riding])[:, :, None]

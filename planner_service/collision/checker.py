@@ -122,8 +122,8 @@ class CollisionChecker:
         self._coarse_segments = coarse_segments_of(self.edge_step)
         self._backend = make_backend(self.backend, self.robot, parts, lambda: self._broadphase)
         self._reach: list[float] = self.robot.reach(parts.carried).tolist()
-        self._lower = [value - LIMIT_SLACK for value in self.robot.limits.lower.tolist()]
-        self._upper = [value + LIMIT_SLACK for value in self.robot.limits.upper.tolist()]
+        self._lower = [value - LIMIT_SLACK for value in self.robot.bounds[0].tolist()]
+        self._upper = [value + LIMIT_SLACK for value in self.robot.bounds[1].tolist()]
         self._rows_at_once = self._backend.rows_at_once
         self._kernel = self._configured_kernel()
 
@@ -181,7 +181,10 @@ class CollisionChecker:
         if not isinstance(self._backend, NativeBackend):
             return None
         kernel = self._backend.kernel
-        return kernel if configure_edges(kernel, self._lower, self._upper, self._reach, self.edge_step) else None
+        limits = self.robot.limits  # outside them there is no table of what is proven apart, and pairs are looked at
+        tables = (limits.lower - LIMIT_SLACK).tolist(), (limits.upper + LIMIT_SLACK).tolist()
+        bounds = self._lower, self._upper
+        return kernel if configure_edges(kernel, bounds, tables, self._reach, self.edge_step) else None
 
     @cached_property
     def _broadphase(self) -> Broadphase:
@@ -516,7 +519,7 @@ class CollisionChecker:
             raise InvalidRequest(field, np.shape(q), f"{self.robot.n} joint values, shape ({self.robot.n},)")
         for k, value in enumerate(array.tolist()):
             if not self._lower[k] <= value <= self._upper[k]:
-                low, high = self.robot.limits.lower[k], self.robot.limits.upper[k]
+                low, high = (bound[k] for bound in self.robot.bounds)
                 raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
         return array
 

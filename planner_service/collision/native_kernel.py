@@ -55,15 +55,24 @@ def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -
 
 
 def configure_edges(
-    kernel: _core.CollisionKernel, lower: list[float], upper: list[float], reach: list[float], step: EdgeStep
+    kernel: _core.CollisionKernel,
+    bounds: tuple[list[float], list[float]],
+    tables: tuple[list[float], list[float]],
+    reach: list[float],
+    step: EdgeStep,
 ) -> bool:
-    """Have the kernel check states and edges within these limits itself; False if the step is a user's own rule."""
+    """Have the kernel check states and edges itself; False if the step is a user's own rule.
+
+    Args:
+        bounds: Between which joint values it takes states and edges, lower and upper.
+        tables: Between which it keeps what is proven of pairs of links.
+    """
     rules = _simple_rules(step)
     if not rules or any(type(rule) not in (MotionStep, JointStep) for rule in rules):
         return False
     kernel.configure(
-        lower,
-        upper,
+        *bounds,
+        *tables,
         reach,
         motion_steps=[rule.distance for rule in rules if isinstance(rule, MotionStep)],
         joint_steps=[rule.angle for rule in rules if isinstance(rule, JointStep)],

@@ -174,7 +174,7 @@ def _require_within(motion: Motion, robot: Robot, limits: ArmLimits, speed: floa
         raise refusal(f"trajectory of {motion.name}", actual, f"the {robot.n} joints of {robot.name}")
     least, most = path.waypoints.min(axis=0), path.waypoints.max(axis=0)  # blends stay between their waypoints
     for whose, lower, upper, slack in (
-        ("the robot", robot.limits.lower, robot.limits.upper, TOLERANCE),
+        ("the robot", *robot.bounds, TOLERANCE),
         ("the arm", limits.lower, limits.upper, ROUNDED),
     ):
         for k, joint in enumerate(robot.joint_names):

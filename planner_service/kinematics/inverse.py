@@ -290,6 +290,7 @@ def straight_tool_line(
     whole("points", points, 2, 10_000)
     require_joint_rate(max_joint_rate)
     q = finite_numbers("q_start", q_start, robot.n)
+    robot = robot.around(q)
     require_within_limits("q_start", robot, q)
     chain = ToolChain.of(robot, q)
     line = _within_rate(chain.robot, _walked(chain.robot, chain.of_whole(q), to, points), to, max_joint_rate)

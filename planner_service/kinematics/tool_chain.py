@@ -45,7 +45,7 @@ class ToolChain:
         if not columns:
             raise InvalidRequest("tool_frame", robot.tool_frame, "a tool that a joint moves; ask for joint values")
         locked = {}
-        limits = zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True)
+        limits = zip(*(bound.tolist() for bound in robot.bounds), strict=True)
         for index, (name, value, (low, high)) in enumerate(zip(robot.joint_names, still.tolist(), limits, strict=True)):
             if index not in columns:
                 if not low - LIMIT_SLACK <= value <= high + LIMIT_SLACK:

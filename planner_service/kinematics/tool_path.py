@@ -229,6 +229,7 @@ def walk_tool_path(robot: Robot, q_start: FloatArray, path: ToolPath, *, max_joi
     Raises:
         InvalidRequest: ``q_start`` is outside the limits, or no joint moves the tool.
     """
+    robot = robot.around(q_start)
     require_within_limits("q_start", robot, q_start)
     chain = ToolChain.of(robot, q_start)
     walk = _PathWalk(chain.robot, chain.of_whole(q_start), path, max_joint_rate)

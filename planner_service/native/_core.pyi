@@ -115,6 +115,8 @@ class CollisionKernel:
         self,
         lower: Sequence[float],
         upper: Sequence[float],
+        table_lower: Sequence[float],
+        table_upper: Sequence[float],
         reach: Sequence[float],
         *,
         motion_steps: Sequence[float],

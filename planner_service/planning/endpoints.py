@@ -6,6 +6,7 @@ there is no plan.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -22,7 +23,7 @@ from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import nearest_free
 from planner_service.planning.request import PlanRequest, joint_vector
 from planner_service.planning.result import Failure, Reason, Stage
-from planner_service.robot.model import ExemptRetreat, Robot
+from planner_service.robot.model import TURN, ExemptRetreat, Robot
 
 __all__ = ["Ends", "GoalState", "find_ends", "padded_ends", "require_ends"]
 
@@ -32,6 +33,9 @@ RECOVERY_STATES = 1000
 SAME_POSE = 1e-4
 """Joint difference (rad) up to which a configuration is a named pose: an encoder step, 0.1 mm at the tip. A larger
 box around the folded pose of the WidowX AI is unsound: its meshes touch 0.01 rad beside it."""
+
+SAME_TURN = 1e-9
+"""Joint difference (rad) up to which two configurations, one of them turned by whole turns, are the same: rounding."""
 
 NEAR_POSE = 0.1
 """Joint difference (rad) up to which a message mentions that a pose has a way out."""
@@ -177,6 +181,8 @@ def _farthest(q: FloatArray, other: FloatArray) -> float:
 
 def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
     low, high = robot.limits.lower[joint], robot.limits.upper[joint]
+    if any(robot.continuous) and robot.continuous[joint]:
+        low, high = (bound[joint] for bound in robot.bounds)
     return f"{robot.joint_names[joint]} = {q[joint]:.6g} is outside [{low:.4f}, {high:.4f}]"
 
 
@@ -205,6 +211,9 @@ def _configurations(
     """
     robot = context.checker.robot
     if not isinstance(given, Pose | PoseGoal):
+        ways = _ways_round(robot, given, begin)
+        if ways:
+            return ways
         joint = _outside(given, robot)
         if joint is not None:
             detail = f"{name}: {_outside_in_words(given, joint, robot)}"
@@ -214,7 +223,8 @@ def _configurations(
     solutions = list[FloatArray]()
     for pose in poses:
         context.checker.ledger.poll()
-        solutions += [read_only(q) for q in inverse_kinematics(robot, pose, still=begin)]
+        found = inverse_kinematics(robot, pose, still=begin)
+        solutions += [read_only(q) for q in found] if not any(robot.continuous) else _nearest_turns(robot, found, begin)
     if not solutions:
         x, y, z = (given if isinstance(given, Pose) else given.pose).position
         tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
@@ -223,6 +233,35 @@ def _configurations(
     if isinstance(given, PoseGoal):
         solutions.sort(key=lambda q: joint_distance(begin, q))
     return solutions
+
+
+def _nearest_turns(robot: Robot, Q: FloatArray, begin: FloatArray) -> list[FloatArray]:
+    """Configurations (m, n), each once, continuous joints moved by whole turns to where they are nearest to ``begin``."""
+    out: list[FloatArray] = []
+    for q in Q:
+        turns = np.where(robot.continuous, np.round((begin - q) / TURN), 0.0)
+        near = q + TURN * turns
+        near = np.where((turns != 0.0) & (np.abs(near - begin) <= SAME_TURN), begin, near)
+        if all(_farthest(near, other) > SAME_TURN for other in out):
+            out.append(read_only(near))
+    return out
+
+
+def _ways_round(robot: Robot, goal: FloatArray, begin: FloatArray) -> list[FloatArray]:
+    """A joint goal the shortest way round, then with each continuous joint the other way, as far as there are limits.
+
+    Nothing for a robot without continuous joints.
+    """
+    if not any(robot.continuous) or not np.all((goal >= robot.bounds[0]) & (goal <= robot.bounds[1])):
+        return []
+    (nearest,) = _nearest_turns(robot, goal[None], begin)
+    out = [nearest]
+    for joint in np.flatnonzero(robot.continuous).tolist():
+        if nearest[joint] != begin[joint]:
+            other = nearest.copy()
+            other[joint] -= math.copysign(TURN, nearest[joint] - begin[joint])
+            out.append(read_only(other))
+    return [q for q in out if _outside(q, robot) is None]
 
 
 def _beyond_retreat(context: PlanContext, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:

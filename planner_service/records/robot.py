@@ -166,7 +166,7 @@ class RetreatRecord(schema.Record):
     reason: schema.Prose
 
 
-class RobotRecord(schema.Record):
+class RobotRecord(schema.GrownRecord):
     """A ``Robot`` with its hash, which has to be that of its content."""
 
     name: schema.Text
@@ -187,6 +187,7 @@ class RobotRecord(schema.Record):
     inverse: Literal["numeric", "wxai"]
     settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
     link_frames: Annotated[list[LinkFrameRecord], schema.at_most(MAX_SHAPES)] = Field(default_factory=list)
+    continuous: Annotated[list[bool], schema.at_most(MAX_JOINTS)] = Field(default_factory=list)
 
     @cached_property
     def value(self) -> Robot:
@@ -216,6 +217,12 @@ def _contradictions(robot: Robot) -> Iterator[tuple[str, object, str]]:
         if len(own) != 1:
             found = [(body.name, body.multiplier) for body in moved]
             yield "bodies", found, f"one body that {name} moves by itself, its multiplier 1, among those of mimics"
+    if robot.continuous and len(robot.continuous) != n:
+        yield "continuous", robot.continuous, f"one for each of {n} joints, or none"
+        return
+    endless = [body for body in bodies[1:] if robot.continuous and robot.continuous[body.q_index]]
+    if any(body.prismatic or not body.multiplier.is_integer() for body in endless):
+        yield "continuous", robot.continuous, "False of a joint that slides, or moves another by a part of a turn"
     if robot.tool_body >= len(bodies):
         yield "tool_body", robot.tool_body, f"one of {len(bodies)} bodies"
     poses = [name for name, _ in robot.named_poses]

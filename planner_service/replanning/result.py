@@ -151,7 +151,7 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
         raise InvalidRequest("previous", str(result.failure), expected)
     path, trajectory = result.path, result.trajectory
     made = None if result.origin is None else result.origin.world
-    lower, upper = robot.limits.lower, robot.limits.upper
+    lower, upper = robot.bounds
     if path.n != robot.n or not np.all((path.waypoints >= lower - OUTSIDE) & (path.waypoints <= upper + OUTSIDE)):
         given = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
         raise InvalidRequest("previous", given, expected)

@@ -260,6 +260,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
         shapes=assembly.shapes,
         allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
         link_frames=_link_frames(assembly, ()),
+        continuous=tuple(joint.continuous for joint in joints) if any(joint.continuous for joint in joints) else (),
     )
 
 

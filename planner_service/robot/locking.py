@@ -46,6 +46,7 @@ def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
         retreats=_kept_retreats(robot, positions, kept, shapes),
         link_frames=tuple(_moved(item, anchors) for item in robot.link_frames),
         inverse="numeric" if on_the_way else robot.inverse,
+        continuous=tuple(robot.continuous[index] for index in kept) if robot.continuous else (),
     )
 
 
@@ -58,7 +59,7 @@ def _checked(robot: Robot, joints: Mapping[str, float]) -> dict[int, float]:
         if name not in robot.joint_names:
             raise UnknownName("joint", name, robot.joint_names)
         index = robot.joint_names.index(name)
-        low, high = float(robot.limits.lower[index]), float(robot.limits.upper[index])
+        low, high = (float(bound[index]) for bound in robot.bounds)
         positions[index] = number(f"joints[{name!r}]", position, f"a position in [{low:g}, {high:g}]", low, high)
     if len(positions) == robot.n:
         raise InvalidRequest("joints", sorted(joints), f"at least one of the {robot.n} joints to remain unlocked")

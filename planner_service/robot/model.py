@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 from pathlib import Path
 from types import NoneType
@@ -41,6 +42,12 @@ __all__ = [
     "robot_blocks",
     "robot_names",
 ]
+
+MAX_TURNED = 1000.0
+"""Radians from zero, 159 turns, that a continuous joint may be at: two numbers there are 1e-13 apart, which is far below
+all tolerances."""
+
+TURN = 2.0 * math.pi
 
 URDF_SUFFIXES = (".urdf", ".xacro")
 """Of files read as URDF, their macros expanded."""
@@ -140,6 +147,9 @@ class Robot:
         gripper_width: Gap between the finger pads in metres; 0 without a gripper.
         inverse: The inverse kinematics to use: "wxai" or "numeric".
         settle_time: Seconds for which the arm vibrates after a stop.
+        continuous: Of each joint of q whether it turns without end, (n,); empty if none does. It may be anywhere within
+            ``MAX_TURNED`` radians of zero, and planning goes the shortest way round. Its ``limits`` are a window of two
+            turns (``around``).
         link_frames: Frames of all links but those of the gripper, which move with its width. Not part of ``hash``: only
             constraints use them, and where a robot is given beside a file, they are proven anew with its own frames.
     """
@@ -161,11 +171,22 @@ class Robot:
     inverse: str = "numeric"
     settle_time: float = 0.0
     link_frames: tuple[LinkFrame, ...] = ()
+    continuous: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         poses = tuple((name, read_only(q)) for name, q in self.named_poses)
         set_fields(self, named_poses=poses, tool_placement=read_only(self.tool_placement))
-        copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats", "link_frames")
+        copied_in(
+            self,
+            "joint_names",
+            "base_links",
+            "bodies",
+            "shapes",
+            "allowed_contacts",
+            "retreats",
+            "link_frames",
+            "continuous",
+        )
 
     @classmethod
     def from_urdf(
@@ -228,6 +249,33 @@ class Robot:
         own = [body for body in moved if body.name == self.joint_names[body.q_index]]  # not those of mimics
         kinds = {body.q_index: body.prismatic for body in (*moved, *own)}
         return tuple(kinds[joint] for joint in range(self.n))
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Where the joints may be, lower and upper, (n,) each: their limits, but of continuous joints all there is."""
+        if not any(self.continuous):
+            return self.limits.lower, self.limits.upper
+        ends = ((self.limits.lower, -MAX_TURNED), (self.limits.upper, MAX_TURNED))
+        lower, upper = (read_only(np.where(self.continuous, most, limit)) for limit, most in ends)
+        return lower, upper
+
+    def around(self, q: ArrayLike) -> Robot:
+        """This robot with the limits of its continuous joints moved by whole turns, q (n,) within half a turn of their
+        middles.
+
+        It is the same robot, with the same hash, planned for in another window. Without continuous joints, or where q
+        is no configuration of it, this robot itself.
+        """
+        values = numbers("q", q, f"{self.n} joint values")
+        lower, upper = self.bounds
+        if values.shape != (self.n,) or not np.all((values >= lower) & (values <= upper)):
+            return self
+        turns = np.where(self.continuous or False, np.round((values - self._middle) / TURN), 0.0)
+        return _turned(self, tuple(turns.tolist())) if turns.any() else self
+
+    @cached_property
+    def _middle(self) -> FloatArray:
+        return read_only((self.limits.lower + self.limits.upper) / 2.0)
 
     @property
     def poses(self) -> dict[str, FloatArray]:
@@ -422,7 +470,7 @@ class Robot:
     @cached_property
     def hash(self) -> str:
         """SHA-256 of everything that can change a plan, equal in every process."""
-        content = {
+        content: dict[str, object] = {
             "name": self.name,
             "joints": self.joint_names,
             "limits": [getattr(self.limits, item.name).tolist() for item in fields(self.limits)],
@@ -438,6 +486,8 @@ class Robot:
             "inverse": self.inverse,
             "settle": self.settle_time,
         }
+        if any(self.continuous):
+            content["continuous"] = self.continuous
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def __repr__(self) -> str:
@@ -448,6 +498,15 @@ class Robot:
 
     def _repr_html_(self) -> str:
         return render_html(robot_blocks(self))
+
+
+@lru_cache(maxsize=32)
+def _turned(robot: Robot, turns: tuple[float, ...]) -> Robot:
+    """See ``Robot.around``."""
+    shift, limits = TURN * np.array(turns), robot.limits
+    moved = replace(robot, limits=replace(limits, lower=limits.lower + shift, upper=limits.upper + shift))
+    object.__setattr__(moved, "hash", robot.hash)
+    return moved
 
 
 def _body_content(body: Body) -> tuple[object, ...]:

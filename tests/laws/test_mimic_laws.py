@@ -161,11 +161,11 @@ def test_constraints_are_projected_with_the_same_bits_and_proven_as_densely_samp
     region = ToolRegion(lower=(x - 0.2, y - 0.3, -9.0), upper=(x + 0.2, y + 0.3, z + 0.1))
     resolved = constraint_set(robot, (region,))
     compiled, reference = projector_of(resolved), ReferenceProjector(resolved)
-    for a, b in zip(case.anywhere(6).tolist(), case.anywhere(6).tolist(), strict=True):
+    for a, b in zip(map(tuple, case.anywhere(6).tolist()), map(tuple, case.anywhere(6).tolist()), strict=True):
         assert compiled.share(a) == reference.share(a)
         assert compiled.project(a) == reference.project(a)
-        near = [u + 0.05 * (v - u) for u, v in zip(q.tolist(), b, strict=True)]
-        assert compiled.keeps(q.tolist(), near) == reference.keeps(q.tolist(), near)
+        near = tuple(u + 0.05 * (v - u) for u, v in zip(q.tolist(), b, strict=True))
+        assert compiled.keeps(tuple(q.tolist()), near) == reference.keeps(tuple(q.tolist()), near)
         path = JointPath(np.array([q, near]))
         samples = path(np.linspace(0.0, path.length, 200))
         kept = not isinstance(prove_kept(robot, path, (region,)), KeptRefusal)

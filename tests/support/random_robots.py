@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner_service.geometry.arrays import FloatArray
 from tests.support.small_robots import joint, link, solid, urdf
 
 __all__ = ["random_robot"]
@@ -22,8 +23,10 @@ def random_robot(rng: np.random.Generator, *, joints: int = 6, mimics: int = 3) 
         more = '<limit velocity="2" effort="1"/>' if kind == "continuous" else ""
         more += "" if k < joints else _mimic(rng, names[int(rng.integers(k))])
         parts.append(link(f"l{k + 1}", _shape(rng)))
-        away = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.08, 0.2, 3)
-        where = {"xyz": _numbers(away), "rpy": _numbers(rng.uniform(-3.0, 3.0, 3))}
+        where = {
+            "xyz": _numbers(rng.choice([-1.0, 1.0], 3) * rng.uniform(0.08, 0.2, 3)),
+            "rpy": _numbers(rng.uniform(-3.0, 3.0, 3)),
+        }
         parts.append(joint(name, f"{kind} l{parent} l{k + 1}{limits}", axis=str(rng.choice(AXES)), **where, more=more))
     return urdf("random", *parts)
 
@@ -40,5 +43,5 @@ def _shape(rng: np.random.Generator) -> str:
     return solid(str(kind), sizes, _numbers(rng.uniform(-0.05, 0.05, 3)), _numbers(rng.uniform(-3.0, 3.0, 3)))
 
 
-def _numbers(values: np.ndarray) -> str:
+def _numbers(values: FloatArray) -> str:
     return " ".join(map(repr, values.tolist()))

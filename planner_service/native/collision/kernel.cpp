@@ -148,10 +148,14 @@ class Kernel {
                 found.measured};
     }
 
-    void configure(std::vector<double> lower, std::vector<double> upper, std::vector<double> reach,
-                   std::vector<double> motion_steps, std::vector<double> joint_steps, int coarse_segments) {
+    void configure(std::vector<double> lower, std::vector<double> upper, const std::vector<double>& table_lower,
+                   const std::vector<double>& table_upper, std::vector<double> reach, std::vector<double> motion_steps,
+                   std::vector<double> joint_steps, int coarse_segments) {
         const auto n = static_cast<std::size_t>(model_.dof);
         require(lower.size() == n && upper.size() == n && reach.size() == n, "limits and reach of another robot");
+        require(table_lower.size() == n && table_upper.size() == n, "limits of another robot");
+        require_finite(table_lower.data(), n);
+        require_finite(table_upper.data(), n);
         require(!motion_steps.empty() || !joint_steps.empty(), "at least one step");
         for (const double step : motion_steps) require(step > 0.0, "a step is positive");
         for (const double step : joint_steps) require(step > 0.0, "a step is positive");
@@ -159,7 +163,7 @@ class Kernel {
         require_finite(lower.data(), n);
         require_finite(upper.data(), n);
         bound_motion(model_, lower, upper);
-        add_tables(model_, lower, upper);
+        add_tables(model_, table_lower, table_upper);
         settings_ = Settings{std::move(lower),        std::move(upper),       std::move(reach),
                              std::move(motion_steps), std::move(joint_steps), coarse_segments};
     }
@@ -475,7 +479,8 @@ void bind(nb::module_& m) {
         .def("check_rows", &Kernel::check_rows)
         .def("check_edge_rows", &Kernel::check_edge_rows)
         .def("near", &Kernel::near)
-        .def("configure", &Kernel::configure, nb::arg("lower"), nb::arg("upper"), nb::arg("reach"), nb::kw_only(),
+        .def("configure", &Kernel::configure, nb::arg("lower"), nb::arg("upper"), nb::arg("table_lower"), nb::arg("table_upper"),
+             nb::arg("reach"), nb::kw_only(),
              nb::arg("motion_steps"), nb::arg("joint_steps"), nb::arg("coarse_segments"))
         .def("check_state", &Kernel::check_state, nb::arg("q").none())
         .def("check_edge", &Kernel::check_edge, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"),
