@@ -70,6 +70,9 @@ def to_check(imported: ImportedRobot, source: Source) -> list[str]:
     lines = [f"home is in collision ({_named(home)}): choose another"] if home else []
     if source.tool_frame is None:
         lines.append(f"tool_frame {robot.tool_frame} is a guess: the last link of the longest chain")
+    if robot.locked_joints:
+        locked = ", ".join(f"{name} = {position:g}" for name, position in robot.locked_joints)
+        lines.append(f"locked: {locked}")
     lines.append("acceleration and jerk limits are conventions: URDF has none")
     given = [f for f in table.of(ContactKind.GIVEN) if f.share > 0.0]
     lines += [f"the SRDF allows pairs that can collide: {_named(given)}"] if given else []

@@ -236,7 +236,7 @@ def _configurations(
 
 
 def _nearest_turns(robot: Robot, Q: FloatArray, begin: FloatArray) -> list[FloatArray]:
-    """Configurations (m, n), each once, continuous joints moved by whole turns to where they are nearest to ``begin``."""
+    """Configurations (m, n), each once, continuous joints moved by whole turns to the nearest places to ``begin``."""
     out: list[FloatArray] = []
     for q in Q:
         turns = np.where(robot.continuous, np.round((begin - q) / TURN), 0.0)

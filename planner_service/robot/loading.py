@@ -85,6 +85,7 @@ def robot_from_file(path: Path) -> Robot:
         inverse=table.inverse_kinematics,
         settle_time=table.settle_time,
         link_frames=_link_frames(assembly, () if gripper is None else gripper.links),
+        locked_joints=tuple((name, at) for name, at in locked.items() if name not in fingers),
     )
     width = None if table.gripper is None else table.gripper.width
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
@@ -228,7 +229,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
     locked = standing_joints(urdf, selection)
     names = selection.joints
     if names is None:
-        names = tuple(name for name, joint in movable.items() if name not in locked and joint.mimic is None)
+        names = tuple(name for name in _outwards(urdf) if name not in locked and movable[name].mimic is None)
     mimics = mimicked(urdf, names, locked)
     joints = _with_mimics(urdf, names, mimics)
     problems = _unaccounted(movable.values(), names, [*locked, *mimics])
@@ -261,6 +262,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
         allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
         link_frames=_link_frames(assembly, ()),
         continuous=tuple(joint.continuous for joint in joints) if any(joint.continuous for joint in joints) else (),
+        locked_joints=tuple(locked.items()),
     )
 
 
@@ -295,6 +297,19 @@ def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
         raise InvalidRequest("joints", selection.joints, "at least one joint, and no joint twice")
     others = [joint for name, joint in movable.items() if name not in selection.joints and joint.mimic is None]
     return locked_positions(urdf, selection.joints, {joint.name: _rest(joint) for joint in others} | given)
+
+
+def _outwards(urdf: Urdf) -> list[str]:
+    """The movable joints along each chain from the base to its tip; where chains part, in file order."""
+    below: dict[str, list[UrdfJoint]] = {}
+    for joint in urdf.joints:
+        below.setdefault(joint.parent, []).insert(0, joint)
+    out, waiting = [], [*below.get(urdf.root, ())]
+    while waiting:
+        joint = waiting.pop()
+        out += [joint.name] if joint.kind != "fixed" else []
+        waiting += below.get(joint.child, ())
+    return out
 
 
 def _movable(urdf: Urdf) -> dict[str, UrdfJoint]:

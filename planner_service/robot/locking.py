@@ -46,6 +46,7 @@ def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
         retreats=_kept_retreats(robot, positions, kept, shapes),
         link_frames=tuple(_moved(item, anchors) for item in robot.link_frames),
         inverse="numeric" if on_the_way else robot.inverse,
+        locked_joints=(*robot.locked_joints, *_locked(robot, positions)),
         continuous=tuple(robot.continuous[index] for index in kept) if robot.continuous else (),
     )
 
@@ -64,6 +65,11 @@ def _checked(robot: Robot, joints: Mapping[str, float]) -> dict[int, float]:
     if len(positions) == robot.n:
         raise InvalidRequest("joints", sorted(joints), f"at least one of the {robot.n} joints to remain unlocked")
     return positions
+
+
+def _locked(robot: Robot, positions: Mapping[int, float]) -> list[tuple[str, float]]:
+    """The joints that are locked now, and where."""
+    return [(robot.joint_names[index], position) for index, position in sorted(positions.items())]
 
 
 def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tuple[tuple[Body, ...], list[Anchor]]:

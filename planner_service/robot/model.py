@@ -44,8 +44,8 @@ __all__ = [
 ]
 
 MAX_TURNED = 1000.0
-"""Radians from zero, 159 turns, that a continuous joint may be at: two numbers there are 1e-13 apart, which is far below
-all tolerances."""
+"""Radians from zero, 159 turns, that a continuous joint may be at: numbers there are 1e-13 apart, far below all
+tolerances."""
 
 TURN = 2.0 * math.pi
 
@@ -150,6 +150,8 @@ class Robot:
         continuous: Of each joint of q whether it turns without end, (n,); empty if none does. It may be anywhere within
             ``MAX_TURNED`` radians of zero, and planning goes the shortest way round. Its ``limits`` are a window of two
             turns (``around``).
+        locked_joints: Name and position (rad or m) of each joint that could move and does not; for information, and
+            not part of ``hash``.
         link_frames: Frames of all links but those of the gripper, which move with its width. Not part of ``hash``: only
             constraints use them, and where a robot is given beside a file, they are proven anew with its own frames.
     """
@@ -172,6 +174,7 @@ class Robot:
     settle_time: float = 0.0
     link_frames: tuple[LinkFrame, ...] = ()
     continuous: tuple[bool, ...] = ()
+    locked_joints: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         poses = tuple((name, read_only(q)) for name, q in self.named_poses)
@@ -186,6 +189,7 @@ class Robot:
             "retreats",
             "link_frames",
             "continuous",
+            "locked_joints",
         )
 
     @classmethod
@@ -204,9 +208,9 @@ class Robot:
         A mesh (STL, OBJ, PLY, COLLADA) counts as its solid convex hull, or as the pieces it is cut into.
 
         A link and the next link above it that has shapes may touch. URDF has no accelerations and jerks: they are
-        conventions (``planner_service.robot.loading``), and so is the range of a continuous joint, a full turn either
-        way. Joints that mimic a moving one move with it, and its limits are as tight as theirs need. Home is zero where
-        the limits allow it, else their middle.
+        conventions (``planner_service.robot.loading``). A continuous joint turns without end. Joints that mimic a
+        moving one move with it, and its limits are as tight as theirs need. Home is zero where the limits allow it,
+        else their middle.
 
         Args:
             tool_frame: The last link of the longest chain if None.
@@ -216,7 +220,8 @@ class Robot:
                 ``name/rest`` or ``rest`` in one of them.
             locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic them follow.
             joints: The joints of q, in this order, for a part of a larger robot; every other joint is locked, at zero
-                if its limits allow, else at their middle. If None, all joints that are not locked move, in file order.
+                if its limits allow, else at their middle. If None, all joints that are not locked move, in order from
+                the base to the tip of each chain; where chains part, in file order.
             decompose: For links whose hulls would fill too much: the maximum number of convex pieces into which each
                 mesh is cut (extra ``decompose``).
 
@@ -581,6 +586,8 @@ def robot_blocks(robot: Robot) -> list[Block]:
     heads = ("lower", "upper", "velocity", "acceleration", "jerk")
     columns = [getattr(robot.limits, head).tolist() for head in heads]
     rows = [(name, *(f"{value:.4f}" for value in row)) for name, *row in zip(robot.joint_names, *columns, strict=True)]
+    endless = robot.continuous or [False] * joints
+    rows = [(row[0], "turns", "endlessly", *row[3:]) if ends else row for row, ends in zip(rows, endless, strict=True)]
     poses = [(name, numbers_text(q.tolist(), ",")) for name, q in robot.named_poses]
     return [
         title,
@@ -589,4 +596,18 @@ def robot_blocks(robot: Robot) -> list[Block]:
         Table(("joint", *heads), rows, numeric=heads),
         "",
         Table(("pose", "joint values"), poses),
+        *_other_joints(robot),
     ]
+
+
+def _other_joints(robot: Robot) -> list[Block]:
+    """The joints that mimic one of q, and those that are locked."""
+    out: list[Block] = []
+    mimics = [body for body in robot.bodies[1:] if body.name != robot.joint_names[body.q_index]]
+    if mimics:
+        rows = [(body.name, f"{body.multiplier:g} x {robot.joint_names[body.q_index]}") for body in mimics]
+        out += ["", Table(("mimic", "moves by"), rows)]
+    if robot.locked_joints:
+        rows = [(name, f"{position:.4f}") for name, position in robot.locked_joints]
+        out += ["", Table(("locked joint", "at"), rows, numeric=("at",))]
+    return out

@@ -6,6 +6,7 @@ import math
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
 from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
 from planner_service.robot.urdf_reader import read_urdf
-from tests.support.small_robots import MIXED, joint, link, solid, urdf
+from tests.support.small_robots import MIMIC, MIXED, built, joint, link, solid, urdf
 
 
 @pytest.fixture(scope="module")
@@ -384,10 +385,58 @@ def test_an_srdf_about_another_robot_is_refused(tmp_path: Path) -> None:
         Robot.from_urdf(tmp_path / "mixed.urdf", srdf=tmp_path / "other.srdf", locked_joints={"branch": 0.0})
 
 
-def test_a_mimic_of_a_moving_joint_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "mixed.urdf").write_text(MIXED)
-    with pytest.raises(InvalidFile, match="joint 'spare' mimics 'branch'; lock both"):
-        Robot.from_urdf(tmp_path / "mixed.urdf")
+def test_a_mimic_of_a_moving_joint_moves_with_it(tmp_path: Path) -> None:
+    robot = built(tmp_path, MIXED)
+    free = built(tmp_path, MIXED.replace(MIMIC, ""))
+    assert (robot.n, free.n) == (5, 6)
+    spare = next(body for body in robot.bodies if body.name == "spare")
+    assert (robot.joint_names[spare.q_index], spare.multiplier) == ("branch", -1.0)
+    q = {"z_turn": 0.1, "oblique": 1.0, "slide": 0.1, "x_turn": 0.5, "branch": 0.4, "spare": -0.3}
+    poses = [arm.body_poses([q[name] for name in arm.joint_names]) for arm in (robot, free)]
+    assert np.array(poses[0]) == pytest.approx(np.array(poses[1]), abs=1e-14)
+    assert "spare  -1 x branch" in str(robot)
+
+
+def test_limits_of_a_joint_are_as_tight_as_its_mimics_need(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    robot = built(tmp_path, MIXED)
+    branch = robot.joint_names.index("branch")
+    assert (robot.limits.lower[branch], robot.limits.upper[branch]) == pytest.approx((-0.9, 1.0))
+    fast = built(tmp_path, MIXED.replace('multiplier="-1"', 'multiplier="-4"')).limits
+    assert (fast.lower[branch], fast.upper[branch]) == pytest.approx((-0.225, 0.275))
+    assert fast.velocity[branch] == 0.25
+    assert fast.acceleration[branch] == robot.limits.acceleration[branch] / 4.0
+    assert not caplog.records
+    loose = built(tmp_path, MIXED.replace('offset="0.1"', 'offset="3"')).limits
+    assert (loose.lower[branch], loose.upper[branch]) == (-1.0, 1.0)
+    assert "joint spare mimics branch; its limits -1 .. 1 leave branch no room: they are not used" in caplog.text
+
+
+def test_a_mimic_stands_if_it_is_locked_or_does_not_follow(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(MIXED)
+    locked = Robot.from_urdf(tmp_path / "robot.urdf", locked_joints={"spare": 0.7})
+    assert locked.locked_joints == (("spare", 0.7),)
+    assert "spare" not in [body.name for body in locked.bodies]
+    still = built(tmp_path, MIXED.replace('multiplier="-1"', 'multiplier="0"'))
+    assert still.locked_joints == (("spare", 0.1),)
+    (tmp_path / "robot.urdf").write_text(MIXED)
+    with pytest.raises(InvalidFile, match="joint 'spare' mimics 'branch': it moves with it; leave it out of joints"):
+        Robot.from_urdf(tmp_path / "robot.urdf", joints=["branch", "spare"])
+
+
+def test_joints_are_in_order_from_the_base_to_the_tips(tmp_path: Path) -> None:
+    head, joints, tail = MIXED.partition("<joint")[0], MIXED[MIXED.index("<joint") :], ""
+    parts = joints.replace("</robot>", "").strip().split("\n")
+    shuffled = head + "\n".join(reversed(parts)) + tail + "</robot>"
+    assert built(tmp_path, MIXED).joint_names == ("z_turn", "oblique", "slide", "x_turn", "branch")
+    assert built(tmp_path, shuffled).joint_names == ("z_turn", "branch", "oblique", "slide", "x_turn")
+
+
+def test_locked_joints_are_named_with_their_values(tmp_path: Path) -> None:
+    robot = built(tmp_path, MIXED).locked({"slide": 0.2})
+    assert robot.locked_joints == (("slide", 0.2),)
+    lines = str(robot).splitlines()
+    assert [line.split() for line in lines[lines.index("locked joint      at") + 1 :]] == [["slide", "0.2000"]]
+    assert robot.hash == replace(robot, locked_joints=()).hash
 
 
 def test_unknown_locked_joints_and_tools_are_refused(tmp_path: Path) -> None:

@@ -128,12 +128,11 @@ def test_joints_that_are_not_chosen_stand_at_zero_or_in_the_middle_or_where_they
     assert other == place("finger", finger_joint=0.04), "a joint that mimics a locked one follows it"
 
 
-def test_a_joint_that_would_follow_a_moving_one_is_refused(tmp_path: Path) -> None:
-    reason = "joint 'other_joint' mimics 'finger_joint'; lock both: a moving joint cannot be mimicked"
-    with pytest.raises(InvalidFile, match=reason):
-        Robot.from_urdf(two(tmp_path), joints=(*LEFT, "finger_joint"))
-    with pytest.raises(InvalidFile, match="joint 'other_joint' mimics 'finger_joint'; lock both"):
-        Robot.from_urdf(two(tmp_path), joints=(*LEFT, "other_joint"))
+def test_a_joint_follows_the_moving_one_that_it_mimics(tmp_path: Path) -> None:
+    robot = Robot.from_urdf(two(tmp_path), joints=(*LEFT, "finger_joint"))
+    assert [(body.name, body.q_index) for body in robot.bodies[-2:]] == [("finger_joint", 2), ("other_joint", 2)]
+    with pytest.raises(InvalidFile, match="joint 'other_joint' mimics 'finger_joint': it moves with it"):
+        Robot.from_urdf(two(tmp_path), joints=(*LEFT, "finger_joint", "other_joint"))
 
 
 def test_a_choice_of_joints_that_makes_no_sense_is_refused(tmp_path: Path) -> None:

@@ -126,6 +126,12 @@ BAD = [
     ('<link name="pad"/>', '<link name="pad"/><link/>', "<link> name = ''; expected a name"),
     ('mimic joint="wrist"', 'mimic joint="writs"', "'slide': mimics 'writs', which is not another joint"),
     ('mimic joint="wrist"', 'mimic joint="slide"', "'slide': mimics 'slide', which is not another joint"),
+    ('multiplier="0.5"', 'multiplier="1e-7"', "mimic: multiplier 1e-07; expected 0, or a size from 1e-06 to 1000"),
+    (
+        '<origin xyz="0 0 1"/></joint>',
+        '<origin xyz="0 0 1"/><mimic joint="slide"/></joint>',
+        "joints mimic each other in a circle: wrist -> slide -> wrist",
+    ),
 ]
 
 
