@@ -30,6 +30,8 @@ RIM_SIDES = 32
 """A cylinder's rim is replaced by a polygon around it; 32 sides overshoot its radius by 0.5 %."""
 PARALLEL = 1e-18
 """Squared sine of the angle below which two axes count as parallel."""
+NEARLY_PARALLEL = 1e-6
+"""The same of axes that a file means to be parallel: a quarter turn written as 1.57 is off by 8e-4 rad."""
 TILT = 1e-7
 """A hundred times the angle of ``PARALLEL``: no chain has more joints."""
 
@@ -82,9 +84,13 @@ def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[flo
 
 
 def _nearest(origin: Vector, axis: Vector, pivot: Vector, about: Vector | None) -> Vector:
-    """The point of a line nearest to ``pivot``, measured perpendicular to ``about`` unless the two are parallel."""
+    """The point of a line nearest to ``pivot``, measured perpendicular to ``about`` unless the two are nearly parallel.
+
+    Any point of the line gives a bound. Of two lines that are parallel but for a rounded angle in the file, the point
+    nearest across is kilometres away along them, and so would be the next leg.
+    """
     offset, along = minus(origin, pivot), axis
-    if about is not None and not _is_parallel(axis, about):
+    if about is not None and not _is_parallel(axis, about, NEARLY_PARALLEL):
         offset, along = _reject(offset, about), _reject(axis, about)
     t = -dot(offset, along) / dot(along, along)
     return (origin[0] + t * axis[0], origin[1] + t * axis[1], origin[2] + t * axis[2])
@@ -103,9 +109,10 @@ def _across(offset: Vector, about: Vector | None) -> float:
     return min(length, math.sqrt(dot(part, part)) + TILT * length)
 
 
-def _is_parallel(a: Vector, b: Vector) -> bool:
+def _is_parallel(a: Vector, b: Vector, below: float = PARALLEL) -> bool:
+    """Whether the squared sine of the angle between two axes is ``below`` that."""
     cross = cross_of(a, b)
-    return dot(cross, cross) < PARALLEL
+    return dot(cross, cross) < below
 
 
 def _hull(shape: Shape, pose: Pose) -> list[Ball]:

@@ -517,3 +517,20 @@ def test_limits_that_are_no_real_numbers_are_refused(values: Any) -> None:
     one = np.ones(1)
     with pytest.raises(InvalidRequest, match="velocity: got"):
         JointLimits(-one, one, values, one, one)
+
+
+def test_axes_parallel_but_for_a_rounded_angle_have_the_reach_of_parallel_ones(tmp_path: Path) -> None:
+    ball = solid("sphere", 'radius="0.05"', "0.5 0 0")
+    reaches = []
+    for tilt in ("0", "4e-6", "7e-4"):
+        arm = urdf(
+            "arm",
+            *(link(name) for name in ("base", "one", "two")),
+            link("tip", ball),
+            joint("a", "revolute base one -2 2"),
+            joint("b", "revolute one two -2 2", xyz="0.5 0.1 0", rpy=f"{tilt} 0 0"),
+            joint("c", "revolute two tip -2 2", xyz="0.5 0 0", rpy="0 1.57 0"),
+        )
+        robot = built(tmp_path, arm)
+        reaches.append(robot.reach().tolist())
+    assert np.abs(np.array(reaches[1:]) - reaches[0]).max() < 0.01
