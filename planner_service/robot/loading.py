@@ -223,8 +223,12 @@ def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selecti
     return robot_of(path, read_urdf(path, package_dirs, selection.decompose), selection)
 
 
-def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
-    """The robot of the URDF that was read from ``path``; see ``Robot.from_urdf``."""
+def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = None) -> Robot:
+    """The robot of the URDF that was read from ``path``; see ``Robot.from_urdf``.
+
+    Args:
+        srdf: In the place of the file in ``selection``.
+    """
     movable = _movable(urdf)
     locked = standing_joints(urdf, selection)
     names = selection.joints
@@ -243,7 +247,8 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
         problems.append("no joint moves")
     if problems:
         raise InvalidFile(path, problems)
-    srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
+    if srdf is None:
+        srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
     tool = _last_link(urdf) if selection.tool_frame is None else selection.tool_frame
     assembly = assemble(urdf, names, locked)
     if not isinstance(tool, str) or tool not in assembly.frames:

@@ -49,8 +49,8 @@ tolerances."""
 
 TURN = 2.0 * math.pi
 
-URDF_SUFFIXES = (".urdf", ".xacro")
-"""Of files read as URDF, their macros expanded."""
+DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")
+"""Suffixes of files that describe a robot by themselves: URDF, xacro and MJCF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -531,7 +531,7 @@ def _gripper_content(gripper: Gripper) -> dict[str, object]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """The robot of a robot.toml or of a URDF: by name if it comes with the package, else by path.
+    """The robot of a robot.toml, URDF, xacro or MJCF file: by name if it comes with the package, else by path.
 
     ``example-robot-data:ur5_robot`` is the URDF of that name in the package example-robot-data.
 
@@ -539,7 +539,9 @@ def load_robot(name_or_path: str | Path) -> Robot:
     with the same stem or the same name of the robot. Links may touch that are adjacent, that the SRDF disables, or that
     overlapped in each of 1,000 random configurations; ``Robot.allowed_contacts`` gives the reasons. Limits are those of
     ``Robot.from_urdf``. Home is the SRDF's "home" or "ready", else zero where the limits allow it, else their middle;
-    where the robot collides with itself there, it is the nearest free configuration found.
+    where the robot collides with itself there, it is the nearest free configuration found. A xacro file is expanded
+    with the defaults of its arguments (extra xacro); MJCF (``.xml``, ``.mjcf``) is compiled by mujoco (extra mjcf), and
+    brings excluded contacts and keyframes itself.
 
     Raises:
         UnknownName: no robot of that name comes with the package, or with example-robot-data.
@@ -555,7 +557,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     source, colon, example = name.partition(":")
     if colon and source == EXAMPLES and isinstance(name_or_path, str):
         path = example_urdf(example)
-    if path.suffix.lower() in URDF_SUFFIXES:
+    if path.suffix.lower() in DESCRIPTIONS:
         from planner_service.robot_setup.urdf_robot import load_urdf  # with all that collision checks need
 
         return load_urdf(path)

@@ -19,8 +19,8 @@ __all__ = ["expanded_xml", "package_folders", "robot_folders"]
 SUFFIX = ".xacro"
 PREFIX = "xacro:"
 """What the names of xacro's elements begin with."""
-URDF_FOLDERS = ("urdf", "robots")
-"""Folders of a ROS package that hold URDFs, whose meshes are in a folder next to them."""
+URDF_FOLDERS = ("urdf", "robots", "mjcf", "xml")
+"""Folders that hold descriptions of robots, whose meshes are in a folder next to them."""
 PACKAGE = "package.xml"
 """The file that makes a folder a ROS package, and names it."""
 SECONDS = 10

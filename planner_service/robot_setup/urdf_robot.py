@@ -10,18 +10,22 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile
-from planner_service.files.xml_reader import read_xml
+from planner_service.files.reading import read_bytes
+from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.loading import HOME, Selection, robot_of
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
-from planner_service.robot.xacro_reader import package_folders
+from planner_service.robot.xacro_reader import package_folders, robot_folders
+from planner_service.robot_setup.mjcf_reader import read_mjcf
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
 from planner_service.scene.scene import Scene
 
 __all__ = ["load_urdf"]
+
+MJCF_SUFFIXES = (".xml", ".mjcf")
 
 READY = "ready"
 """What MoveIt's configurations call the pose at rest if they do not call it home."""
@@ -35,24 +39,29 @@ logger = logging.getLogger(__name__)
 
 
 def load_urdf(path: Path) -> Robot:
-    """The robot of a URDF, with what a URDF does not say taken from the SRDF beside it or from its shapes.
+    """The robot of a URDF or an MJCF file, with what it does not say taken from the SRDF beside it or from its shapes.
 
-    The SRDF is the one with the same stem, else the only one that names the same robot, in the URDF's folder, ../srdf
-    or ../config. Links may touch that are adjacent, that the SRDF disables, or that overlap wherever they were looked
-    at (``always_overlapping``), each with its reason; nothing is kept on disk. The tool frame is the tip of the SRDF's
-    first chain, else the last link of the longest chain. Home is the SRDF's "home" or "ready", else as
-    ``Robot.from_urdf`` says; where the robot would collide with itself, it is the nearest free configuration found.
-    What was chosen is logged. Meshes may lie in the URDF's folder, in its ROS package, the nearest folder above with a
-    package.xml, and in the folder above one called urdf or robots.
+    The SRDF is the one with the same stem, else the only one that names the same robot, in the URDF's folder,
+    ../srdf or ../config. Links may touch that are adjacent, that the SRDF disables, or that overlap wherever they
+    were looked at (``always_overlapping``), each with its reason; nothing is kept on disk. The tool frame is the
+    tip of the SRDF's first chain, else the last link of the longest chain. Home is the SRDF's "home" or "ready",
+    else as ``Robot.from_urdf`` says; where the robot would collide with itself, it is the nearest free
+    configuration found. What was chosen is logged. MJCF has excluded contacts and keyframes instead of an SRDF
+    (``read_mjcf``). Meshes may lie in the URDF's folder, in its ROS package, the nearest folder above with a
+    package.xml, and in the folder above one called urdf, robots, mjcf or xml.
 
     Raises:
-        InvalidFile: the URDF has problems; all of them are named. An SRDF with problems is not used, with a warning.
+        InvalidFile: the file has problems; all of them are named. An SRDF with problems is not used, with a warning.
     """
-    read_xml(path, "robot")  # refuses what is no path
-    urdf = read_urdf(path, package_folders(path))
-    file, srdf = _srdf_beside(path, urdf)
+    read_bytes(path, MAX_XML_BYTES)  # refuses what is no path
+    if path.suffix.lower() in MJCF_SUFFIXES:
+        urdf, srdf = read_mjcf(path, robot_folders(path, package_folders(path)))
+        file = None
+    else:
+        urdf = read_urdf(path, package_folders(path))
+        file, srdf = _srdf_beside(path, urdf)
     tool = next(iter(srdf.tips), None)
-    robot = robot_of(path, urdf, Selection(tool, file))
+    robot = robot_of(path, urdf, Selection(tool), srdf)
     logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
     silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not joint.velocity]
     if silent:

@@ -1,0 +1,62 @@
+"""A script that compiles an MJCF file with mujoco, in a process of its own, and tells what the robot is made of.
+
+Nothing imports it. Its job has ``file``; it answers with JSON: ``problem``, or ``name``, ``bodies``, ``joints``,
+``geoms``, ``meshes`` (vertices), ``excludes``, ``follows`` (equalities of joints), ``loops`` (other equalities) and
+``keys``. Quaternions are wxyz, angles in rad; bodies, joints, meshes and types are numbers, as mujoco has them.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+
+def answer(job: dict[str, Any], data: bytes) -> bytes:
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_path(job["file"])
+    except (ValueError, mujoco.FatalError) as error:
+        return json.dumps({"problem": " ".join(str(error).split())[:300]}).encode()
+    return json.dumps(_told(mujoco, model)).encode()
+
+
+def _told(mujoco: Any, model: Any) -> dict[str, Any]:
+    def named(kind: str, index: int) -> str:
+        return str(getattr(model, kind)(index).name) or f"{kind}_{index}"
+
+    def columns(*names: str) -> list[tuple[Any, ...]]:
+        return list(zip(*(getattr(model, name).tolist() for name in names), strict=True))
+
+    bodies = columns("body_parentid", "body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia")
+    joints = columns(
+        *("jnt_bodyid", "jnt_type", "jnt_pos", "jnt_axis", "jnt_limited", "jnt_range"),
+        *("jnt_qposadr", "jnt_actfrclimited", "jnt_actfrcrange"),
+    )
+    geoms = columns(
+        *("geom_bodyid", "geom_type", "geom_size", "geom_pos", "geom_quat", "geom_dataid"),
+        *("geom_contype", "geom_conaffinity"),
+    )
+    follows, loops = [], []
+    for k in range(model.neq):
+        one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        if model.eq_active0[k] and model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT:
+            follows.append([one, two, model.eq_data[k][:5].tolist()])
+        elif model.eq_active0[k]:
+            loops.append(f"{mujoco.mjtEq(model.eq_type[k]).name[5:].lower()} {named('equality', k)!r}")
+    starts = model.mesh_vertadr.tolist()
+    ends = [*starts[1:], len(model.mesh_vert)]
+    return {
+        "name": model.names.split(b"\0", 1)[0].decode("utf-8", "replace"),
+        "bodies": [[named("body", k), *row] for k, row in enumerate(bodies)],
+        "joints": [
+            [named("joint", k), *row, float(model.qpos0[at]), top if forced else 0.0]
+            for k, (*row, at, forced, (_, top)) in enumerate(joints)
+        ],
+        "geoms": [[named("geom", k), *row] for k, (*row, one, two) in enumerate(geoms) if one or two],
+        "meshes": [model.mesh_vert[a:b].tolist() for a, b in zip(starts, ends, strict=False)],
+        "excludes": [[pair >> 16, pair & 0xFFFF] for pair in model.exclude_signature.tolist()],
+        "follows": follows,
+        "loops": loops,
+        "keys": [[named("key", k), model.key_qpos[k][model.jnt_qposadr].tolist()] for k in range(model.nkey)],
+    }

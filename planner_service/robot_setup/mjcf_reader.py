@@ -1,0 +1,291 @@
+"""MJCF files: what mujoco makes of a robot's bodies, joints and geoms, as the values that a URDF and its SRDF give."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from planner_service.concurrency.confined import ScriptFailed, run_confined
+from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
+from planner_service.files.reading import read_bytes
+from planner_service.files.xml_reader import MAX_XML_BYTES, Malformed, parse_xml, read_xml
+from planner_service.geometry.arrays import FloatArray, Vector
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.robot.model import AllowedContact
+from planner_service.robot.srdf import Srdf
+from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
+from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, DEFAULT_VELOCITY, MAX_ELEMENTS, MAX_OFFSET
+
+__all__ = ["read_mjcf"]
+
+SECONDS = 60
+MEMORY = 8_000_000_000
+"""Bytes of address space, of which mujoco reserves much more than it uses."""
+SLIDE_VELOCITY = 0.1
+"""m/s of a sliding joint, as MJCF has no velocity limits: slow enough for any arm."""
+JOINTS = ("free", "ball", "slide", "hinge")
+GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+"""mujoco's types of joints and geoms, by number (mjtJoint, mjtGeom)."""
+KINDS = {"hinge": "revolute", "slide": "prismatic"}
+INSTEAD = {
+    "free": "take it out: the robot stands on its base",
+    "ball": "write three hinges instead, or take it out if it stands still",
+}
+"""What to do about joints of several degrees of freedom, which have no limits."""
+Quaternion = tuple[float, float, float, float]
+
+PLACES = ("meshdir", "texturedir", "assetdir")
+"""Attributes that say where the files are that others name."""
+INCLUDING = ("include", "model")
+"""Elements whose file is MJCF, too."""
+MAX_INCLUDED = 100
+BALL_POINTS = 400
+"""Points on the unit ball whose hull, scaled, encloses an ellipsoid: it grows by less than 1 %."""
+
+logger = logging.getLogger(__name__)
+
+
+def read_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf]:
+    """The robot of an MJCF file, and what a URDF has no place for: excluded contacts, and keyframes as named poses.
+
+    Links are bodies; geoms that collide with anything are their shapes. An ellipsoid becomes a polytope around it,
+    which is logged with its growth; planes, which are no part of a robot, are left out, which is logged, too. A joint
+    that follows another by an equality mimics it. mujoco compiles the file in a process of its own, in 60 s and 8 GB.
+
+    Args:
+        folders: Resolved folders in which all files that it names have to be; the file's own first.
+
+    Raises:
+        InvalidFile: with every problem of the file; ball and free joints are among them, with what to do instead.
+        MissingDependency: mujoco is not installed.
+    """
+    _require_inside(path, folders)
+    if find_spec("mujoco") is None:
+        raise MissingDependency("mujoco", "mjcf")
+    script = Path(__file__).with_name("mjcf_child.py")
+    try:
+        job = {"file": str(path.resolve())}
+        told = json.loads(run_confined(script, job, seconds=SECONDS, memory=MEMORY, bare=True))
+        problem = told.get("problem")
+    except ScriptFailed as error:
+        problem = str(error)
+    if problem is not None:
+        raise InvalidFile(path, [f"mujoco cannot compile it: {problem}"])
+    reader = _Reader(told)
+    if reader.problems:
+        raise InvalidFile(path, reader.problems)
+    for note in reader.notes:
+        logger.warning("%s: %s", path, note)
+    return reader.urdf, reader.srdf
+
+
+def _require_inside(path: Path, folders: Sequence[Path]) -> None:
+    """Raise if the file, or one that it includes, names a file outside the folders."""
+    own, files, places = path.resolve().parent, [path], [""]
+    named: list[tuple[Path, str]] = []
+    for file in files:  # grows while it is read
+        root = read_xml(path, "mujoco") if file == path else _included(file)
+        for element in root.iter():
+            named += [(file.parent, value) for key, value in element.attrib.items() if key.startswith("file")]
+            places += [value for key, value in element.attrib.items() if key in PLACES]
+            if element.tag in INCLUDING and "file" in element.attrib:
+                at = [start / element.get("file", "") for start in dict.fromkeys((own, file.parent))]
+                files += [each for each in at if each not in files and _inside(each, folders) and each.is_file()]
+        if len(files) > MAX_INCLUDED:
+            raise InvalidFile(path, [f"includes more than {MAX_INCLUDED} files"])
+    for folder, name in dict.fromkeys(named):
+        if not all(
+            _inside(start / place / name, folders) for start in (own, folder) for place in dict.fromkeys(places)
+        ):
+            allowed = ", ".join(map(str, folders))
+            raise InvalidFile(path, [f"file {name!r} lies outside the folders that may be read ({allowed})"])
+
+
+def _inside(path: Path, folders: Sequence[Path]) -> bool:
+    real = path.resolve()
+    return any(real.is_relative_to(folder) for folder in folders)
+
+
+def _included(file: Path) -> ElementTree.Element:
+    try:
+        return parse_xml(read_bytes(file, MAX_XML_BYTES))
+    except Malformed as error:
+        raise InvalidFile(file, [str(error)]) from None
+
+
+class _Reader:
+    """Turns what ``mjcf_child`` tells into links and joints, and collects problems and notes."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        self.problems = [f"{loop}: a closed loop of bodies; expected a tree" for loop in told["loops"]]
+        self.notes: list[str] = []
+        self.told = told
+        self.names = [body[0] for body in told["bodies"]]
+        mimics = self.mimics()
+        links, joints = [], []
+        for index, (name, parent, at, quat, *inertial) in enumerate(told["bodies"]):
+            links.append(UrdfLink(name, self.shapes(index), _inertial(*inertial)))
+            if index:
+                chain = [(k, joint) for k, joint in enumerate(told["joints"]) if joint[1] == index]
+                made = self.joints(name, self.names[parent], Pose(at, quat).matrix, chain, mimics)
+                links += [UrdfLink(joint.child, (), None) for joint in made[:-1]]
+                joints += made
+        for kind, each in (("body", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
+            self.problems += [f"{kind} {name!r} would be there {n} times" for name, n in Counter(each).items() if n > 1]
+        if len(links) > MAX_ELEMENTS:
+            self.problems.append(f"{len(links)} bodies; at most {MAX_ELEMENTS}")
+        self.urdf = Urdf(told["name"], self.names[0], tuple(links), tuple(joints))
+        excluded = tuple(
+            AllowedContact((self.names[a], self.names[b]), "excluded in the MJCF")
+            for a, b in told["excludes"]
+            if a != b
+        )
+        moving = [joint[0] for joint in told["joints"]]
+        self.srdf = Srdf(excluded, {name: dict(zip(moving, q, strict=True)) for name, q in told["keys"]})
+
+    def joints(
+        self, name: str, parent: str, T: FloatArray, chain: list[tuple[int, Any]], mimics: dict[int, Mimic]
+    ) -> list[UrdfJoint]:
+        """The joints from a parent to a body at T in it; a link without shapes stands at each but the last."""
+        made: list[UrdfJoint] = []
+        for k, (label, _, number, at, axis, limited, span, rest, effort) in chain:
+            kind = JOINTS[number]
+            if kind not in KINDS:
+                self.problems.append(f"joint {label!r}: type {kind}; {INSTEAD[kind]}")
+                continue
+            if kind == "slide" and not limited:
+                self.problems.append(f"joint {label!r}: slides without a range; expected one")
+            low, high = span if limited else (-CONTINUOUS_RANGE, CONTINUOUS_RANGE)
+            if max(abs(low), abs(high)) > MAX_OFFSET:
+                self.problems.append(f"joint {label!r}: range {low:g} .. {high:g}; expected at most {MAX_OFFSET:g}")
+            anchor = _shift(at)
+            T = T @ anchor @ _motion(kind, axis, -rest)
+            xyz, rpy = _origin(T)
+            T = _shift([-each for each in at])
+            speed = DEFAULT_VELOCITY if kind == "hinge" else SLIDE_VELOCITY
+            ends = (made[-1].child if made else parent, f"{label}_anchor")
+            limits = (float(low), float(high), speed, float(effort))
+            made.append(UrdfJoint(label, KINDS[kind], *ends, xyz, rpy, tuple(axis), *limits, mimics.get(k)))
+        if made and np.array_equal(T, np.eye(4)):
+            made.append(replace(made.pop(), child=name))
+        else:
+            xyz, rpy = _origin(T)
+            above = made[-1].child if made else parent
+            made.append(
+                UrdfJoint(f"{name}_fixed", "fixed", above, name, xyz, rpy, (1.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, None)
+            )
+        return made
+
+    def mimics(self) -> dict[int, Mimic]:
+        """By follower: q1 - r1 = a0 + a1 (q2 - r2), r being the positions at rest."""
+        out = {}
+        joints = self.told["joints"]
+        for one, two, (a0, a1, *higher) in self.told["follows"]:
+            if two < 0 or any(higher):
+                self.problems.append(f"joint {joints[one][0]!r}: expected an equality that is linear in another joint")
+            else:
+                out[one] = Mimic(joints[two][0], a1, joints[one][7] + a0 - a1 * joints[two][7])
+        return out
+
+    def shapes(self, body: int) -> tuple[UrdfCollision, ...]:
+        found = []
+        for name, of, number, size, at, quat, mesh in self.told["geoms"]:
+            if of != body:
+                continue
+            kind = GEOMS[number]
+            if kind == "plane":
+                self.notes.append(f"geom {name!r}: a plane is no part of a robot; put it into the scene")
+                continue
+            try:
+                shape = self.shape(name, kind, size, mesh)
+            except InvalidRequest as error:
+                self.problems.append(f"geom {name!r}: {error}")
+                continue
+            if shape is None:
+                self.problems.append(
+                    f"geom {name!r}: {kind}; expected box, sphere, capsule, cylinder, ellipsoid or mesh"
+                )
+            else:
+                found.append(UrdfCollision(shape, *_origin(Pose(at, quat).matrix)))
+        return tuple(found)
+
+    def shape(self, name: str, kind: str, size: list[float], mesh: int) -> Shape | None:
+        a, b, c = size
+        if kind == "box":
+            return Box((2.0 * a, 2.0 * b, 2.0 * c))
+        if kind == "sphere":
+            return Sphere(a)
+        if kind == "capsule":
+            return Capsule(a, 2.0 * b)
+        if kind == "cylinder":
+            return Cylinder(a, 2.0 * b)
+        if kind == "mesh":
+            return Mesh(np.array(self.told["meshes"][mesh]))
+        if kind == "ellipsoid":
+            ball = _around_ball()
+            growth = (float(np.linalg.norm(ball, axis=1).max()) - 1.0) * max(size)
+            larger = f"up to {growth * 1e3:.2g} mm larger"
+            self.notes.append(f"geom {name!r}: an ellipsoid is checked as a polytope around it, {larger}")
+            return Mesh(ball * np.array(size))
+        return None
+
+
+@lru_cache(maxsize=1)
+def _around_ball() -> FloatArray:
+    """Corners (k, 3) whose hull contains the unit ball: points along a spiral, scaled by what their hull lacks."""
+    k = np.arange(BALL_POINTS) + 0.5
+    z, angle = 1.0 - 2.0 * k / BALL_POINTS, math.pi * (1.0 + math.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - z * z)
+    points = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    return points * ((1.0 + 1e-9) / float(Mesh(points).offsets.min()))
+
+
+def _inertial(
+    mass: float, at: Vector, quat: tuple[float, float, float, float], moments: Sequence[float]
+) -> Inertial | None:
+    if mass <= 0.0:
+        return None
+    R = Pose(at, quat).matrix[:3, :3]
+    tensor = (R @ np.diag(moments) @ R.T).tolist()
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = tensor
+    x, y, z = at
+    return Inertial(mass, (x, y, z), (0.0, 0.0, 0.0), (xx, xy, xz, yy, yz, zz))
+
+
+def _shift(at: Sequence[float]) -> FloatArray:
+    T = np.eye(4)
+    T[:3, 3] = at
+    return T
+
+
+def _motion(kind: str, axis: Sequence[float], by: float) -> FloatArray:
+    """The move of a joint by an angle or a distance."""
+    if by == 0.0:
+        return np.eye(4)
+    if kind == "slide":
+        return _shift([by * each for each in axis])
+    x, y, z = axis
+    sine = math.sin(0.5 * by)
+    return Pose((0.0, 0.0, 0.0), (math.cos(0.5 * by), sine * x, sine * y, sine * z)).matrix
+
+
+def _origin(T: FloatArray) -> tuple[Vector, Vector]:
+    """xyz and rpy of a 4 x 4 pose, as URDF writes them: the rotation is yaw after pitch after roll."""
+    (r00, _, _, x), (r10, r11, r12, y), (r20, r21, r22, z) = T[:3].tolist()
+    across = math.hypot(r00, r10)
+    pitch = math.atan2(-r20, across)
+    if across < 1e-9:
+        return (x, y, z), (math.atan2(-r12, r11), pitch, 0.0)
+    return (x, y, z), (math.atan2(r21, r22), pitch, math.atan2(r10, r00))
