@@ -26,15 +26,13 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
-from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, DEFAULT_VELOCITY, MAX_ELEMENTS, MAX_OFFSET
+from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, MAX_ELEMENTS, MAX_OFFSET
 
 __all__ = ["read_mjcf"]
 
 SECONDS = 60
 MEMORY = 8_000_000_000
 """Bytes of address space, of which mujoco reserves much more than it uses."""
-SLIDE_VELOCITY = 0.1
-"""m/s of a sliding joint, as MJCF has no velocity limits: slow enough for any arm."""
 JOINTS = ("free", "ball", "slide", "hinge")
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 """mujoco's types of joints and geoms, by number (mjtJoint, mjtGeom)."""
@@ -174,9 +172,8 @@ class _Reader:
             T = T @ anchor @ _motion(kind, axis, -rest)
             xyz, rpy = _origin(T)
             T = _shift([-each for each in at])
-            speed = DEFAULT_VELOCITY if kind == "hinge" else SLIDE_VELOCITY
             ends = (made[-1].child if made else parent, f"{label}_anchor")
-            limits = (float(low), float(high), speed, float(effort))
+            limits = (float(low), float(high), 0.0, float(effort))
             made.append(UrdfJoint(label, KINDS[kind], *ends, xyz, rpy, tuple(axis), *limits, mimics.get(k)))
         if made and np.array_equal(T, np.eye(4)):
             made.append(replace(made.pop(), child=name))

@@ -119,7 +119,7 @@ def test_compiled_kinematics_have_the_bits_of_python(case: Case) -> None:
     for q in case.anywhere(5):
         pose, starts = Pose.from_matrix(robot.tool_pose(q)), case.anywhere(6)
         target = np.array(pose.matrix[:3].ravel())
-        found, arrived = arm.descend(target, starts, True, 40)
+        found, arrived = arm.descend(target, starts, robot.limits.lower, robot.limits.upper, 40)
         expected = descend(robot, pose, starts)
         assert found.tobytes() == expected.q.tobytes()
         assert arrived == expected.arrived.tolist()
