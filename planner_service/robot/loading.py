@@ -65,6 +65,7 @@ def robot_from_file(path: Path) -> Robot:
     robot = Robot(
         name=table.name,
         joint_names=joints,
+        continuous=tuple(name in table.continuous for name in joints) if table.continuous else (),
         limits=JointLimits(
             lower=np.array(limits.position.lower),
             upper=np.array(limits.position.upper),
@@ -110,6 +111,8 @@ def _disagreements(table: RobotTable, urdf: Urdf, fingers: Sequence[str], standi
     named += [(f"allowed_contacts[{i}].links", link) for i, c in enumerate(table.allowed_contacts) for link in c.links]
     named += [(f"retreat[{i}].pairs", link) for i, r in enumerate(table.retreat) for pair in r.pairs for link in pair]
     problems += [f"{where}: {link!r} is no link of the URDF" for where, link in named if link not in links]
+    endless = [name for name in table.joints if name in movable and movable[name].continuous]
+    problems += [f"continuous: {name!r} is not a continuous joint" for name in table.continuous if name not in endless]
     pairs = Counter(" x ".join(sorted(contact.links)) for contact in table.allowed_contacts)
     problems += [f"allowed_contacts: {pair} is listed twice" for pair in pairs if pairs[pair] > 1]
     problems += _loose_limits(table, movable) + _unjudged(urdf)

@@ -154,6 +154,7 @@ class RetreatTable(Record):
 class RobotTable(Record):
     """A robot.toml. Names of links and joints are not compared with the URDF yet.
 
+    ``continuous`` names joints that turn without end; their limits in the file are what one search looks at.
     ``decompose`` names links whose meshes are cut into convex pieces, and how many of each at most.
     """
 
@@ -161,6 +162,7 @@ class RobotTable(Record):
     urdf: Sentence
     packages: Names | None = Field(None, description="one or more different names")
     joints: Names
+    continuous: Annotated[list[str], Field(default_factory=list, description="a list of names of joints")]
     tool_frame: Sentence
     base_links: Names
     inverse_kinematics: Literal["numeric", "wxai"] = "numeric"

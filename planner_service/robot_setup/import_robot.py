@@ -269,6 +269,7 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str
         f"name = {_quoted(robot.name)}",
         f"urdf = {_quoted(source.copy_name)}",
         f"joints = {_list(map(_quoted, robot.joint_names))}",
+        *_continuous(robot),
         f"tool_frame = {_quoted(robot.tool_frame)}"
         + ("" if source.tool_frame else "   # the last link of the longest chain: is it the tool?"),
         f"base_links = {_list(map(_quoted, robot.base_links))}   # not checked against obstacles",
@@ -288,6 +289,11 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str
     ):
         lines += ["", f"[limits.{kind}]", f"values = {_numbers(values.tolist())}", f"source = {_quoted(words)}"]
     return "\n".join(map(_printable, [*lines, "", *_contacts(robot, table)])) + "\n"
+
+
+def _continuous(robot: Robot) -> list[str]:
+    names = [name for name, endless in zip(robot.joint_names, robot.continuous, strict=False) if endless]
+    return [f"continuous = {_list(map(_quoted, names))}   # these turn without end"] if names else []
 
 
 def _poses(robot: Robot, table: ContactTable) -> list[str]:

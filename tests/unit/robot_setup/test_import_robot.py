@@ -129,7 +129,7 @@ def test_a_ur5_is_imported_with_its_meshes(tmp_path: Path) -> None:
     share = package_folder("example-robot-data")
     urdf = share / "robots" / "ur_description" / "urdf" / "ur5_joint_limited_robot.urdf"
     source = Source(urdf, tool_frame="tool0", package_dirs=(share,), joints=("wrist_2_joint", "wrist_3_joint"))
-    found = import_robot(source, tmp_path / "ur5")
+    found = import_robot(source, tmp_path / "ur5", prove=True)
     assert len(found.meshes) == 7
     assert {finding.kind for finding in found.table.findings} >= {ContactKind.ADJACENT, ContactKind.NEVER}
     shipped = load_robot("ur5")
