@@ -128,7 +128,14 @@ class LinkPair:
 
     @cached_property
     def checker(self) -> CollisionChecker:
-        return CollisionChecker(self.robot, Scene())
+        """Of the robot whose other joints stand at home: it checks a configuration several times as fast."""
+        names, home = self.robot.joint_names, self.robot.home.tolist()
+        others = {name: at for k, (name, at) in enumerate(zip(names, home, strict=True)) if k not in self.columns}
+        return CollisionChecker(self.robot.locked(others), Scene())
+
+    def are_free(self, Q: FloatArray) -> BoolArray:
+        """Which configurations (m, n) do not collide, (m,)."""
+        return self.checker.states_are_free(Q[:, sorted(set(self.columns))])
 
     def configurations(self, values: FloatArray) -> FloatArray:
         """Home, but for the joints between, which stand at ``values`` (m, k); (m, n)."""
@@ -146,7 +153,7 @@ class LinkPair:
             facing = self.motion.facing(self.motion.nodes(part)[0], shapes, node)
             gaps, _ = rough_gaps(facing, np.zeros((0, 3, len(node))))
             for k in np.flatnonzero(gaps.reshape(len(part), count).min(axis=1) <= MARGIN).tolist():
-                out[start + k] = not self.checker.state_is_free(part[k])
+                out[start + k] = not self.are_free(part[k : k + 1])[0]
         return out
 
 
@@ -191,7 +198,7 @@ class _Proof:
             for boxes in _batches(level):
                 touching, halves = self._halves(boxes)
                 if touching is not None:
-                    if self._pair.checker.state_is_free(touching):
+                    if self._pair.are_free(touching[None])[0]:
                         return self._unproven("somewhere the shapes all but touch")
                     reason = "collides in no sample, but in a configuration the proof found"
                     return replace(self._finding(ContactKind.SOMETIMES, reason), example=touching)

@@ -168,7 +168,7 @@ def always_overlapping(robot: Robot, *, progress: bool | None = None) -> tuple[A
     with bar("links that always overlap", progress if touching else False) as tell:
         for done, links in enumerate(touching, 1):
             pair = LinkPair(robot, links)
-            if not any(pair.checker.states_are_free(part).any() for part in (Q[:FIRST], Q[FIRST:])):
+            if not any(pair.are_free(part).any() for part in (Q[:FIRST], Q[FIRST:])):
                 reason = _always_overlaps(pair, SAMPLES)
                 found += [AllowedContact(links, reason)] if reason else []
             if tell is not None:
@@ -216,7 +216,7 @@ def _always_overlaps(pair: LinkPair, drawn: int) -> str:
     share = np.arange(each) / (each - 1)
     lines = [np.minimum(lo + (hi - lo) * share, hi) for lo, hi in zip(lower.tolist(), upper.tolist(), strict=True)]
     grid = np.stack([axis.ravel() for axis in np.meshgrid(*lines, indexing="ij")], axis=1)
-    if pair.checker.states_are_free(pair.configurations(grid)).any():
+    if pair.are_free(pair.configurations(grid)).any():
         return ""
     steps = ", ".join(f"{step:.2g}" for step in ((upper - lower) / (each - 1)).tolist())
     swept = f"{len(grid):,} points swept over {listed(pair.names)}, steps of {steps}"

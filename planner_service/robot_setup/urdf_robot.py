@@ -19,6 +19,7 @@ from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot.xacro_reader import package_folders, robot_folders
+from planner_service.robot_setup.link_pair import columns_between
 from planner_service.robot_setup.mjcf_reader import read_mjcf
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
 from planner_service.scene.scene import Scene
@@ -107,19 +108,26 @@ def _at_home(robot: Robot, home: FloatArray) -> Robot:
 
 
 def _with_free_home(robot: Robot, path: Path) -> Robot:
-    """The robot with a home in which it does not collide with itself, if one is found."""
+    """The robot with a home in which it does not collide with itself, if one is found.
+
+    First only the joints between links that collide at home leave it, then all.
+    """
     checker = CollisionChecker(robot, Scene())
     if checker.state_is_free(robot.home):
         return robot
     lower, upper, home = robot.limits.lower, robot.limits.upper, robot.home
     rng = np.random.default_rng(0)
-    for share in SHARES:
-        steps = share * (upper - lower) * rng.uniform(-1.0, 1.0, (DRAWS, robot.n))
-        Q = np.clip(home + steps, lower, upper)
-        free = Q[checker.states_are_free(Q)]
-        if len(free):
-            away = np.abs((free - home) / (upper - lower)).max(axis=1)
-            logger.info("%s: home collides; the nearest free configuration found takes its place", path)
-            return _at_home(robot, free[away.argmin()])
-    logger.info("%s: home collides, and no free configuration was found", path)
+    touching = [(contact.a, contact.b) for contact in checker.contacts(home)]
+    between = sorted({column for links in touching for column in columns_between(robot, links)})
+    for columns in (between, list(range(robot.n))):
+        for share in SHARES:
+            low, high = (np.clip(home + side * share * (upper - lower), lower, upper) for side in (-1.0, 1.0))
+            Q = np.repeat(home[None], DRAWS, axis=0)
+            Q[:, columns] = rng.uniform(low[columns], high[columns], (DRAWS, len(columns)))
+            free = Q[checker.states_are_free(Q)]
+            if len(free):
+                away = np.abs((free - home) / (upper - lower)).max(axis=1)
+                logger.info("%s: home collides; the nearest free configuration found takes its place", path)
+                return _at_home(robot, free[away.argmin()])
+    logger.warning("%s: home collides, and no free configuration was found: set another with robot.toml", path)
     return robot
