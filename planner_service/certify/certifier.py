@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -24,7 +24,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import proof_text
-from planner_service.robot.model import Robot
+from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "ProofBackend", "Refusal", "certify"]
@@ -115,6 +115,8 @@ class Certificate:
         part: From where to where in s the curve was judged; None: all of it.
         allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
         kept: What is proven of each constraint, in their order; none if one of them is refused.
+        contacts: The pairs of links with shapes that were judged nowhere because the robot allows them to touch, each
+            with its reason. A plan file has them with its robot, so a certificate read from one has none itself.
     """
 
     clearance: float
@@ -125,9 +127,10 @@ class Certificate:
     part: Span | None = None
     allowed: tuple[tuple[str, str], ...] = ()
     kept: tuple[Kept, ...] = ()
+    contacts: tuple[AllowedContact, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        copied_in(self, "exempt", "kept")
+        copied_in(self, "exempt", "kept", "contacts")
 
     def __str__(self) -> str:
         if self.refusal is not None:
@@ -168,6 +171,8 @@ class Certifier:
         self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
+        shaped = {item.link for item in robot.shapes}
+        self._contacts = tuple(contact for contact in robot.allowed_contacts if shaped.issuperset(contact.links))
         self.listed = ProofPairs(robot, scene, self._allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
@@ -214,13 +219,16 @@ class Certifier:
         judged = checked_part or (0.0, curve.length)
         kept = prove_kept(self.robot, curve, constraints, part=judged, charge=charge)
         if isinstance(kept, KeptRefusal):
-            return Certificate(-math.inf, 0, padding, stretches, kept, checked_part, self._allowed)
+            return Certificate(
+                -math.inf, 0, padding, stretches, kept, checked_part, self._allowed, contacts=self._contacts
+            )
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction, refusal, clearance = proof.obstruction, None, _floored(proof.proven)
         if obstruction is not None:
             names, clearance = self.listed.names(obstruction.pair), -math.inf
             refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(clearance, proof.bounds, padding, stretches, refusal, checked_part, self._allowed, kept)
+        allowed, contacts = self._allowed, self._contacts
+        return Certificate(clearance, proof.bounds, padding, stretches, refusal, checked_part, allowed, kept, contacts)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.

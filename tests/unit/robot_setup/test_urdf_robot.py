@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planner_service.certify import certify
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, UnknownName
 from planner_service.planning.request import PlanRequest
@@ -215,3 +216,15 @@ def test_an_unknown_example_is_answered_by_a_similar_name_and_one_of_several_by_
     with pytest.raises(UnknownName) as raised:
         load_robot("example-robot-data:anymal")
     assert {f"anymal_{kind}_simple_description/anymal" for kind in "bc"} <= set(raised.value.available)
+
+
+def test_a_certificate_names_each_pair_that_the_robot_allows_to_touch(tmp_path: Path) -> None:
+    """Each pair of links on different bodies is checked or named with a reason: there is no third kind."""
+    robot = load_robot(written(tmp_path / "nested.urdf", NESTED))
+    certificate = certify(robot, Scene(), [robot.home, robot.home])
+    assert {contact.links: contact.reason for contact in certificate.contacts} == reasons(robot)
+    exempt = {frozenset(contact.links) for contact in certificate.contacts}
+    assert exempt.isdisjoint(frozenset(links) for links in robot.link_pairs)
+    linked = {item.link: item.body for item in robot.shapes}
+    pairs = {frozenset((a, b)) for a in linked for b in linked if linked[a] != linked[b]}
+    assert exempt | {frozenset(links) for links in robot.link_pairs} == pairs
