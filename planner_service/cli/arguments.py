@@ -11,7 +11,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from planner_service.cli import plot
 from planner_service.constraints import Constraint, KeepUpright, load_constraints
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.files.writing import require_writable
@@ -30,6 +29,7 @@ from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.timing.laws import Timing
+from planner_service.view.still import clearance_plot
 from planner_service.view.still import pictures as still
 
 __all__ = [
@@ -56,7 +56,7 @@ T = TypeVar("T")
 
 _POSE = "pose:"
 
-_FILE_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": plot.OURS, "--png": still.OURS}
+_FILE_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": clearance_plot.OURS, "--png": still.OURS}
 """The beginning of the files that each option may overwrite."""
 
 

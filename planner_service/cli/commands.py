@@ -17,11 +17,11 @@ from planner_service import __version__
 from planner_service.certify import Certifier
 from planner_service.cli import arguments, listings, options
 from planner_service.cli.certify import certify
+from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.output import emit, json_text, render, wrapped
-from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.roadmaps import roadmaps
 from planner_service.cli.run import run
 from planner_service.cli.view import view
@@ -42,6 +42,7 @@ from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import task_lines, task_rows
+from planner_service.view.still.clearance_plot import write_clearance_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]
@@ -411,3 +412,4 @@ _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")
 _add(doctor, "Compare the compiled kernels with their references.", "doctor")
 app.add_typer(roadmaps, name="roadmap")
+app.add_typer(robot_commands, name="robot")

@@ -158,6 +158,10 @@ class Mesh:
         onto = np.where(outside | (above < rounding), np.inf, np.maximum(above, 0.0)).min(axis=-1)
         return np.where((above <= 0.0).all(axis=-1), 0.0, np.minimum(onto, least))
 
+    def distance_bound(self, points: FloatArray) -> FloatArray:
+        """Upper bounds (k,) of the distances of points (k, 3), far faster than these: 0 inside, tight near a face."""
+        return _outside(self, points, 0.0)[0]
+
     def grown(self, margin: float) -> Mesh:
         """A mesh that contains every point within ``margin`` of this one, and none farther than 1.74 times that.
 

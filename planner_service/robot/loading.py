@@ -219,11 +219,13 @@ class Selection:
     joints: tuple[str, ...] | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     decompose: Mapping[str, int] = field(default_factory=dict)
+    visual_as_collision: bool = False
 
 
 def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selection) -> Robot:
     """See ``Robot.from_urdf``."""
-    return robot_of(path, read_urdf(path, package_dirs, selection.decompose), selection)
+    as_seen = selection.visual_as_collision
+    return robot_of(path, read_urdf(path, package_dirs, selection.decompose, visual_as_collision=as_seen), selection)
 
 
 def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = None) -> Robot:

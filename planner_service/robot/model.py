@@ -21,7 +21,17 @@ from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose, Shape
-from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers, text, whole
+from planner_service.geometry.validation import (
+    copied_in,
+    finite_numbers,
+    flag,
+    instance,
+    items,
+    number,
+    numbers,
+    text,
+    whole,
+)
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
@@ -202,6 +212,7 @@ class Robot:
         locked_joints: Mapping[str, float] | None = None,
         joints: Sequence[str] | None = None,
         decompose: Mapping[str, int] | None = None,
+        visual_as_collision: bool = False,
     ) -> Robot:
         """The robot of any URDF whose collision geometry is made of boxes, cylinders, spheres and meshes.
 
@@ -224,6 +235,8 @@ class Robot:
                 the base to the tip of each chain; where chains part, in file order.
             decompose: For links whose hulls would fill too much: the maximum number of convex pieces into which each
                 mesh is cut (extra ``decompose``).
+            visual_as_collision: Links without collision elements are checked as they look, meshes as their hulls;
+                else they are never checked.
 
         Raises:
             InvalidFile: the URDF or SRDF has problems; all of them are named.
@@ -239,7 +252,10 @@ class Robot:
         given_folders = items("package_dirs", package_dirs, object, "folders")
         folders = tuple(as_path("package_dirs", folder) for folder in given_folders)
         srdf_path = None if srdf is None else as_path("srdf", srdf)
-        selection = Selection(tool_frame, srdf_path, names, dict(locked_joints or {}), dict(decompose or {}))
+        selection = Selection(
+            tool_frame, srdf_path, names, dict(locked_joints or {}), dict(decompose or {}),
+            flag("visual_as_collision", visual_as_collision),
+        )  # fmt: skip
         return robot_from_urdf(as_path("path", path), folders, selection)
 
     @property

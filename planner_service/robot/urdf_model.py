@@ -87,6 +87,7 @@ class Urdf:
 
     Attributes:
         unread_visuals: Why visual elements that the reader was asked for are missing, a line each.
+        remarks: What the reader understood although it is written in an unusual way, a line each.
     """
 
     name: str
@@ -94,3 +95,4 @@ class Urdf:
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
     unread_visuals: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()

@@ -32,7 +32,7 @@ from planner_service.robot.urdf_model import (
 )
 from planner_service.robot.xacro_reader import expanded_xml, robot_folders
 
-__all__ = ["read_urdf"]
+__all__ = ["inspect_urdf", "read_urdf"]
 
 T = TypeVar("T")
 
@@ -48,6 +48,8 @@ INSTEAD = {
     "floating": "write type fixed and plan for what it carries as it stands",
 }
 """What to do about joints of several degrees of freedom, which have no limits."""
+UNIT = 1e-3
+"""How far the length of an axis may be from 1: it may be written with three digits."""
 
 
 def read_urdf(
@@ -56,6 +58,7 @@ def read_urdf(
     decompose: Mapping[str, int] | None = None,
     *,
     visuals: bool = False,
+    visual_as_collision: bool = False,
 ) -> Urdf:
     """The robot of a URDF file, or of a xacro file with the defaults of its arguments (``expanded_xml``).
 
@@ -64,17 +67,38 @@ def read_urdf(
         decompose: For links whose meshes are cut into convex pieces: the maximum number of pieces.
         visuals: Read what the links look like, too. A visual element with a problem is left out, and
             ``Urdf.unread_visuals`` says why.
+        visual_as_collision: A link without collision elements is checked as it looks.
 
     Raises:
         InvalidFile: with every problem of the file.
         MissingDependency: a mesh has to be cut, and coacd is not installed; or macros expanded, and xacro is not.
     """
-    folders = robot_folders(path, package_dirs)
-    reader = _Reader(folders, dict(decompose or {}), visuals=visuals)
-    urdf = reader.robot(expanded_xml(path, folders))
-    if reader.problems:
-        raise InvalidFile(path, reader.problems)
+    given = dict(decompose or {})
+    urdf, problems = _read(path, package_dirs, given, visuals=visuals, visual_as_collision=visual_as_collision)
+    if problems:
+        raise InvalidFile(path, problems)
     return urdf
+
+
+def inspect_urdf(
+    path: Path, package_dirs: Sequence[Path] = (), *, visual_as_collision: bool = False
+) -> tuple[Urdf, Sequence[str]]:
+    """What ``read_urdf`` would give, visuals included, and its problems; each has left a stand-in value.
+
+    The root is empty if the links and joints are no tree. Arguments are those of ``read_urdf``.
+    """
+    try:
+        return _read(path, package_dirs, {}, visuals=True, visual_as_collision=visual_as_collision)
+    except InvalidFile as error:
+        return Urdf("", "", (), ()), error.problems
+
+
+def _read(
+    path: Path, package_dirs: Sequence[Path], decompose: dict[str, int], *, visuals: bool, visual_as_collision: bool
+) -> tuple[Urdf, Sequence[str]]:
+    folders = robot_folders(path, package_dirs)
+    reader = _Reader(folders, decompose, visuals=visuals, visual_as_collision=visual_as_collision)
+    return reader.robot(expanded_xml(path, folders)), reader.problems
 
 
 def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:
@@ -94,12 +118,16 @@ def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:
 class _Reader:
     """Reads elements and collects every problem; after a problem it goes on with a stand-in value."""
 
-    def __init__(self, folders: tuple[Path, ...], decompose: dict[str, int], *, visuals: bool) -> None:
+    def __init__(
+        self, folders: tuple[Path, ...], decompose: dict[str, int], *, visuals: bool, visual_as_collision: bool
+    ) -> None:
         self.meshes = MeshLoader(folders)
         self.surfaces = MeshLoader(folders) if visuals else None
         self.decompose = decompose
+        self.visual_as_collision = visual_as_collision
         self.problems: list[str] = []
         self.unread_visuals: list[str] = []
+        self.remarks: list[str] = []
 
     def robot(self, root: ElementTree.Element) -> Urdf:
         link_elements, joint_elements = root.findall("link"), root.findall("joint")
@@ -109,11 +137,19 @@ class _Reader:
                 return Urdf("", "", (), ())
         name = self.text(root, "name", "robot")
         links = tuple(self.link(element) for element in link_elements)
-        shaped = {each.get("name") for each in root.findall("link[collision]")}
+        shaped = {each.get("name") for each in link_elements if self.checked(each)[1]}
         for link in sorted(map(str, self.decompose.keys() - shaped)):
             self.problems.append(f"decompose: {link!r} is not a link with a collision shape")
         joints = tuple(self.joint(element) for element in joint_elements)
-        return Urdf(name, self.tree(links, joints), links, joints, tuple(self.unread_visuals))
+        before = len(self.problems)
+        top = self.tree(links, joints)
+        top = top if len(self.problems) == before else ""
+        return Urdf(name, top, links, joints, tuple(self.unread_visuals), tuple(self.remarks))
+
+    def checked(self, link: ElementTree.Element) -> tuple[str, list[ElementTree.Element]]:
+        """The elements of a link that say what is checked, and their tag."""
+        tag = "visual" if self.visual_as_collision and link.find("collision") is None else "collision"
+        return tag, link.findall(tag)
 
     def link(self, element: ElementTree.Element) -> UrdfLink:
         name = self.text(element, "name", "link")
@@ -123,8 +159,9 @@ class _Reader:
             return (self.meshes.mesh(file, scale),) if most == 1 else self.meshes.pieces(file, scale, most)
 
         collisions = []
-        for index, child in enumerate(element.findall("collision")):
-            where = f"link {name!r} collision[{index}]"
+        tag, children = self.checked(element)
+        for index, child in enumerate(children):
+            where = f"link {name!r} {tag}[{index}]"
             shapes = self.shapes(child, where, solids)
             xyz, rpy = self.origin(child, where)
             collisions += [UrdfCollision(shape, xyz, rpy) for shape in shapes]
@@ -234,6 +271,8 @@ class _Reader:
             given = f"{where}: axis {x:g} {y:g} {z:g}"
             self.problems.append(f"{given} has no direction; expected a vector that is not zero")
             return (1.0, 0.0, 0.0)
+        if abs(norm - 1.0) > UNIT:
+            self.remarks.append(f"{where}: axis {x:g} {y:g} {z:g} has length {norm:.4g}")
         return (x / norm, y / norm, z / norm)
 
     def limits(self, joint: ElementTree.Element, kind: str, where: str) -> tuple[float, float, float, float]:
@@ -249,6 +288,7 @@ class _Reader:
         velocity = self.optional(element, "velocity", f"{where} limit", 0.0)
         if velocity < 0.0:
             self.problems.append(f"{where}: velocity {velocity:g}; expected at least 0")
+            velocity = 1.0
         effort = self.optional(element, "effort", f"{where} limit", 0.0)
         if effort < 0.0:
             self.problems.append(f"{where}: effort {effort:g}; expected at least 0")
@@ -258,6 +298,7 @@ class _Reader:
         upper = self.number(element, "upper", f"{where} limit", lower)
         if lower > upper:
             self.problems.append(f"{where}: lower {lower:g} is above upper {upper:g}")
+            lower, upper = upper, lower
         if max(abs(lower), abs(upper)) > MAX_OFFSET:
             self.problems.append(f"{where}: limits {lower:g} .. {upper:g}; expected at most {MAX_OFFSET:g}")
         return (lower, upper, velocity, effort)

@@ -24,7 +24,7 @@ from planner_service.robot_setup.mjcf_reader import read_mjcf
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
 from planner_service.scene.scene import Scene
 
-__all__ = ["load_urdf"]
+__all__ = ["described_robot", "free_home", "load_urdf"]
 
 MJCF_SUFFIXES = (".xml", ".mjcf")
 
@@ -56,11 +56,26 @@ def load_urdf(path: Path) -> Robot:
     """
     read_bytes(path, MAX_XML_BYTES)  # refuses what is no path
     if path.suffix.lower() in MJCF_SUFFIXES:
-        urdf, srdf = read_mjcf(path, robot_folders(path, package_folders(path)))
-        file = None
+        robot = described_robot(path, *read_mjcf(path, robot_folders(path, package_folders(path))))
     else:
-        urdf = read_urdf(path, package_folders(path))
-        file, srdf = _srdf_beside(path, urdf)
+        robot = described_robot(path, read_urdf(path, package_folders(path)))
+    home = free_home(robot)
+    if home is robot.home:
+        return robot
+    if home is None:
+        logger.warning("%s: home collides, and no free configuration was found: set another with robot.toml", path)
+        return robot
+    logger.info("%s: home collides; the nearest free configuration found takes its place", path)
+    return _at_home(robot, home)
+
+
+def described_robot(path: Path, urdf: Urdf, srdf: Srdf | None = None) -> Robot:
+    """The robot that was read from ``path``, as ``load_urdf`` gives it, but with a home that may collide.
+
+    Args:
+        srdf: What an SRDF says; the one beside the file if None.
+    """
+    file, srdf = _srdf_beside(path, urdf) if srdf is None else (None, srdf)
     tool = next(iter(srdf.tips), None)
     robot = robot_of(path, urdf, Selection(tool), srdf)
     logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
@@ -71,8 +86,7 @@ def load_urdf(path: Path) -> Robot:
         robot = _at_home(robot, robot.pose(READY))
     for contact in (always := always_overlapping(robot)):
         logger.info("%s: %s may touch; %s", path, " x ".join(contact.links), contact.reason)
-    robot = replace(robot, allowed_contacts=(*robot.allowed_contacts, *always))
-    return _with_free_home(robot, path)
+    return replace(robot, allowed_contacts=(*robot.allowed_contacts, *always))
 
 
 def _whence(tool: str | None, srdf: Path | None) -> str:
@@ -107,15 +121,15 @@ def _at_home(robot: Robot, home: FloatArray) -> Robot:
     return replace(robot, named_poses=tuple((name, home if name == HOME else q) for name, q in robot.named_poses))
 
 
-def _with_free_home(robot: Robot, path: Path) -> Robot:
-    """The robot with a home in which it does not collide with itself, if one is found.
+def free_home(robot: Robot) -> FloatArray | None:
+    """Home (n,) if the robot does not collide with itself there, else the nearest free configuration found, if any.
 
     First only the joints between links that collide at home leave it, then all.
     """
     checker = CollisionChecker(robot, Scene())
-    if checker.state_is_free(robot.home):
-        return robot
     lower, upper, home = robot.limits.lower, robot.limits.upper, robot.home
+    if checker.state_is_free(home):
+        return home
     rng = np.random.default_rng(0)
     touching = [(contact.a, contact.b) for contact in checker.contacts(home)]
     between = sorted({column for links in touching for column in columns_between(robot, links)})
@@ -127,7 +141,5 @@ def _with_free_home(robot: Robot, path: Path) -> Robot:
             free = Q[checker.states_are_free(Q)]
             if len(free):
                 away = np.abs((free - home) / (upper - lower)).max(axis=1)
-                logger.info("%s: home collides; the nearest free configuration found takes its place", path)
-                return _at_home(robot, free[away.argmin()])
-    logger.warning("%s: home collides, and no free configuration was found: set another with robot.toml", path)
-    return robot
+                return np.asarray(free[away.argmin()])
+    return None

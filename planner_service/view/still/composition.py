@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.view.regions import Kept, edges, frames_at, rectangles
 from planner_service.view.still.camera import Camera, combined
-from planner_service.view.still.lettering import CAPTION, Caption, Mark, lettered, place_of
+from planner_service.view.still.lettering import CAPTION, INK, Caption, Mark, lettered, place_of
 from planner_service.view.still.paint import Drawing, Line, paint, placed
 from planner_service.view.still.sights import Sights
 from planner_service.view.triangles import (
@@ -92,11 +92,17 @@ CELLS, MOST_CELLS = (0.1, 0.2, 0.5, 1.0, 10.0, 100.0, 1000.0), 16
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """The robot at q (n,), which need not be within its limits; ``touching`` are the labels of what to draw red."""
+    """The robot at q (n,), which need not be within its limits.
+
+    Attributes:
+        touching: The labels of what to draw red.
+        marked: Colours of other links, by their labels.
+    """
 
     q: FloatArray
     kind: Kind = START
     touching: frozenset[str] = frozenset()
+    marked: Mapping[str, Colour] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,10 +170,12 @@ def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
     camera = sights.camera(inner)
     image, owners = paint(drawing, camera, inner)
     struck = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
+    marked = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.marked]
     goals = [_pixel(camera, np.array(frame.position)) for frame in view.frames]
     marks = [
         *(Mark("goal", (x, y + BELOW), GOAL.colour) for x, y in goals),
         *_marks([*struck, *red], camera),
+        *(replace(mark, colour=INK) for mark in _marks(marked, camera)),
         *_visible_marks(drawing.solids, len(robots[0]), owners),
     ]
     return lettered(image, marks, caption)
@@ -183,7 +191,8 @@ def _robot_at(robot: Robot, riding: Sequence[Solid], stand: Stand) -> list[Solid
     poses = placements(robot, stand.q)
     out = []
     for solid in riding:
-        colour = TOUCHING if solid.name in stand.touching else _tinted(solid.colour, stand.kind)
+        own = stand.marked.get(solid.name, solid.colour)
+        colour = TOUCHING if solid.name in stand.touching else _tinted(own, stand.kind)
         out.append(replace(placed(solid, poses[solid.frame or TOOL]), colour=colour, opacity=stand.kind.opacity))
     return out
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
     from PIL.ImageFont import FreeTypeFont
 
-__all__ = ["CAPTION", "Caption", "Mark", "lettered", "place_of"]
+__all__ = ["CAPTION", "INK", "Caption", "Mark", "lettered", "place_of"]
 
 Image = NDArray[np.uint8]
 

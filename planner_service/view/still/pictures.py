@@ -13,14 +13,19 @@ import io
 import math
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision import CheckCounts, CollisionChecker, Contact
+from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -28,7 +33,11 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason
 from planner_service.presentation.measures import clearance_text
 from planner_service.records.plan_file import SavedTask
+from planner_service.robot.kinematic_tree import LinkShape
 from planner_service.robot.model import Robot, length_unit
+from planner_service.robot_setup.check_robot import FindingKind, RobotCheck
+from planner_service.robot_setup.visuals import Visual
+from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import TaskResult
@@ -50,7 +59,7 @@ from planner_service.view.still.composition import (
 from planner_service.view.still.lettering import Caption
 from planner_service.view.triangles import Colour
 
-__all__ = ["OURS", "draw_check", "draw_plan", "draw_task", "write_png"]
+__all__ = ["OURS", "draw_check", "draw_plan", "draw_robot_check", "draw_task", "write_png"]
 
 OURS = re.compile(rb"\x89PNG")
 """How pictures begin."""
@@ -60,6 +69,19 @@ Key = tuple[Colour, str]
 
 SIZE = (1280, 800)
 """Pixels, width and height, of every picture."""
+
+FOUND = {
+    FindingKind.REFUSED: (218, 44, 44),
+    FindingKind.HOME: (218, 44, 44),
+    FindingKind.VISUAL_ONLY: (196, 62, 190),
+    FindingKind.DEGREES: (232, 176, 0),
+    FindingKind.UNITS: (120, 84, 40),
+    FindingKind.AXIS: (232, 176, 0),
+    FindingKind.SIMPLIFIED: (40, 150, 160),
+    FindingKind.OVERHANG: (240, 130, 50),
+    FindingKind.FURNITURE: (70, 150, 90),
+}
+"""Colours of links by what was found about them."""
 
 ON_THE_WAY = 4
 """Robots between start and goal."""
@@ -119,6 +141,52 @@ def draw_check(checker: CollisionChecker, q: ArrayLike, file: str | os.PathLike[
     caption = Caption(f"{_where(robot, scene)}: {verdict}", (words,), _keys((), contacts))
     stand = Stand(np.asarray(q, dtype=np.float64), START, _names(contacts))
     write_png(file, picture(View(robot, scene, (stand,)), caption, SIZE))
+
+
+def draw_robot_check(check: RobotCheck, file: str | os.PathLike[str]) -> None:
+    """A picture of a robot at home, its links in the colours of what was found about them.
+
+    Links that are never checked are drawn as the hulls of what they look like.
+
+    Raises:
+        InvalidRequest: nothing could be made of the robot.
+        InvalidFile: the file cannot be written.
+    """
+    if check.robot is None:
+        raise InvalidRequest("check", check.path, "the check of a URDF that a robot can be made of")
+    kinds = [kind for kind in FOUND if any(finding.kind is kind for finding in check.findings)]
+    by_link = {
+        link: kind
+        for kind in reversed(kinds)
+        for finding in check.findings
+        if finding.kind is kind
+        for link in finding.links
+    }
+    unchecked = [link for link, kind in by_link.items() if kind is FindingKind.VISUAL_ONLY]
+    shown = replace(check.robot, shapes=(*check.robot.shapes, *_looks(check.robot, unchecked, check.visuals)))
+    drawn = {item.link for item in shown.shapes}
+    colours = {link: FOUND[kind] for link, kind in by_link.items() if link in drawn}
+    names = Names(shown, Scene())
+    counts = Counter(finding.kind.value for finding in check.findings)
+    words = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing found"
+    keys = tuple((FOUND[kind], kind.value) for kind in kinds)
+    caption = Caption(f"{check.robot.name} at home", (words,), keys)
+    stand = Stand(check.robot.home, marked={names.link(link): colour for link, colour in colours.items()})
+    write_png(file, picture(View(shown, Scene(), (stand,)), caption, SIZE))
+
+
+def _looks(robot: Robot, links: Iterable[str], visuals: Mapping[str, Sequence[Visual]]) -> Iterator[LinkShape]:
+    """What links look like, as shapes: the hulls of meshes, but for flat ones."""
+    for link in links:
+        body, T_body_link = robot.link_frame(link)
+        for item in visuals[link]:
+            shape = item.appearance
+            if isinstance(shape, Surface):
+                try:
+                    shape = Mesh(shape.vertices)
+                except InvalidRequest:
+                    continue
+            yield LinkShape(link, body, shape, Pose.from_matrix(T_body_link) @ item.pose)
 
 
 def write_png(file: str | os.PathLike[str], image: Image) -> None:

@@ -31,7 +31,6 @@ from planner_service import (
     save_scene,
 )
 from planner_service.certify import Certifier
-from planner_service.cli.plot import write_clearance_plot
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.records.plan_file import SavedTask, load_plan, load_plan_or_task, load_task, save_plan
@@ -41,6 +40,7 @@ from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
+from planner_service.view.still.clearance_plot import write_clearance_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
 
 SECONDS = 5

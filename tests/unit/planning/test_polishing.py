@@ -41,7 +41,6 @@ from planner_service import (
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
-from planner_service.cli.plot import clearance_svg
 from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Chomp, Figures, MethodResult, Optimum, TrajOpt
 from planner_service.optimize.problem import CurveProblem
@@ -49,6 +48,7 @@ from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import BENT, judged, lines
 from planner_service.planning.timing_stage import timed
 from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
+from planner_service.view.still.clearance_plot import clearance_svg
 from tests.integration.test_pins import OTHER_CPU
 from tests.support.optional import present
 

@@ -1,0 +1,86 @@
+"""The command ``robot check``: what is wrong with a URDF, in words, as JSON and as a picture."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from planner_service.cli import options
+from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
+from planner_service.cli.output import emit, json_text, render, wrapped
+from planner_service.files.writing import require_writable
+from planner_service.robot_setup.check_robot import RobotCheck, check_robot
+from planner_service.view.still.pictures import draw_robot_check
+
+__all__ = ["robot_commands"]
+
+robot_commands = typer.Typer(help="Look at robots of one's own.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@robot_commands.callback()
+def _of_its_own() -> None:
+    """Keep ``check`` a command below ``robot``, which it would not be by itself."""
+
+
+@robot_commands.command(
+    "check",
+    short_help="Look for mistakes in a URDF.",
+    epilog="\b\nExample:\n  planner-service robot check arm.urdf --png arm.png",
+)
+def check(
+    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description.")],
+    package_dir: Annotated[
+        list[str] | None, typer.Option(metavar="DIR", help="A folder to search for meshes. May be repeated.")
+    ] = None,
+    visual_as_collision: Annotated[
+        bool, typer.Option("--visual-as-collision", help="Check links without collision elements as they look.")
+    ] = False,
+    png: options.Picture = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Look for mistakes in a URDF: units, limits, links that are never checked, a home in collision.
+
+    Exit codes: 0 the robot can be loaded, perhaps with warnings; 1 it cannot.
+    """
+    with bad_input_exits():
+        if png is not None:
+            require_writable(Path(png))
+        found = check_robot(urdf, package_dir or (), visual_as_collision=visual_as_collision)
+        if png is not None:
+            if found.robot is None:
+                report_error("note: no picture: nothing can be made of this URDF")
+            else:
+                draw_robot_check(found, png)
+    emit(json_text(_record(found)) if as_json else render(*_lines(found)))
+    raise typer.Exit(0 if found.ok else NO_PLAN)
+
+
+def _lines(check: RobotCheck) -> list[str]:
+    errors = sum(finding.is_error for finding in check.findings)
+    warnings = len(check.findings) - errors
+    title = f"{check.path}: {_counted(errors, 'error')}, {_counted(warnings, 'warning')}"
+    lines = [f"{'error' if finding.is_error else 'warning'}: {finding}" for finding in check.findings]
+    return [title, *([""] if lines else []), *wrapped(lines)]
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _record(check: RobotCheck) -> dict[str, Any]:
+    findings = [
+        {
+            "kind": finding.kind.value,
+            "error": finding.is_error,
+            "links": list(finding.links),
+            "joints": list(finding.joints),
+            "text": finding.text,
+            "advice": finding.advice,
+        }
+        for finding in check.findings
+    ]
+    overhangs = {link: None if math.isinf(metres) else metres for link, metres in check.overhangs.items()}
+    return {"urdf": str(check.path), "ok": check.ok, "findings": findings, "overhangs": overhangs}
