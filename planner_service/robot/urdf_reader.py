@@ -359,6 +359,7 @@ class _Reader:
         }
         if max(abs(value) for key in read for value in read[key]) > MAX_OFFSET:
             self.problems.append(f"{where}: origin {read['xyz']} {read['rpy']}; expected at most {MAX_OFFSET:g}")
+            return zero, zero
         return read["xyz"], read["rpy"]  # type: ignore[return-value]
 
     def one(self, element: ElementTree.Element, tag: str, where: str) -> ElementTree.Element | None:

@@ -220,7 +220,8 @@ def _link_findings(
         yield Finding(FindingKind.OVERHANG, text, "enlarge its collision shapes, or plan with that much padding", about)
     if not link.collisions and link.name in visuals and (not beyond or mm > 1000.0 * OVERHANG):
         far = "nothing that moves with it is" if math.isinf(mm) else f"it extends {mm:.1f} mm beyond what is"
-        text = f"link {link.name!r}: has visual elements alone, so it is never checked" + (f"; {far}" if beyond else "")
+        text = f"link {link.name!r}: it has visual elements alone, so it is never checked"
+        text += f"; {far}" if beyond else ""
         advice = "give it collision elements, or use visual_as_collision (--visual-as-collision)"
         yield Finding(FindingKind.VISUAL_ONLY, text, advice, about)
     growth = [item.shape.growth for item in link.collisions if isinstance(item.shape, Mesh) and item.shape.growth]

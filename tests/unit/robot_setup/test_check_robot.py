@@ -46,7 +46,7 @@ FAULTS = {
         'velocity="1.5"',
         'velocity="0"',
         K.VELOCITY,
-        "no velocity of shoulder: a slow one is assumed; write <limit velocity=\"...\"/>, in rad/s or m/s",
+        'no velocity of shoulder: a slow one is assumed; write <limit velocity="..."/>, in rad/s or m/s',
     ),
     "a negative velocity": (
         'velocity="1.5"',
@@ -98,14 +98,14 @@ FAULTS = {
         COLUMN,
         COLUMN.replace("collision", "visual"),
         K.VISUAL_ONLY,
-        "link 'column': has visual elements alone, so it is never checked; nothing that moves with it is; give it "
+        "link 'column': it has visual elements alone, so it is never checked; nothing that moves with it is; give it "
         "collision elements, or use visual_as_collision (--visual-as-collision)",
     ),
     "a tool that is never checked": (
         TIP,
         CAMERA,
         K.VISUAL_ONLY,
-        "link 'tip': has visual elements alone, so it is never checked; it extends 51.2 mm beyond what is; give it "
+        "link 'tip': it has visual elements alone, so it is never checked; it extends 51.2 mm beyond what is; give it "
         "collision elements, or use visual_as_collision (--visual-as-collision)",
     ),
     "a model that falls short": (
@@ -139,8 +139,7 @@ FAULTS = {
         ' effort="3"',
         "",
         K.EFFORT,
-        "no effort of elbow: what the motors can do is unknown; write <limit effort=\"...\"/>, in "
-        "Nm or N",
+        'no effort of elbow: what the motors can do is unknown; write <limit effort="..."/>, in Nm or N',
     ),
     "furniture": (
         TIP,
@@ -155,7 +154,7 @@ FAULTS = {
         K.UNREAD_VISUAL,
         "link 'head' visual[0]: mesh 'head.dae' does not exist",
     ),
-}  # fmt: skip
+}
 """What of the desk arm is replaced by what, and what is found."""
 
 
@@ -213,7 +212,13 @@ def test_what_is_refused_is_what_loading_refuses(folder: Path) -> None:
     assert kinds == [FindingKind.REFUSED, FindingKind.REFUSED, FindingKind.EFFORT]
 
 
-@pytest.mark.parametrize("text", ["", "<robot", "<robot name='a'/>", "<html/>", ARM.replace("revolute", "ball")])
+WHATEVER = ["", "<robot", "<robot name='a'/>", "<html/>", ARM.replace("revolute", "ball"), ARM.replace(TIP, TIP + TIP),
+            ARM.replace("elbow", "wrist"), ARM.replace('effort="1"/>', 'effort="1"/><mimic joint="none"/>'),
+            ARM.replace('type="fixed"', 'type="fixed" type="fixed"'), ARM.replace("0.25 0 0", "1e300 0 0"),
+            ARM.replace('upper="2.8"', 'upper="1e17"'), ARM.replace("0 0 1", "0 0 0")]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", WHATEVER)
 def test_whatever_the_file_holds_there_is_an_answer(folder: Path, text: str) -> None:
     (folder / "arm.urdf").write_text(text)
     found = check_robot(folder / "arm.urdf")
