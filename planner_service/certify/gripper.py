@@ -150,5 +150,6 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         gripper=None,
         retreats=(),
         continuous=(*robot.continuous, False) if robot.continuous else (),
+        dynamics=None,
     )
     return lock_joints(sliding, dict(zip(robot.joint_names, q.tolist(), strict=True)))

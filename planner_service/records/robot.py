@@ -17,6 +17,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.records.pose import PoseRecord
 from planner_service.records.scene import ShapeRecord
+from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER, Body, LinkFrame, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 
@@ -166,6 +167,31 @@ class RetreatRecord(schema.Record):
     reason: schema.Prose
 
 
+class LinkInertiaRecord(schema.Record):
+    """A ``LinkInertia``."""
+
+    makes = LinkInertia
+
+    link: schema.Text
+    body: schema.Count
+    mass: Annotated[float, Field(gt=0.0, le=1e9)]
+    tensor: Annotated[schema.Numbers, schema.of_length(6, "6 finite numbers")]
+    pose: PoseRecord
+
+
+class DynamicsRecord(schema.Record):
+    """A ``Dynamics``."""
+
+    effort: schema.Joints
+    links: Annotated[list[LinkInertiaRecord], schema.at_most(MAX_SHAPES)]
+
+    @cached_property
+    def value(self) -> Dynamics:
+        if min(self.effort, default=0.0) < 0.0:
+            raise InvalidRequest("effort", self.effort, "numbers of at least 0")
+        return Dynamics(np.array(self.effort), tuple(link.value for link in self.links))
+
+
 class RobotRecord(schema.GrownRecord):
     """A ``Robot`` with its hash, which has to be that of its content."""
 
@@ -188,6 +214,7 @@ class RobotRecord(schema.GrownRecord):
     settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
     link_frames: Annotated[list[LinkFrameRecord], schema.at_most(MAX_SHAPES)] = Field(default_factory=list)
     continuous: Annotated[list[bool], schema.at_most(MAX_JOINTS)] = Field(default_factory=list)
+    dynamics: DynamicsRecord | None = None
 
     @cached_property
     def value(self) -> Robot:
@@ -237,6 +264,9 @@ def _contradictions(robot: Robot) -> Iterator[tuple[str, object, str]]:
             yield f"link_frames[{k}].body", frame.body, f"one of {len(bodies)} bodies, that of the link's shapes"
     if len({frame.link for frame in robot.link_frames}) != len(robot.link_frames):
         yield "link_frames", [frame.link for frame in robot.link_frames], "each link once"
+    for k, inertia in enumerate(() if robot.dynamics is None else robot.dynamics.links):
+        if inertia.body >= len(bodies):
+            yield f"dynamics.links[{k}].body", inertia.body, f"one of {len(bodies)} bodies"
     for k, retreat in enumerate(robot.retreats):
         if retreat.pose not in poses:
             yield f"retreats[{k}].pose", retreat.pose, "a named pose"

@@ -1,5 +1,6 @@
 """Robots as immutable values, and the files they are read from."""
 
+from planner_service.robot.inertia import Payload
 from planner_service.robot.model import (
     AllowedContact,
     Body,
@@ -19,6 +20,7 @@ __all__ = [
     "Gripper",
     "JointLimits",
     "LinkShape",
+    "Payload",
     "Robot",
     "load_robot",
     "robot_names",

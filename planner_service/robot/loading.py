@@ -14,6 +14,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
+from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import LinkFrame
 from planner_service.robot.model import AllowedContact, Gripper, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
@@ -87,6 +88,7 @@ def robot_from_file(path: Path) -> Robot:
         settle_time=table.settle_time,
         link_frames=_link_frames(assembly, () if gripper is None else gripper.links),
         locked_joints=tuple((name, at) for name, at in locked.items() if name not in fingers),
+        dynamics=_dynamics(urdf, assembly, joints),
     )
     width = None if table.gripper is None else table.gripper.width
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
@@ -273,12 +275,26 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = N
         link_frames=_link_frames(assembly, ()),
         continuous=tuple(joint.continuous for joint in joints) if any(joint.continuous for joint in joints) else (),
         locked_joints=tuple(locked.items()),
+        dynamics=_dynamics(urdf, assembly, names),
     )
 
 
 def _link_frames(assembly: Assembly, fingers: Sequence[str]) -> tuple[LinkFrame, ...]:
     frames = ((link, place) for link, place in assembly.frames.items() if link not in fingers)
     return tuple(LinkFrame(link, body, Pose.from_matrix(T)) for link, (body, T) in frames)
+
+
+def _dynamics(urdf: Urdf, assembly: Assembly, joints: Sequence[str]) -> Dynamics | None:
+    """The masses of all links and the efforts of the joints that move."""
+    links = []
+    for link in urdf.links:
+        inertial = link.inertial
+        if inertial is not None and inertial.mass > 0.0:
+            body, T = assembly.frames[link.name]
+            pose = Pose.from_matrix(product(T, transform(inertial.xyz, inertial.rpy)))
+            links.append(LinkInertia(link.name, body, inertial.mass, inertial.tensor, pose))
+    efforts = {joint.name: joint.effort for joint in urdf.joints}
+    return Dynamics(np.array([efforts[name] for name in joints]), tuple(links)) if links else None
 
 
 def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:

@@ -10,12 +10,13 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
+from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape, chain_to_base, joint_motion
 from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Robot
 
 __all__ = ["lock_joints"]
 
-Item = TypeVar("Item", LinkShape, LinkFrame)
+Item = TypeVar("Item", LinkShape, LinkFrame, LinkInertia)
 
 Anchor = tuple[int, FloatArray | None]
 """The body of the new robot that an old one belongs to, and T_new_old; None if they are the same body."""
@@ -45,6 +46,7 @@ def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
         gripper=robot.gripper and _moved_gripper(robot.gripper, anchors),
         retreats=_kept_retreats(robot, positions, kept, shapes),
         link_frames=tuple(_moved(item, anchors) for item in robot.link_frames),
+        dynamics=robot.dynamics and _moved_masses(robot.dynamics, anchors, kept),
         inverse="numeric" if on_the_way else robot.inverse,
         locked_joints=(*robot.locked_joints, *_locked(robot, positions)),
         continuous=tuple(robot.continuous[index] for index in kept) if robot.continuous else (),
@@ -92,6 +94,10 @@ def _moved(item: Item, anchors: list[Anchor]) -> Item:
     body, offset = anchors[item.body]
     pose = item.pose if offset is None else Pose.from_matrix(product(offset, item.pose.matrix))
     return replace(item, body=body, pose=pose)
+
+
+def _moved_masses(dynamics: Dynamics, anchors: list[Anchor], kept: list[int]) -> Dynamics:
+    return Dynamics(dynamics.effort[kept], tuple(_moved(item, anchors) for item in dynamics.links))
 
 
 def _moved_gripper(gripper: Gripper, anchors: list[Anchor]) -> Gripper:

@@ -34,6 +34,7 @@ from planner_service.geometry.validation import (
 )
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
+from planner_service.robot.inertia import Dynamics
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.package_files import EXAMPLES, example_urdf
 from planner_service.robot.reach import reach_bounds
@@ -164,6 +165,8 @@ class Robot:
             not part of ``hash``.
         link_frames: Frames of all links but those of the gripper, which move with its width. Not part of ``hash``: only
             constraints use them, and where a robot is given beside a file, they are proven anew with its own frames.
+        dynamics: Masses and efforts of its URDF; None without masses. Not part of ``hash`` either: only torque limits
+            use them, and where a robot is given beside a file, torques are worked out anew with its own.
     """
 
     name: str
@@ -185,6 +188,7 @@ class Robot:
     link_frames: tuple[LinkFrame, ...] = ()
     continuous: tuple[bool, ...] = ()
     locked_joints: tuple[tuple[str, float], ...] = ()
+    dynamics: Dynamics | None = None
 
     def __post_init__(self) -> None:
         poses = tuple((name, read_only(q)) for name, q in self.named_poses)
