@@ -16,25 +16,25 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from types import ModuleType
 from typing import Literal, Protocol
 
 import numpy as np
 
-from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry.arrays import FloatArray, cosines_and_sines
-from planner_service.geometry.validation import number, whole
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.validation import flag, number, whole
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
 from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, Peak, peaks, require_limits
-from planner_service.timing.profiles import Phase, Section, TooFast, speed_profile, trapezoid
+from planner_service.timing.profiles import Phase, Section, TimingFailed, TooFast, speed_profile, trapezoid
 from planner_service.timing.runs import runs_of, split_at
 from planner_service.timing.segments import PathSegment, SpeedLimit, path_segments, straight_sections
-from planner_service.timing.time_optimal import GridLimits, grid_limits, two_passes
+from planner_service.timing.time_optimal import constant_accelerations, grid_of, optimal_speeds, two_passes
 from planner_service.timing.toppra_backend import toppra_passes
+from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = [
     "SCurve",
@@ -55,29 +55,16 @@ SHORT_SEGMENT = 1e-3
 
 MAX_GRIDPOINTS = 10_000
 
-BLEND_GRIDPOINTS = 24
-"""Intervals on a blend: with 24 limits are exceeded between grid points by 0.3 % (p50), with 16 by twice that."""
-
-MIN_GRIDPOINTS = 4
-"""Intervals on a straight section between blends."""
-
 MIN_RUN_UP = 1e-6
 """Least length of a straight section between a blend and a stop, relative to the blend's length. With less, a constant
 speed on the blend would take thousands of seconds.
 """
-
-SPEED_SPACING = 0.1
-"""Radians between grid points under a speed limit, on average: it may change along straight sections too."""
 
 TAYLOR = np.array([1.0, 1.0, 2.0, 6.0])
 """Position, speed, acceleration and jerk divided by these are the coefficients of a cubic."""
 
 MIN_JERK, MAX_JERK = 1e-6, 1e6
 """rad/s^3. No arm is slower, and none responds faster: at 1e9 a phase of jerk is so short that rounding is a jump."""
-
-
-class TimingFailed(PlannerServiceError):
-    """A timing law found no solution along a valid path."""
 
 
 class Timing(Protocol):
@@ -151,10 +138,14 @@ class ToppRa:
     which the result is slowed down. Between two stops on a straight line the optimum is the trapezoid, which is used.
     So are trapezoids where TOPP-RA fails on blends or is slower, as with blends below 1e-4 rad.
 
+    With ``torque`` the joints' torques are kept, too, within ``TorqueLimits``: at the grid points by the same linear
+    programs, and between them to ``torque_limits.EXCESS`` of each limit. Such a motion is timed in Python.
+
     Args:
         gridpoints: Intervals between two stops, shared by the straight sections; each blend has 24 of its own.
         backend: Who solves the linear programs: "own" (compiled, closed form) or "toppra", the library, 60 times more
             slowly. Durations agree to 1e-9.
+        torque: Keep torque limits.
 
     Raises:
         InvalidRequest: ``gridpoints`` is not an integer from 2 to 10,000, or there is no such backend.
@@ -162,6 +153,7 @@ class ToppRa:
 
     gridpoints: int = 50
     backend: Literal["own", "toppra"] = "own"
+    torque: bool = False
 
     name = "toppra"
 
@@ -169,10 +161,18 @@ class ToppRa:
         object.__setattr__(self, "gridpoints", whole("gridpoints", self.gridpoints, 2, MAX_GRIDPOINTS))
         if self.backend not in ("own", "toppra"):
             raise InvalidRequest("backend", self.backend, "'own' or 'toppra'")
+        object.__setattr__(self, "torque", flag("torque", self.torque))
 
-    def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
-        """The path travelled from rest to rest; see ``Timing``."""
-        return time_with_peaks(self, path, limits, speed_limit)[0]
+    def time_path(
+        self,
+        path: JointPath,
+        limits: JointLimits,
+        *,
+        speed_limit: SpeedLimit | None = None,
+        torque_limits: TorqueLimits | None = None,
+    ) -> Trajectory:
+        """The path travelled from rest to rest; see ``Timing``. ``torque_limits`` are those to keep with ``torque``."""
+        return time_with_peaks(self, path, limits, speed_limit, torque_limits)[0]
 
     def continue_to_rest(
         self,
@@ -222,6 +222,8 @@ class ToppRa:
     def phases(self, segment: PathSegment, entry: float = 0.0) -> list[Phase]:
         """The motion along a segment from the speed ``entry`` to rest."""
         sections = segment.sections(jerk=False)
+        if segment.torque is not None:
+            return self._within_torques(segment, segment.torque, sections)
         closed_form: list[Phase] | None = None
         if not _blend_at_stop(sections, entry):
             with suppress(TooFast):
@@ -230,16 +232,37 @@ class ToppRa:
         if closed_form is not None and (straight or segment.length < SHORT_SEGMENT):
             return closed_form
         unit = min(_seconds(phases) for phases in (closed_form, _slowest(sections)) if phases is not None)
-        grids = [_grid(section, segment, self.gridpoints) for section in sections]
         try:
-            passes = toppra_passes if self.backend == "toppra" else two_passes
-            speeds = _optimal_speeds(passes, segment, sections, grids, unit, entry)
-            optimal = _constant_accelerations(sections, grids, speeds)
+            optimal = self._optimal(segment, sections, unit, entry)
         except TimingFailed:
             if closed_form is None:
                 raise
             return closed_form
         return optimal if closed_form is None else min(optimal, closed_form, key=_seconds)
+
+    def _optimal(self, segment: PathSegment, sections: Sequence[Section], unit: float, entry: float) -> list[Phase]:
+        """The fastest motion along a segment; ``unit`` is about its duration in seconds."""
+        grids = [grid_of(section, segment, self.gridpoints) for section in sections]
+        passes = toppra_passes if self.backend == "toppra" else two_passes
+        speeds = optimal_speeds(passes, segment, sections, grids, unit, entry)
+        return constant_accelerations(sections, grids, speeds)
+
+    def _within_torques(self, segment: PathSegment, torque: TorqueLimits, sections: Sequence[Section]) -> list[Phase]:
+        """The fastest motion along a segment, from rest to rest, that keeps torque limits as well.
+
+        On a segment too short for a grid torques hardly change: what gravity leaves of them limits the acceleration.
+        """
+        if segment.length >= SHORT_SEGMENT:
+            return self._optimal(segment, sections, _seconds(_slowest(sections)), 0.0)
+        s = segment.start + segment.length * np.array([0.0, 0.5, 1.0])
+        pushed, _, held = torque.rows(*(segment.derivative(s, order) for order in range(3)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            most = float(np.where(pushed != 0.0, (1.0 - np.abs(held)) / np.abs(pushed), math.inf).min())
+        if not most > 0.0:
+            raise TimingFailed(f"torques leave no room to move at s = {segment.start:.6g}")
+        speed, acceleration = (min(section.limits[k] for section in sections) for k in range(2))
+        phases = trapezoid(segment.length, speed, min(acceleration, most))
+        return [phase._replace(position=segment.start + phase.position) for phase in phases]
 
 
 def effective_limits(timing: Timing, limits: JointLimits) -> JointLimits:
@@ -249,14 +272,21 @@ def effective_limits(timing: Timing, limits: JointLimits) -> JointLimits:
     return limits
 
 
-def stop_duration(path: JointPath, timing: Timing, limits: JointLimits) -> float:
+def stop_duration(
+    path: JointPath, timing: Timing, limits: JointLimits, torque_limits: TorqueLimits | None = None
+) -> float:
     """Seconds that the law takes along the path without its blends, stopping at each corner.
 
-    For TOPP-RA these are trapezoids, its optimum between stops.
+    For TOPP-RA these are trapezoids, its optimum between stops; under torque limits it is its own motion, with limits
+    that are not verified between grid points.
 
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
     """
+    _require_torques(timing, torque_limits)
+    if isinstance(timing, ToppRa) and torque_limits is not None:
+        segments = path_segments(path.with_blends(None), limits, None, torque=torque_limits)
+        return _timed(path.with_blends(None), segments, timing.phases).duration
     core, _ = _compiled(timing, path, limits, None)
     if core is not None:
         tables = path.waypoints, path.knots, path.tangents, path.turns
@@ -283,20 +313,56 @@ def reference_stop_duration(path: JointPath, timing: Timing, limits: JointLimits
 
 
 def time_with_peaks(
-    timing: Timing, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
+    timing: Timing,
+    path: JointPath,
+    limits: JointLimits,
+    speed_limit: SpeedLimit | None,
+    torque_limits: TorqueLimits | None = None,
 ) -> tuple[Trajectory, LimitPeaks]:
     """A law's trajectory along a path, and how close it comes to the limits.
 
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
+        InvalidRequest: A law that keeps torque limits without them, or the reverse.
     """
+    _require_torques(timing, torque_limits)
+    if isinstance(timing, ToppRa) and torque_limits is not None:
+        return _time_within_torques(timing, path, limits, speed_limit, torque_limits)
     core, gridpoints = _compiled(timing, path, limits, speed_limit)
     timed = None if core is None else core.time_path(*_question(path, limits), gridpoints)
     if timed is None:
         return reference_time_with_peaks(timing, path, limits, speed_limit)
     motion, found = timed
-    trajectory, highest = Trajectory.checked(path, *motion), LimitPeaks(*map(Peak._make, found))
+    velocity, acceleration, jerk = map(Peak._make, found)
+    trajectory, highest = Trajectory.checked(path, *motion), LimitPeaks(velocity, acceleration, jerk)
     return trajectory, highest if trajectory.dilation == 1.0 else highest.dilated(trajectory.dilation)
+
+
+def _require_torques(timing: Timing, given: TorqueLimits | None) -> None:
+    wanted = isinstance(timing, ToppRa) and timing.torque
+    if wanted and given is None:
+        raise InvalidRequest("torque_limits", given, "TorqueLimits, as the law keeps torques")
+    if given is not None and not wanted:
+        raise InvalidRequest("timing", timing, "ToppRa(torque=True): no other law keeps torque limits")
+
+
+def _time_within_torques(
+    timing: ToppRa, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None, torque_limits: TorqueLimits
+) -> tuple[Trajectory, LimitPeaks]:
+    """``time_with_peaks`` under torque limits, slowed down where torques between grid points exceed them."""
+    require_limits(path, limits, jerk=False)
+    segments = path_segments(path, limits, speed_limit, torque=torque_limits)
+    try:
+        trajectory, highest = within_limits(_timed(path, segments, timing.phases), limits)
+        samples = torque_limits.samples(trajectory)
+        factor = samples.factor()
+    except TimingFailed as failed:
+        raise TimingFailed(torque_limits.objection_on(path) or str(failed)) from failed
+    if not math.isfinite(factor):
+        raise TimingFailed(torque_limits.objection_on(path) or "a joint can hardly hold the robot on the way")
+    if factor > 1.0:
+        trajectory, highest = trajectory.dilated(factor), highest.dilated(factor)
+    return trajectory, replace(highest, torques=samples.peaks(max(factor, 1.0)))
 
 
 def _compiled(
@@ -402,59 +468,3 @@ def within_limits(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = F
         raise TimingFailed(f"acceleration of joint {highest.jerk.joint} jumps at t = {highest.jerk.time:.6g} s")
     factor = max(math.pow(ratio, 1.0 / power) for power, ratio in enumerate(ratios, start=1))
     return trajectory.dilated(factor), highest.dilated(factor)
-
-
-def _grid(section: Section, segment: PathSegment, gridpoints: int) -> FloatArray:
-    """The grid points of a section, as shares of it from 0 to 1."""
-    if section.blended:
-        return np.arange(BLEND_GRIDPOINTS + 1) / BLEND_GRIDPOINTS
-    count = max(min(gridpoints, MIN_GRIDPOINTS), math.ceil(gridpoints * (section.length / segment.length)))
-    if segment.speed_limit is not None:
-        count = max(count, math.ceil(section.length / SPEED_SPACING))
-    # denser at both ends, where speed changes fastest: 0.06 % above the optimum with 50, 3 % with equal steps
-    sines = cosines_and_sines(math.pi / 2 * np.arange(count + 1) / count)[1]
-    return sines * sines
-
-
-def _constant_accelerations(
-    sections: Sequence[Section], grids: Sequence[FloatArray], speeds: Sequence[FloatArray]
-) -> list[Phase]:
-    """The motion with the given speed at each grid point and constant acceleration in between."""
-    phases = []
-    for section, grid, speed in zip(sections, grids, speeds, strict=True):
-        steps = zip(pairwise((grid * section.length).tolist()), pairwise(speed.tolist()), strict=False)
-        for (before, after), (v0, v1) in steps:
-            if not v0 + v1 > 0.0:
-                s = section.start + before, section.start + after
-                raise TimingFailed(f"TOPP-RA: speed 0 from s = {s[0]:.6g} to {s[1]:.6g}")
-            duration = 2.0 * (after - before) / (v0 + v1)
-            phases.append(Phase(duration, section.start + before, v0, (v1 - v0) / duration, 0.0))
-    return phases
-
-
-def _optimal_speeds(
-    passes: Callable[[GridLimits, float], FloatArray | None],
-    segment: PathSegment,
-    sections: Sequence[Section],
-    grids: Sequence[FloatArray],
-    unit: float,
-    entry: float,
-) -> list[FloatArray]:
-    """ds/dt at each grid point of each section, by TOPP-RA; ``unit`` is about the motion's duration in seconds."""
-    length = segment.length
-    shares = [
-        (section.start - segment.start) / length + grid[:-1] * (section.length / length)
-        for section, grid in zip(sections, grids, strict=True)
-    ]
-    points = np.concatenate([*shares, [1.0]])
-    if not np.all(points[1:] > points[:-1]):
-        raise TimingFailed(f"TOPP-RA on the segment from s = {segment.start:.6g}: grid points of a tiny blend coincide")
-    scaled = entry * (unit / length)
-    speeds = passes(grid_limits(segment, points, unit, scaled), scaled)
-    if speeds is None or not np.all(np.isfinite(speeds)):
-        start = f"s = {segment.start:.6g} at ds/dt = {entry:.6g}"
-        raise TimingFailed(f"TOPP-RA: no motion from {start} to rest keeps the limits")
-    speeds = speeds * (length / unit)
-    speeds[0] = entry
-    ends = np.cumsum([0, *(len(grid) - 1 for grid in grids)])
-    return [speeds[a : b + 1] for a, b in pairwise(ends.tolist())]

@@ -52,11 +52,17 @@ ORDERS = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True)
 class LimitPeaks:
-    """How close a trajectory comes to each kind of limit; a ratio above 1 exceeds it."""
+    """How close a trajectory comes to each kind of limit; a ratio above 1 exceeds it.
+
+    Attributes:
+        torques: For each joint where its torque comes closest to its limit, known to ``torque_limits.BETWEEN`` of that;
+            empty where no torque limits are kept.
+    """
 
     velocity: Peak
     acceleration: Peak
     jerk: Peak
+    torques: tuple[Peak, ...] = ()
 
     @property
     def highest(self) -> float:
@@ -64,9 +70,12 @@ class LimitPeaks:
         return max(self.velocity.ratio, self.acceleration.ratio)
 
     def dilated(self, factor: float) -> LimitPeaks:
-        """The peaks of the same motion ``factor`` times slower."""
+        """The peaks of the same motion ``factor`` times slower, without those of torques, which do not scale."""
         by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)
-        return LimitPeaks(*(Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order))
+        velocity, acceleration, jerk = (
+            Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order
+        )
+        return LimitPeaks(velocity, acceleration, jerk)
 
 
 def require_limits(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
@@ -110,7 +119,8 @@ def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     if core is None:
         return reference_peaks(trajectory, limits)
     rows = map(np.ascontiguousarray, (limits.velocity, limits.acceleration, limits.jerk))
-    return LimitPeaks(*(Peak(*peak) for peak in core.TrajectoryTables(*trajectory.tables).peaks(*rows)))
+    velocity, acceleration, jerk = map(Peak._make, core.TrajectoryTables(*trajectory.tables).peaks(*rows))
+    return LimitPeaks(velocity, acceleration, jerk)
 
 
 @np.errstate(over="ignore")  # a rate that overflows exceeds every limit

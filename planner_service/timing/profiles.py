@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Phase", "ScalarLimits", "Section", "TooFast", "s_curve", "speed_profile", "trapezoid"]
+from planner_service.errors import PlannerServiceError
+
+__all__ = ["Phase", "ScalarLimits", "Section", "TimingFailed", "TooFast", "s_curve", "speed_profile", "trapezoid"]
 
 ROUNDING = 2e-15
 """Relative: about the rounding error of a speed computed in closed form."""
@@ -18,6 +20,10 @@ SPEED_TOLERANCE = 1e-9
 
 CONVERGED = 1e-13
 """Relative: how closely the speeds of jerk-limited ramps are computed; nearly full precision."""
+
+
+class TimingFailed(PlannerServiceError):
+    """A timing law found no solution along a valid path."""
 
 
 class TooFast(ArithmeticError):

@@ -18,6 +18,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import JointLimits
 from planner_service.timing.limit_check import MIN_SHARE
 from planner_service.timing.profiles import ScalarLimits, Section
+from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["PathSegment", "Rates", "SpeedLimit", "path_segments", "smallest_ratio", "straight_sections"]
 
@@ -47,6 +48,7 @@ class PathSegment:
         pieces: Indices of the pieces of the path, which lie between its breaks.
         s_start: Where on the first piece the segment starts, if not with a stop.
         blend_share: Share of the limits that a law which checks them at grid points only may use on blends.
+        torque: Torque limits, which only TOPP-RA keeps; None for none.
     """
 
     path: JointPath
@@ -55,6 +57,7 @@ class PathSegment:
     speed_limit: SpeedLimit | None = None
     s_start: float | None = None
     blend_share: float = 1.0
+    torque: TorqueLimits | None = None
 
     @property
     def start(self) -> float:
@@ -100,7 +103,7 @@ class PathSegment:
         return [k for k in self.pieces if k == self.pieces[0] or blended[k] or blended[k - 1]]
 
     def derivative(self, s: FloatArray, order: int) -> FloatArray:
-        """The path's derivatives by s, shape (m, n), for s of shape (m,); at both ends those of the segment itself.
+        """The path and its derivatives by s, (m, n), for s of shape (m,); at both ends those of the segment itself.
 
         A straight section has one direction, that of its first piece, whatever rounding makes of short pieces.
         """
@@ -173,7 +176,11 @@ def smallest_ratio(limits: FloatArray, shares: FloatArray) -> FloatArray:
 
 
 def path_segments(
-    path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None, s_start: float | None = None
+    path: JointPath,
+    limits: JointLimits,
+    speed_limit: SpeedLimit | None,
+    s_start: float | None = None,
+    torque: TorqueLimits | None = None,
 ) -> Iterator[PathSegment]:
     """The segments of a path between its stops, from ``s_start`` on if given; none for a single point."""
     if speed_limit is not None and (isinstance(speed_limit, type) or not callable(speed_limit)):
@@ -184,7 +191,7 @@ def path_segments(
             first_piece = int(path.pieces_at(np.array([s_start]))[0])
             stops = [first_piece, *(stop for stop in stops if stop > first_piece)]
         for first, end in pairwise(stops):
-            yield PathSegment(path, range(first, end), limits, speed_limit, s_start)
+            yield PathSegment(path, range(first, end), limits, speed_limit, s_start, torque=torque)
             s_start = None
 
 

@@ -30,11 +30,11 @@ class _UnitInterval:
 def _constraint(grid: GridLimits) -> Any:
     """All limits at the grid points as one constraint of toppra.
 
-    Accelerations are bounded at both ends of each interval (toppra calls this interpolation).
+    Accelerations and torques are bounded at both ends of each interval (toppra calls this interpolation).
     """
-    toppra, n = loaded(_imported), len(grid.acceleration)
+    toppra, n = loaded(_imported), len(grid.limit)
     signs = np.concatenate([np.eye(n), -np.eye(n)])
-    linear = (grid.first, grid.second, np.zeros_like(grid.first), signs, np.tile(grid.acceleration, 2), None, None)
+    linear = (grid.first, grid.second, grid.constant, signs, np.tile(grid.limit, 2), None, None)
     rows = toppra.constraint.canlinear_colloc_to_interpolate(*linear, grid.points, identical=True)[:-2]
     constraint = toppra.constraint.LinearConstraint()
     constraint.identical = True

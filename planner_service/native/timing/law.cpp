@@ -111,7 +111,7 @@ std::vector<double> optimal_speeds(const Segment& segment, const std::vector<Sec
         squares.push_back(speed * speed);
     }
     require(finite(first) && finite(second) && finite(acceleration) && std::isfinite(scaled));
-    const Grid grid{n, points.size(), first.data(), second.data(), acceleration.data(), squares.data(), points.data()};
+    const Grid grid{n, points.size(), first.data(), second.data(), nullptr, acceleration.data(), squares.data(), points.data()};
     std::vector<double> speeds = two_passes(grid, scaled);
     if (speeds.empty() || !finite(speeds)) return {};
     for (double& speed : speeds) speed = speed * (length / unit);

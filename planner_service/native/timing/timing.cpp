@@ -6,11 +6,13 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <tuple>
 
 #include "../arrays.hpp"
+#include "inverse_dynamics.hpp"
 #include "law.hpp"
 #include "tool_speed.hpp"
 #include "two_passes.hpp"
@@ -27,12 +29,13 @@ using arrays::require;
 using arrays::Row;
 using arrays::Rows;
 
-nb::object passes(const Rows& first, const Rows& second, const Row& acceleration, const Row& squares, const Row& points, double entry) {
-    const std::size_t count = points.shape(0), joints = acceleration.shape(0);
+nb::object passes(const Rows& first, const Rows& second, const Rows& constant, const Row& limit, const Row& squares, const Row& points,
+                  double entry) {
+    const std::size_t count = points.shape(0), columns = limit.shape(0);
     require(count >= 2 && squares.shape(0) == count, "a square for each of at least two points");
-    for (const Rows* rows : {&first, &second})
-        require(rows->shape(0) == count && rows->shape(1) == joints, "a row for each point, a column for each joint");
-    const Grid grid{joints, count, first.data(), second.data(), acceleration.data(), squares.data(), points.data()};
+    for (const Rows* rows : {&first, &second, &constant})
+        require(rows->shape(0) == count && rows->shape(1) == columns, "a row for each point, a column for each limit");
+    const Grid grid{columns, count, first.data(), second.data(), constant.data(), limit.data(), squares.data(), points.data()};
     nb::gil_scoped_release released;
     std::vector<double> speeds = two_passes(grid, entry);
     nb::gil_scoped_acquire acquired;
@@ -100,6 +103,27 @@ Arm arm_of(const Rows& table, std::size_t tool_body, const std::array<double, 3>
     return {table.shape(0), table.data(), tool_body, {tool[0], tool[1], tool[2]}};
 }
 
+nb::object torques(const Rows& table, const Rows& masses, const Rows& q, const Rows& qd, const Rows& qdd, const Row& gravity) {
+    const std::size_t n = q.shape(1), count = q.shape(0), cases = gravity.shape(0), bodies = table.shape(0) + 1;
+    arm_of(table, 0, {}, n);  // checks the table
+    require(masses.shape(0) == bodies && masses.shape(1) == 13, "a mass, a centre and a tensor for each body and the base");
+    for (const Rows* rows : {&qd, &qdd}) require(rows->shape(0) == cases * count && rows->shape(1) == n, "rates in each case");
+    kinematics::Arm arm;
+    arm.joints = n, arm.bodies = table.shape(0);
+    arm.table.assign(table.data(), table.data() + table.shape(0) * table.shape(1));
+    std::vector<BodyInertia> inertias(bodies);
+    for (std::size_t k = 0; k < bodies; ++k) {
+        const double* row = masses.data() + 13 * k;
+        inertias[k].mass = row[0];
+        std::copy(row + 1, row + 4, inertias[k].centre);
+        std::copy(row + 4, row + 13, inertias[k].tensor);
+    }
+    nb::gil_scoped_release released;
+    std::vector<double> out = inverse_dynamics(arm, inertias, count, cases, q.data(), qd.data(), qdd.data(), gravity.data());
+    nb::gil_scoped_acquire acquired;
+    return array_of<double>(std::move(out), {cases, count, n});
+}
+
 // What a law makes of a path, or None for what it leaves to Python.
 template <class Make>
 auto unless_unusual(Make make) -> std::optional<decltype(make())> {
@@ -117,6 +141,7 @@ std::tuple<double, std::size_t, double> as_tuple(const Peak& peak) { return {pea
 
 void bind(nb::module_& m) {
     m.def("two_passes", &passes);
+    m.def("inverse_dynamics", &torques);
     nb::class_<Trajectory>(m, "TrajectoryTables")
         .def(nb::init<const Rows&, const Row&, const Rows&, const Row&, const Numbers&, const Numbers&, const Rows&, const Row&,
                       const Rows&, const Row&, const Row&, const Numbers&>())

@@ -1,5 +1,6 @@
 #include "two_passes.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -21,18 +22,19 @@ struct Line {
 // What bounds the acceleration u and the squared speed x at one point: lower(x) <= u <= upper(x) for all lines, x <= most.
 class Program {
   public:
-    explicit Program(std::size_t joints) { lower_.reserve(2 * joints + 1), upper_.reserve(2 * joints + 1); }
+    explicit Program(std::size_t rows) { lower_.reserve(2 * rows + 1), upper_.reserve(2 * rows + 1); }
 
     // The limits at point i, those of point i + 1 as they are after the step, and the speeds from which that is left.
     void set(const Grid& grid, std::size_t i, double next_square) {
         lower_.clear(), upper_.clear();
         most_ = grid.squares[i];
         const double step = 2.0 * (grid.points[i + 1] - grid.points[i]);
-        const std::size_t n = grid.joints;
-        for (std::size_t k = 0; k < n; ++k) add(grid.first[i * n + k], grid.second[i * n + k], grid.acceleration[k]);
+        const std::size_t n = grid.rows;
+        const auto constant = [&](std::size_t at) { return grid.constant == nullptr ? 0.0 : grid.constant[at]; };
+        for (std::size_t k = 0; k < n; ++k) add(grid.first[i * n + k], grid.second[i * n + k], constant(i * n + k), grid.limit[k]);
         for (std::size_t k = 0; k < n; ++k) {
-            const double second = grid.second[(i + 1) * n + k];
-            add(grid.first[(i + 1) * n + k] + step * second, second, grid.acceleration[k]);
+            const std::size_t at = (i + 1) * n + k;
+            add(grid.first[at] + step * grid.second[at], grid.second[at], constant(at), grid.limit[k]);
         }
         const double slope = -1.0 / step;
         lower_.push_back({0.0, slope});
@@ -78,16 +80,15 @@ class Program {
     std::vector<Line> lower_, upper_;
     double most_ = 0.0;
 
-    // -limit <= a u + b x <= limit.
-    void add(double a, double b, double limit) {
+    // -limit <= a u + b x + c <= limit.
+    void add(double a, double b, double c, double limit) {
+        const double least = -limit - c, largest = limit - c, slope = -b / a;
         if (std::fabs(a) < nowhere) {
-            const double size = std::fabs(b);
-            if (size > nowhere && limit / size < most_) most_ = limit / size;
+            if (std::fabs(b) > nowhere) most_ = std::min(most_, (b > 0.0 ? largest : least) / b);
             return;
         }
-        const double reach = limit / std::fabs(a), slope = -b / a;
-        lower_.push_back({-reach, slope});
-        upper_.push_back({reach, slope});
+        lower_.push_back({(a > 0.0 ? least : largest) / a, slope});
+        upper_.push_back({(a > 0.0 ? largest : least) / a, slope});
     }
 };
 
@@ -95,7 +96,7 @@ class Program {
 
 std::vector<double> two_passes(const Grid& grid, double entry) {
     const std::size_t last = grid.count - 1;
-    Program program(grid.joints);
+    Program program(grid.rows);
     std::vector<double> reachable(grid.count), speeds(grid.count);
     for (std::size_t i = last; i-- > 0;) {  // backward: the squared speeds from which the rest can be travelled
         program.set(grid, i, reachable[i + 1]);

@@ -8,9 +8,9 @@ namespace timing {
 
 // The limits at N + 1 points of a path. Time and length are scaled so that numbers are about 1.
 struct Grid {
-    std::size_t joints, count;   // count is N + 1
-    const double *first, *second;  // dq/ds and d2q/ds2, a row for each point
-    const double* acceleration;    // the limit of each joint
+    std::size_t rows, count;                  // count is N + 1
+    const double *first, *second, *constant;  // abs(a u + b x + c) <= limit; no constants where all are 0
+    const double* limit;                      // of each row
     const double* squares;         // the largest squared speed at each point
     const double* points;          // s, increasing
 };

@@ -136,7 +136,7 @@ def test_durations_are_those_of_toppra(seed: int) -> None:
 
 def test_a_start_too_fast_to_stop_has_no_solution_in_either() -> None:
     points, ones = np.arange(11) / 10.0, np.ones((11, 1))
-    grid = GridLimits(points, ones, np.zeros((11, 1)), np.array([1.0]), np.full(11, 100.0))
+    grid = GridLimits(points, ones, 0.0 * ones, 0.0 * ones, np.array([1.0]), np.full(11, 100.0))
     assert two_passes(grid, 1.5) is None  # 1.5^2 / 2 > 1
     assert reference_passes(grid, 1.5) is None
     assert two_passes(grid, 1.4) is not None

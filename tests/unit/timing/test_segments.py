@@ -336,7 +336,7 @@ class UnitCurve:
 def test_toppra_is_close_to_its_optimum_on_blends(monkeypatch: pytest.MonkeyPatch) -> None:
     path, given_limits = rounded_corners(4), limits(rounded_corners(4).n)
     usual = ToppRa().time_path(path, given_limits).duration
-    monkeypatch.setattr("planner_service.timing.laws.BLEND_GRIDPOINTS", 400)
+    monkeypatch.setattr("planner_service.timing.time_optimal.BLEND_GRIDPOINTS", 400)
     assert usual <= ToppRa(1000).time_path(path, given_limits).duration * 1.01
 
 
