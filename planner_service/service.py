@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
+from types import NoneType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -37,18 +38,21 @@ from planner_service.planning.pipeline import plan, require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
+from planner_service.planning.torque import torque_limits
 from planner_service.planning.world import World
 from planner_service.presentation.page import OpenPage, Showable
 from planner_service.presentation.progress import bar
 from planner_service.replanning.replan import replan
 from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, Terms
+from planner_service.robot.inertia import Payload
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Scene, load_scene
 from planner_service.search.problem import require_seed
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND
 from planner_service.timing.laws import Trapezoidal
+from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["PlannerService"]
 
@@ -367,6 +371,20 @@ class PlannerService:
         request = FollowRequest(waypoints, contacts, pace, blends, padding, min_blend, constraints)
         result = follow(request, self._planning, self._certifier, cancel=cancel)
         return replace(result, origin=Origin(self.world, None, pace))
+
+    def torque_limits(self, payload: Payload | None = None, scale: float = 1.0) -> TorqueLimits:
+        """The torque limits of the robot with a payload at the tool, and with what it carries here that has a mass.
+
+        ``torque_limits().samples(trajectory).peaks()`` says how close any motion comes to them.
+
+        Args:
+            scale: Part in (0, 1] of the joints' efforts.
+
+        Raises:
+            InvalidRequest: a body of the robot has no mass, or a joint no effort, in its URDF.
+        """
+        instance("payload", payload, (Payload, NoneType), "a Payload, or None")
+        return torque_limits(self.robot, self.scene, payload, scale)
 
     def build_roadmap(
         self,

@@ -24,12 +24,13 @@ from planner_service.records import plan_file
 from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.records.recertify import recertify
 from planner_service.roadmap.validity import Terms
+from planner_service.robot.inertia import Dynamics, Payload
 from planner_service.robot.model import Robot, load_robot, robot_names
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
-from planner_service.timing.laws import Timing
-from planner_service.view.still import clearance_plot
+from planner_service.timing.laws import Timing, ToppRa
+from planner_service.view.still import motion_plot
 from planner_service.view.still import pictures as still
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "load_libraries",
     "optimise",
     "pairs_of_texts",
+    "payload",
     "planner_or_optimise",
     "reopened",
     "require_obstacles",
@@ -56,7 +58,7 @@ T = TypeVar("T")
 
 _POSE = "pose:"
 
-_FILE_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": clearance_plot.OURS, "--png": still.OURS}
+_FILE_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": motion_plot.OURS, "--png": still.OURS}
 """The beginning of the files that each option may overwrite."""
 
 
@@ -149,16 +151,37 @@ def planner_or_optimise(name: str, clearance: float | None, *, polish: bool) -> 
     return planner_by_name(name)
 
 
-def timing_by_name(name: str) -> Timing:
-    """The timing law of that name (in any case) with its default settings.
+def timing_by_name(name: str, *, torque: bool = False) -> Timing:
+    """The timing law of that name (in any case) with its default settings, or keeping torque limits as well.
 
     Raises:
         UnknownName: there is none; the message offers the nearest.
+        InvalidRequest: torque limits with a law that does not keep any.
     """
     if name.lower() not in TIMINGS:
         raise UnknownName("timing law", name, TIMINGS)
-    law: Timing = TIMINGS[name.lower()]()
+    if torque and name.lower() != ToppRa.name:
+        raise InvalidRequest("--timing", name, f"{ToppRa.name} with --torque and --payload: no other law keeps torques")
+    law: Timing = ToppRa(torque=True) if torque else TIMINGS[name.lower()]()
     return law
+
+
+def payload(text: str | None) -> Payload | None:
+    """What the tool carries, from ``KG`` or ``KG,X,Y,Z``.
+
+    Raises:
+        InvalidRequest: the text is neither, or no such load.
+    """
+    if text is None:
+        return None
+    numbers = _numbers(text)
+    if numbers is None or len(numbers) not in (1, 4):
+        raise InvalidRequest("--payload", text, "KG or KG,X,Y,Z: kilograms, and metres in the tool frame")
+    mass, *com = numbers
+    try:
+        return Payload(mass, (com[0], com[1], com[2])) if com else Payload(mass)
+    except InvalidRequest as error:
+        raise InvalidRequest("--payload", text, error.expected) from None
 
 
 def constraints(
@@ -268,7 +291,8 @@ def differences(robot: Robot) -> list[str]:
         return [f"robot {robot.name} in this file cannot be compared with {robot.name} of this package: {error}"]
     with suppress(InvalidRequest):  # no gripper, or another range
         ours = ours.with_gripper(robot.gripper_width)
-    if ours.hash == robot.hash and robot.link_frames in ((), ours.link_frames):  # files of 0.2.0 have no frames
+    known = robot.link_frames in ((), ours.link_frames)  # files of 0.2.0 have no frames
+    if ours.hash == robot.hash and known and _same_dynamics(robot.dynamics, ours.dynamics):
         return []
     allowed, allowed_in_file = _allowed_pairs(ours), _allowed_pairs(robot)
     added = [
@@ -276,6 +300,13 @@ def differences(robot: Robot) -> list[str]:
         for a, b in sorted(allowed_in_file - allowed)
     ]
     return [f"robot {robot.name} in this file differs from {robot.name} of this package", *added]
+
+
+def _same_dynamics(in_file: Dynamics | None, ours: Dynamics | None) -> bool:
+    """Whether masses and efforts are the same, or those in the file are not known, as in files of 0.2.0."""
+    if in_file is None or ours is None:
+        return in_file is None
+    return in_file.links == ours.links and np.array_equal(in_file.effort, ours.effort)
 
 
 def _allowed_pairs(robot: Robot) -> set[tuple[str, str]]:
@@ -339,6 +370,7 @@ def _built_for(option: str) -> str:
 
 def load_libraries(request: PlanRequest, robot: Robot) -> None:
     """Time a trivial motion: it loads the libraries, which would otherwise count as time of the first stage."""
-    request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
+    law = replace(request.timing, torque=False) if isinstance(request.timing, ToppRa) else request.timing
+    law.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
     if request.optimise is not None:
         load_solver()

@@ -29,8 +29,9 @@ from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.parallel.named import engine_named
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
+from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task, save_plan
 from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
@@ -42,7 +43,7 @@ from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import task_lines, task_rows
-from planner_service.view.still.clearance_plot import write_clearance_plot
+from planner_service.view.still.motion_plot import write_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]
@@ -74,6 +75,8 @@ def plan(
     padding: options.Padding = options.DEFAULT.padding,
     blend: options.Blend = options.DEFAULT.blend,
     max_tool_speed: options.ToolSpeed = None,
+    torque: options.Torque = False,
+    payload: options.PayloadText = None,
     polish: options.Polish = False,
     clearance: options.Clearance = None,
     upright: options.Upright = None,
@@ -93,13 +96,14 @@ def plan(
             q_start,
             arguments.goals(goal, service.robot),
             arguments.planner_or_optimise(planner, clearance, polish=polish),
-            arguments.timing_by_name(timing),
+            arguments.timing_by_name(timing, torque=torque or payload is not None),
             seed=seed,
             max_checks=max_checks,
             time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
+            payload=arguments.payload(payload),
             polish=arguments.optimise(clearance) if polish else None,
             constraints=constraints,
         )
@@ -133,6 +137,8 @@ def pick_place(
     padding: options.Padding = options.DEFAULT.padding,
     blend: options.Blend = options.DEFAULT.blend,
     max_tool_speed: options.ToolSpeed = None,
+    torque: options.Torque = False,
+    payload: options.PayloadText = None,
     upright: options.UprightObject = None,
     png: options.Picture = None,
     out: options.Out = None,
@@ -147,13 +153,14 @@ def pick_place(
             service.robot.home,
             service.robot.home,
             arguments.planner_or_optimise(planner, None, polish=False),
-            arguments.timing_by_name(timing),
+            arguments.timing_by_name(timing, torque=torque or payload is not None),
             seed=seed,
             max_checks=max_checks,
             time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
+            payload=arguments.payload(payload),
         )
         arguments.load_libraries(request, service.robot)
         task = SavedTask.of(plan_pick_place(service, target, onto, request, upright=upright))
@@ -335,12 +342,14 @@ def import_robot_(
 
 
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
-    """Plot the clearance along the path, and along the path before optimising if the optimum was kept."""
+    """Plot the clearance along the path, along the path before optimising if the optimum was kept, and torques."""
     paths = {} if result.path is None else {"the path": result.path}
     if result.path is not None and request.polish is not None and result.polish is not None and result.polish.kept:
         before = service.plan(replace(request, polish=None)).path
         paths = ({} if before is None else {"not optimised": before}) | {"optimised": result.path}
-    write_clearance_plot(file, Certifier(service.robot, service.scene), paths)
+    limits = torques_of(Pace.of(request), service.robot, service.scene)
+    torques = None if limits is None or result.trajectory is None else limits.samples(result.trajectory)
+    write_plot(file, Certifier(service.robot, service.scene), paths, torques)
 
 
 def _health_lines(health: Health, where: str) -> list[str]:

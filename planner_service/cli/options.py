@@ -29,6 +29,7 @@ __all__ = [
     "OtherScene",
     "Out",
     "Padding",
+    "PayloadText",
     "Picture",
     "PlanFile",
     "PlannerName",
@@ -43,6 +44,7 @@ __all__ = [
     "TimeLimit",
     "TimingName",
     "ToolSpeed",
+    "Torque",
     "Upright",
 ]
 
@@ -99,6 +101,15 @@ MaxChecks = Annotated[int, typer.Option(metavar="N", help="States that may be ch
 TimeLimit = Annotated[float, typer.Option(metavar="SECONDS", help="Wall time of one plan; inf for no limit.")]
 Padding = Annotated[float, typer.Option(metavar="METRES", help="Distance to keep from everything.")]
 ToolSpeed = Annotated[float | None, typer.Option(metavar="M/S", help="Maximum speed of the tool.")]
+Torque = Annotated[bool, typer.Option("--torque", help="Keep the joints within the efforts of the robot's URDF.")]
+PayloadText = Annotated[
+    str | None,
+    typer.Option(
+        "--payload",
+        metavar="KG[,X,Y,Z]",
+        help="Mass at the tool, and its centre in the tool frame in metres; implies --torque.",
+    ),
+]
 Blend = Annotated[
     float,
     typer.Option(metavar="RAD", help="Length of path on each side of a corner that may be rounded; 0 to stop there."),

@@ -28,6 +28,7 @@ from planner_service.presentation.measures import clearance_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND
+from planner_service.timing.torque_limits import TorqueLimits
 
 T = TypeVar("T")
 
@@ -132,6 +133,7 @@ class PlanAccounting:
         self.polish: PolishReport | None = None
         self.constraints: ConstraintSet | None = None
         self.projector: Projector | None = None
+        self.torque_limits: TorqueLimits | None = None
 
     def keep(self, constraints: Sequence[Constraint]) -> None:
         """Hold the call to constraints.
@@ -162,6 +164,17 @@ class PlanAccounting:
         if violated is not None:
             reason = Reason.START_VIOLATES_CONSTRAINT if end == "start" else Reason.GOAL_VIOLATES_CONSTRAINT
             raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end} does not keep {violated}"))
+
+    def require_held(self, end: str, q: FloatArray) -> None:
+        """Refuse an end at which the robot cannot hold itself and what it carries, if torque limits are to be kept.
+
+        Raises:
+            NoPlan: A joint would need more than its torque.
+        """
+        objection = "" if self.torque_limits is None else self.torque_limits.objection(q)
+        if objection:
+            reason = Reason.START_EXCEEDS_TORQUE if end == "start" else Reason.GOAL_EXCEEDS_TORQUE
+            raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end}: {objection}"))
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[StageEntry]:

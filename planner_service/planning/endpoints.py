@@ -128,6 +128,7 @@ def _ends(context: PlanContext) -> Ends:
     start, departure = _beyond_retreat(context, begin)
     for q in (begin, start):
         context.accounting.require_kept("start", q)
+        context.accounting.require_held("start", q)
     try:
         start_padding = _padding_at(context, start, "start")
     except NoPlan as no_plan:
@@ -155,6 +156,7 @@ def _ends(context: PlanContext) -> Ends:
             try:
                 for end in (q, goal):
                     context.accounting.require_kept(name, end)
+                    context.accounting.require_held(name, end)
                 goals.append(GoalState(goal, index, arrival, _padding_at(context, goal, name)))
             except NoPlan as no_plan:
                 if not failures and no_plan.failure.reason is Reason.GOAL_IN_COLLISION:

@@ -23,6 +23,7 @@ from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, 
 from planner_service.planning.request import Pace, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
+from planner_service.planning.torque import torques_of
 from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 
@@ -112,10 +113,13 @@ def follow(
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     accounting = PlanAccounting(checker, Limits(cancel=cancel))
     accounting.keep(kept_in(checker.scene, request.constraints))
+    accounting.torque_limits = torques_of(request.pace, checker.robot, checker.scene)
 
     def stages() -> PlanResult:
         with accounting.during(Stage.ENDPOINTS):
             accounting.require_kept("start", points[0])
+            accounting.require_held("start", points[0])
+            accounting.require_held("goal", points[-1])
             _judge_first(checker, points, request.contacts)
         with accounting.during(Stage.STRAIGHT_LINE) as entry:
             _judge_pieces(checker, points, request.contacts)

@@ -37,6 +37,7 @@ from planner_service.planning.result import MotionReport, PlanResult, Stage
 from planner_service.planning.roadmap_work import require_robot
 from planner_service.planning.search_stage import Candidates, SearchRound
 from planner_service.planning.timing_stage import timed
+from planner_service.planning.torque import torques_of
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import ExemptRetreat, Robot
 from planner_service.scene.scene import Scene
@@ -64,6 +65,7 @@ def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> None:
         require_kernel("polish" if request.polish is not None else "planner", request.optimise)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
+    torques_of(Pace.of(request), robot, scene)
     constraints = kept_in(scene, request.constraints)
     request.require_keeping(constraints)
     if constraints:
@@ -88,6 +90,7 @@ def plan(
     limits = Limits(request.max_checks, search_stage.search_states(request), request.time_limit, cancel)
     accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
     accounting.keep(kept_in(checker.scene, request.constraints))
+    accounting.torque_limits = torques_of(Pace.of(request), checker.robot, checker.scene)
     context = PlanContext(request, checker, certifier, accounting, tracer)
     try:
         return accounting.within_limits(lambda: _stages(context))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,13 +18,14 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
+from planner_service.robot.inertia import Payload
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
 
-__all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "kept_in", "require_timing"]
+__all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "keeps_torques", "kept_in", "require_timing"]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
@@ -61,6 +63,8 @@ class PlanRequest:
             and proven.
         start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
             then clamped, and the result says so.
+        payload: What the tool carries, by its mass, all along; for ``ToppRa(torque=True)``.
+        torque_scale: Part in (0, 1] of the joints' efforts that may be used; for ``ToppRa(torque=True)``.
         constraints: What must hold along the whole motion, ends included (``planner_service.constraints``), beside
             those of what the robot carries. It is searched by ``BalancedRRTConnect``, and not optimised.
 
@@ -84,6 +88,8 @@ class PlanRequest:
     start_tolerance: float = 0.01
     polish: Optimise | None = None
     constraints: Sequence[Constraint] = ()
+    payload: Payload | None = None
+    torque_scale: float = 1.0
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -110,6 +116,7 @@ class PlanRequest:
         if self.optimise is not None and self.blend == 0.0:
             raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
         require_timing(self.timing)
+        _require_torques(self.timing, self.payload, self.torque_scale)
         set_fields(self, constraints=checked_constraints(self.constraints))
         self.require_keeping(self.constraints)
 
@@ -162,18 +169,24 @@ class Pace:
         velocity_scale: Part in (0, 1] of the robot's velocity limits.
         acceleration_scale: The same of its acceleration and jerk limits. A jerk limit of the law's own is left alone.
         max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
+        payload: What the tool carries, for a law that keeps torque limits.
+        torque_scale: Part in (0, 1] of the joints' efforts, for such a law.
 
     Raises:
-        InvalidRequest: A value is of the wrong kind, a scale is not in (0, 1], or a speed not in [0.001, 100].
+        InvalidRequest: A value is of the wrong kind, a scale is not in (0, 1], or a speed not in [0.001, 100]; or there
+            is a payload or a torque scale, and the law keeps no torque limits.
     """
 
     timing: Timing
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
     max_tool_speed: float | None = None
+    payload: Payload | None = None
+    torque_scale: float = 1.0
 
     def __post_init__(self) -> None:
         require_timing(self.timing)
+        _require_torques(self.timing, self.payload, self.torque_scale)
         _require_scale("velocity_scale", self.velocity_scale)
         _require_scale("acceleration_scale", self.acceleration_scale)
         _require_tool_speed(self.max_tool_speed)
@@ -183,7 +196,13 @@ class Pace:
         """The pace of a request, with another timing law if one is given."""
         instance("request", request, PlanRequest, "a PlanRequest")
         scales = request.velocity_scale, request.acceleration_scale
-        return cls(request.timing if timing is None else timing, *scales, request.max_tool_speed)
+        law = request.timing if timing is None else timing
+        return cls(law, *scales, request.max_tool_speed, request.payload, request.torque_scale)
+
+    @property
+    def keeps_torques(self) -> bool:
+        """Whether torque limits are kept."""
+        return keeps_torques(self.timing)
 
     def limits(self, robot: Robot) -> JointLimits:
         """The robot's limits, scaled."""
@@ -245,6 +264,22 @@ def require_timing(value: object) -> None:
     """Raise for what is not a timing law."""
     if isinstance(value, type) or not callable(getattr(value, "time_path", None)):
         raise InvalidRequest("timing", value, "a timing law such as ToppRa()")
+
+
+def keeps_torques(timing: Timing) -> bool:
+    """Whether a timing law keeps torque limits."""
+    return isinstance(timing, ToppRa) and timing.torque
+
+
+def _require_torques(timing: Timing, payload: object, scale: object) -> None:
+    """Raise for what is no payload or no share of torques, and for either with a law that would not look at it."""
+    instance("payload", payload, (Payload, NoneType), "a Payload, or None")
+    _require_scale("torque_scale", scale)
+    if not keeps_torques(timing):
+        for name, given in (("payload", payload), ("torque_scale", None if scale == 1.0 else scale)):
+            if given is not None:
+                expected = f"none with {timing.name}: only timing=ToppRa(torque=True) keeps torque limits"
+                raise InvalidRequest(name, given, expected)
 
 
 def _number(name: str, value: object, low: float, high: float) -> float:

@@ -84,6 +84,10 @@ class Reason(enum.Enum):
     """The start does not keep a constraint of the request."""
     GOAL_VIOLATES_CONSTRAINT = "GOAL_VIOLATES_CONSTRAINT"
     """No goal keeps all constraints of the request."""
+    START_EXCEEDS_TORQUE = "START_EXCEEDS_TORQUE"
+    """A joint cannot hold the robot and its load still at the start."""
+    GOAL_EXCEEDS_TORQUE = "GOAL_EXCEEDS_TORQUE"
+    """At each goal, a joint cannot hold the robot and its load still."""
     NO_IK_SOLUTION = "NO_IK_SOLUTION"
     """No configuration within the limits was found for a tool pose."""
     TIMED_OUT = "TIMED_OUT"
@@ -178,6 +182,8 @@ class MotionReport:
 
     def __str__(self) -> str:
         ratios = {name: getattr(self.peaks, name).ratio for name in ORDERS}
+        torques = [peak.ratio for peak in self.peaks.torques]
+        ratios |= {"torque": max(torques)} if torques else {}
         used = ", ".join(f"{name} {ratio:.0%}" for name, ratio in ratios.items() if math.isfinite(ratio))
         faster = self.duration < self.stop_duration < math.inf
         stops = f" ({self.stop_duration:.2f} s with a stop at each corner)" if faster else ""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -22,6 +23,7 @@ from planner_service.planning.result import Failure, MotionReport, Reason, Stage
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.timing.laws import TimingFailed, stop_duration, time_with_peaks
 from planner_service.timing.segments import SpeedLimit
+from planner_service.timing.torque_limits import TorqueLimits
 
 T = TypeVar("T")
 
@@ -37,7 +39,7 @@ def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting)
     Raises:
         NoPlan: The timing law has no solution.
     """
-    limits = pace.limits(robot)
+    limits, torque_limits = pace.limits(robot), accounting.torque_limits
 
     def away(work: Callable[[], T]) -> T:
         return waited(work) if len(path.knots) > LONG else work()
@@ -45,12 +47,14 @@ def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting)
     with accounting.during(Stage.TIMING) as entry:
         try:
             limit = tool_speed_limit(path, pace, robot)
-            trajectory, ratios = away(lambda: time_with_peaks(pace.timing, path, limits, limit))
+            trajectory, ratios = away(lambda: time_with_peaks(pace.timing, path, limits, limit, torque_limits))
             tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
                 factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
                 trajectory, ratios = trajectory.dilated(factor), ratios.dilated(factor)
-            stops = away(lambda: _stop_duration(trajectory, pace, robot, limits))
+                if torque_limits is not None:
+                    ratios = replace(ratios, torques=torque_limits.samples(trajectory).peaks())
+            stops = away(lambda: _stop_duration(trajectory, pace, robot, limits, torque_limits))
         except TimingFailed as failed:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
@@ -71,20 +75,25 @@ def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | 
     return limit
 
 
-def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits) -> float:
+def _stop_duration(
+    trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits, torque_limits: TorqueLimits | None
+) -> float:
     """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
     path = trajectory.path
     if not path.blended.any():
         return trajectory.duration
     try:
-        return _stopping(path, pace, robot, limits)
+        return _stopping(path, pace, robot, limits, torque_limits)
     except TimingFailed:
         return math.inf
 
 
-def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) -> float:
+def _stopping(
+    path: JointPath, pace: Pace, robot: Robot, limits: JointLimits, torque_limits: TorqueLimits | None
+) -> float:
     if pace.max_tool_speed is None:
-        return stop_duration(path, pace.timing, limits)
+        return stop_duration(path, pace.timing, limits, torque_limits)
     sharp = path.with_blends(None)
-    stopping = pace.timing.time_path(sharp, limits, speed_limit=tool_speed_limit(sharp, pace, robot))
+    speed_limit = tool_speed_limit(sharp, pace, robot)
+    stopping, _ = time_with_peaks(pace.timing, sharp, limits, speed_limit, torque_limits)
     return stopping.duration * max(1.0, peak_tool_speed(robot, stopping) / pace.max_tool_speed)

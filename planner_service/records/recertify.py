@@ -6,7 +6,8 @@ checked:
 1. Each trajectory runs along the plan's own path, and the gripper's widths are within its range.
 2. The motions join, and the scene changes only by what the gripper takes, or leaves where it stands
    (``task_sequence``).
-3. Each motion keeps the robot's limits, scaled as requested, and the tool's speed limit. ``Trajectory`` itself makes
+3. Each motion keeps the robot's limits, scaled as requested, those of torques if they were asked for with what it
+   then carries, and the tool's speed limit. ``Trajectory`` itself makes
    sure that time and path position increase without a jump and that the motion rests at both ends.
 4. Every stretch on which a pair was not checked follows from a rule (``exemptions``) or is named again by the caller.
    So is every pair that the plan was made with as ``allowed``.
@@ -29,6 +30,7 @@ from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest, kept_in
 from planner_service.planning.result import PlanResult
+from planner_service.planning.torque import torques_of
 from planner_service.planning.world import World
 from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask
@@ -45,8 +47,9 @@ from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
-from planner_service.timing.laws import SCurve
+from planner_service.timing.laws import SCurve, TimingFailed
 from planner_service.timing.limit_check import peaks
+from planner_service.timing.torque_limits import BETWEEN, EXCESS
 
 __all__ = [
     "Plan",
@@ -371,10 +374,25 @@ def _exceeded_limits(motion: TaskMotion, requested: Pace | None) -> list[str]:
         if not peak.ratio <= 1.0 + LIMIT_SLACK:
             joint = robot.joint_names[peak.joint]
             exceeded.append(f"{joint} reaches {peak.ratio:.4g} times the {kind} allowed, at t = {peak.time:.3f} s")
+    exceeded += [] if requested is None else _exceeded_torques(motion, requested)
     most = None if pace is None else pace.max_tool_speed
     if most is not None and not (speed := peak_tool_speed(robot, trajectory)) <= most * (1.0 + TOOL_SLACK):
         exceeded.append(f"the tool moves at {speed:.4g} m/s; the request allows {most:g} (max_tool_speed)")
     return exceeded
+
+
+def _exceeded_torques(motion: TaskMotion, pace: Pace) -> list[str]:
+    """Which torque limits a motion exceeds, if any were asked for, in the scene as it is during the motion."""
+    try:
+        limits = torques_of(pace, motion.robot, motion.scene)
+        found = () if limits is None else limits.samples(motion.trajectory).peaks()
+    except (InvalidRequest, TimingFailed) as error:
+        return [str(error)]
+    return [
+        f"{motion.robot.joint_names[peak.joint]} reaches {peak.ratio:.4g} times its torque, at t = {peak.time:.3f} s"
+        for peak in found
+        if not peak.ratio <= 1.0 + EXCESS - BETWEEN + LIMIT_SLACK
+    ]
 
 
 def _exempt(

@@ -16,10 +16,12 @@ from planner_service.files.schema import (
     Count,
     GrownRecord,
     Joints,
+    Numbers,
     Record,
     Text,
     Vector3,
     at_most,
+    of_length,
     plain,
 )
 from planner_service.geometry.shapes import Pose
@@ -30,6 +32,7 @@ from planner_service.planning.request import PlanRequest
 from planner_service.records.constraints import Constraints
 from planner_service.records.pose import PoseRecord
 from planner_service.roadmap import Roadmap, RoadmapReference
+from planner_service.robot.inertia import Payload
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
 __all__ = ["TIMINGS", "RequestRecord"]
@@ -157,6 +160,16 @@ def _choice(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | Non
     return {"name": chosen.name, "settings": {item.name: getattr(chosen, item.name) for item in fields(chosen)}}
 
 
+class PayloadRecord(Record):
+    """A ``Payload``."""
+
+    makes = Payload
+
+    mass: float
+    com: Vector3
+    inertia: Annotated[Numbers, of_length(6, "6 finite numbers")]
+
+
 class RequestRecord(GrownRecord):
     """A ``PlanRequest``."""
 
@@ -176,6 +189,8 @@ class RequestRecord(GrownRecord):
     time_limit: float | None
     max_tool_speed: float | None
     constraints: Constraints = Field(default_factory=list)
+    payload: PayloadRecord | None = None
+    torque_scale: float = 1.0
 
     @classmethod
     def find(cls, request: PlanRequest) -> RequestRecord | None:

@@ -231,7 +231,7 @@ class PeakRecord(schema.Record):
         return Peak(_or_infinity(self.ratio), self.joint, self.time)
 
 
-class PeaksRecord(schema.Record):
+class PeaksRecord(schema.GrownRecord):
     """``LimitPeaks``."""
 
     makes = LimitPeaks
@@ -239,6 +239,7 @@ class PeaksRecord(schema.Record):
     velocity: PeakRecord
     acceleration: PeakRecord
     jerk: PeakRecord
+    torques: Annotated[list[PeakRecord], schema.at_most(MAX_ENTRIES)] = Field(default_factory=list)
 
 
 class MotionRecord(schema.Record):

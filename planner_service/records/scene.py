@@ -264,6 +264,7 @@ class AttachedRecord(GrownRecord):
     pose: PoseRecord
     touch_links: Annotated[list[Text], at_most(1_000)]
     constraints: Constraints = Field(default_factory=list)
+    mass: float | None = None
 
 
 class SceneRecord(Record):

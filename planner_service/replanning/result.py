@@ -15,12 +15,12 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, number
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.request import Goal, PlanRequest
+from planner_service.planning.request import Goal, PlanRequest, keeps_torques
 from planner_service.planning.result import Failure, PlanResult
 from planner_service.replanning.splice import Underway
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
-from planner_service.timing.laws import ToppRa
+from planner_service.timing.laws import Timing, ToppRa
 
 __all__ = ["MAX_CHECKS", "OldMotion", "Outcome", "Replanned", "request_for", "underway"]
 
@@ -195,7 +195,9 @@ def request_for(
             names = constraint_names(previous.constraints)
             expected = "a plan without constraints, which replan does not keep; or give a request without them"
             raise InvalidRequest("previous", f"constraints ({names})", expected)
-        return replace(_request_of(previous), start=start, goal=goal)
+        known = _request_of(previous)
+        _require_no_torques(known.timing)
+        return replace(known, start=start, goal=goal)
     if not isinstance(request, PlanRequest):
         raise InvalidRequest("request", request, "a PlanRequest")
     if request.constraints:
@@ -203,7 +205,13 @@ def request_for(
         raise InvalidRequest("request.constraints", names, "none: replan does not keep constraints")
     if not isinstance(request.timing, ToppRa):
         raise InvalidRequest("request.timing", request.timing, "ToppRa(), the law that can begin at speed")
+    _require_no_torques(request.timing)
     return replace(request, start=start, goal=goal)
+
+
+def _require_no_torques(timing: Timing) -> None:
+    if keeps_torques(timing):
+        raise InvalidRequest("request.timing", timing, "ToppRa() without torque: replan keeps no torque limits")
 
 
 def _request_of(plan: PlanResult) -> PlanRequest:
@@ -215,6 +223,8 @@ def _request_of(plan: PlanResult) -> PlanRequest:
     if request is not None:
         timing = request.timing if isinstance(request.timing, ToppRa) else ToppRa()
         return replace(request, timing=timing, max_checks=min(request.max_checks, MAX_CHECKS))
+    if origin.pace is not None:
+        _require_no_torques(origin.pace.timing)
     pace, padding = origin.pace, max(plan.padding, PlanRequest((), ()).padding)
     scales = {} if pace is None else {name: getattr(pace, name) for name in PACE}
     return PlanRequest((), (), padding=padding, max_checks=MAX_CHECKS, **scales)

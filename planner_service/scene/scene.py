@@ -28,12 +28,14 @@ A scene file::
     [[attached]]                                        # the same, with its pose in the tool frame,
     touch_links = ["finger_left", "finger_right"]       # the links that may touch it, and what motions keep meanwhile,
     constraints = [{ kind = "joint range", ... }]       # with the keys of a constraint file
+    mass = 0.4                                          # optional, kilograms, for torque limits
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -48,9 +50,10 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.geometry.validation import MAX_LENGTH, checked_name, instance, items, text, unusable_text
+from planner_service.geometry.validation import MAX_LENGTH, checked_name, instance, items, number, text, unusable_text
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
+from planner_service.robot.inertia import MAX_MASS
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_blocks", "scene_names"]
 
@@ -111,10 +114,11 @@ class Attached:
         touch_links: Names of the robot's links that may touch it, as the fingers that hold it do; they have to have
             collision shapes, which is checked once robot and scene meet.
         constraints: What every motion keeps while it is carried, as in ``PlanRequest.constraints``.
+        mass: Kilograms, spread evenly over the shape; None if it is not known, and then left out of torques.
 
     Raises:
         InvalidRequest: as for ``Obstacle``, or ``touch_links`` is one text, or names a link twice, or ``constraints``
-            are none.
+            are none, or ``mass`` is not above 0 and at most 10,000.
     """
 
     name: str
@@ -122,9 +126,13 @@ class Attached:
     pose: Pose
     touch_links: tuple[str, ...] = ()
     constraints: tuple[Constraint, ...] = ()
+    mass: float | None = None
 
     def __post_init__(self) -> None:
         _check_body(self.name, self.shape, self.pose)
+        if self.mass is not None:
+            expected = f"kilograms above 0 and at most {MAX_MASS:g}, or None"
+            object.__setattr__(self, "mass", number("mass", self.mass, expected, math.ulp(0.0), MAX_MASS))
         object.__setattr__(self, "constraints", checked_constraints(self.constraints))
         links = items("touch_links", self.touch_links, str, "a sequence of link names")
         object.__setattr__(self, "touch_links", links)
@@ -243,7 +251,7 @@ class Scene:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256, in hex, of names, shapes, poses, touch links and constraints, to the last bit and in order.
+        """SHA-256, in hex, of names, shapes, poses, touch links, constraints and masses, to the last bit and in order.
 
         The scene's own name and description are left out: they change no verdict. Equal scenes
         have equal hashes (-0.0 counts as 0.0); the same obstacles in another order have another.
@@ -282,7 +290,8 @@ def _canonical(body: Obstacle | Attached) -> list[Any]:
 
 def _canonical_attached(held: Attached) -> list[Any]:
     kept = [_canonical_constraint(constraint) for constraint in held.constraints]
-    return [*_canonical(held), list(held.touch_links), *([kept] if kept else [])]
+    mass = [] if held.mass is None else [["mass", _bits(held.mass)]]
+    return [*_canonical(held), list(held.touch_links), *([kept] if kept else []), *mass]
 
 
 def _canonical_constraint(constraint: Constraint) -> list[Any]:

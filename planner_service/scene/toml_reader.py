@@ -276,11 +276,12 @@ class AttachedTable(ObstacleTable):
 
     touch_links: Annotated[list[str], FirstOnly()] = Field([], description="a list of texts")
     constraints: Annotated[list[ConstraintTable], _tables(CONSTRAINTS), at_most(MAX_CONSTRAINTS)] = Field([])
+    mass: float | None = Field(None, description="kilograms")
 
     @cached_property
     def value(self) -> Attached:
         pose, kept = _pose(self.position, self.quaternion_wxyz), tuple(table.value for table in self.constraints)
-        return Attached(self.name, _shape_in(self), pose, tuple(self.touch_links), kept)
+        return Attached(self.name, _shape_in(self), pose, tuple(self.touch_links), kept, self.mass)
 
 
 class SceneFile(Record):
@@ -345,7 +346,8 @@ def _body_keys(body: Obstacle | Attached) -> dict[str, Any]:
 
 def _carrying_keys(held: Attached) -> dict[str, Any]:
     kept = [keys_of(constraint) for constraint in held.constraints]
-    return {"touch_links": list(held.touch_links), **({"constraints": kept} if kept else {})}
+    mass = {} if held.mass is None else {"mass": held.mass}
+    return {"touch_links": list(held.touch_links), **({"constraints": kept} if kept else {}), **mass}
 
 
 def _shape_keys(shape: Solid) -> dict[str, Any]:

@@ -11,9 +11,10 @@ from typing import Protocol
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.constraints.values import MIN_ANGLE, KeepUpright
+from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, number
-from planner_service.planning.request import PlanRequest, require_timing
+from planner_service.planning.request import PlanRequest, keeps_torques, require_timing
 from planner_service.planning.result import Failure, PlanResult, Stage, cost_row, stage_row
 from planner_service.planning.world import World
 from planner_service.presentation.measures import clearance_text, proof_text
@@ -82,6 +83,9 @@ class Handling:
                 self.request.require_keeping([KeepUpright((0.0, 0.0, 1.0), self.upright)])
         if self.line_timing is not None:
             require_timing(self.line_timing)
+            if self.request is not None and keeps_torques(self.request.timing) and not keeps_torques(self.line_timing):
+                expected = "None, or ToppRa(torque=True): the request keeps torque limits"
+                raise InvalidRequest("line_timing", self.line_timing, expected)
         instance("cancel", self.cancel, (CancelToken, NoneType), "a CancelToken, or None")
 
 

@@ -40,7 +40,7 @@ from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
-from planner_service.view.still.clearance_plot import write_clearance_plot
+from planner_service.view.still.motion_plot import write_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
 
 SECONDS = 5
@@ -145,9 +145,9 @@ WRITERS: dict[str, tuple[str, Callable[[World, Path], object]]] = {
             CollisionChecker(world.service.robot, world.service.scene), world.service.robot.home, path
         ),
     ),
-    "write_clearance_plot": (
+    "write_plot": (
         ".svg",
-        lambda world, path: write_clearance_plot(
+        lambda world, path: write_plot(
             str(path), Certifier(world.service.robot, world.service.scene), {"a": world.result.unwrap()[0]}
         ),
     ),

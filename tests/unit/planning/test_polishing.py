@@ -48,7 +48,7 @@ from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import BENT, judged, lines
 from planner_service.planning.timing_stage import timed
 from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
-from planner_service.view.still.clearance_plot import clearance_svg
+from planner_service.view.still.motion_plot import plot_svg
 from tests.integration.test_pins import OTHER_CPU
 from tests.support.optional import present
 
@@ -591,7 +591,7 @@ def test_a_picture_does_not_take_the_place_of_the_plan(tmp_path: Path) -> None:
 
 
 def test_names_in_a_picture_are_no_markup() -> None:
-    root = ElementTree.fromstring(clearance_svg({"a < b & c": np.array([0.01, math.inf, -0.001])}))
+    root = ElementTree.fromstring(plot_svg({"a < b & c": np.array([0.01, math.inf, -0.001])}))
     assert any("a < b & c" in "".join(element.itertext()) for element in root.iter())
 
 
