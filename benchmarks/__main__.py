@@ -19,7 +19,7 @@ MEASURES = (
     *("toy", "states", "solved", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
     *("roadmaps", "optimise", "replan", "many", "episodes", "view", "execute"),
-    *("throughput", "constrained"),
+    *("throughput", "constrained", "torque"),
 )
 
 COMMANDS = {
@@ -58,6 +58,7 @@ SETTINGS = {
     "latency": ("against",),
     "constrained": ("part", "queries", "seed"),
     "robots": ("robot", "queries", "states", "seed"),
+    "torque": ("queries", "seed"),
 }
 """Arguments that a measure takes."""
 
@@ -108,6 +109,8 @@ execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, con
 constrained  a cup upright, a point on a plane, on a line and in a box, a tray in both hands; next to OMPL's projected
           space and to rejection; --part panda, wxai, regions or others, --queries N (of each set), --seed N
           (queries drawn from it, in place of the stored ones)
+torque    200 plans with payload of six arms: torques by Pinocchio every millisecond, and what the limits cost in time;
+          --queries N (plans), --seed N
 throughput plans per second of two threads with one service, next to two processes; needs a quiet machine
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
 robots    26 robots out of packages on PyPI, as a new user meets them: from the file to the first proven plan, random

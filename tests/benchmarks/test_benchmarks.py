@@ -40,6 +40,7 @@ from benchmarks.studies import (
     speed,
     tasks,
     throughput,
+    torque,
     toy,
 )
 from benchmarks.studies.states import run_lesson
@@ -585,6 +586,16 @@ def test_the_law_is_compared_with_toppra_and_its_reference(monkeypatch: pytest.M
     assert all(promise.kept for promise in report.promises)
     monkeypatch.setattr(law, "reference_stop_duration", lambda *_: 1.0)
     assert [promise.kept for promise in law.run(paths=1, seed=3).promises] == [True, True, False]
+
+
+def test_torques_are_judged_by_pinocchio_and_a_weaker_arm_breaks_the_promise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torque, "LOADS", {"panda": 3.0})
+    report = torque.run(queries=3, seed=2)
+    assert [row["robot"] for row in report.rows if row["ok"]] == ["panda"] * 3
+    assert all(promise.kept for promise in report.promises)
+    along = torque.Judge.along
+    monkeypatch.setattr(torque.Judge, "along", lambda *given: 1.0 + along(*given))
+    assert [promise.kept for promise in torque.run(queries=1, seed=2).promises] == [True, False, False, True]
 
 
 def test_smoothing_is_compared_with_its_reference(monkeypatch: pytest.MonkeyPatch) -> None:
