@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, number
 
@@ -50,6 +50,7 @@ class Dynamics:
 
     effort: FloatArray
     links: tuple[LinkInertia, ...]
+    __setstate__ = as_sent
 
     def __post_init__(self) -> None:
         set_fields(self, effort=read_only(self.effort), links=tuple(self.links))

@@ -105,3 +105,14 @@ def test_the_loop_on_the_page_on_replanning_runs_to_its_end(capsys: pytest.Captu
     around = {"now": lambda: clock[0], "wait_until": lambda t: clock.__setitem__(0, t)}
     names |= around | {"as_seen": lambda: names["scene"], "halt": lambda: pytest.fail("nothing is safe")}
     names["drive"](names["motion"], names["request"], names["GOAL"])
+
+
+def test_a_heavier_load_takes_longer_until_it_cannot_be_held(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("10_payload.py", capsys)
+    rows = re.findall(r"^(\d) kg: ([\d.]+) s, \w+ uses ([\d.]+)% of its torque$", printed, flags=re.MULTILINE)
+    seconds, shares = [float(row[1]) for row in rows], [float(row[2]) for row in rows]
+    assert (seconds, shares) == (sorted(seconds), sorted(shares))
+    assert seconds[-1] > seconds[0]
+    assert shares[-1] <= 100.5
+    refused = r"^6 kg: GOAL_EXCEEDS_TORQUE .*panda_joint2 cannot hold 6 kg here: [\d.]+ of 87 Nm$"
+    assert re.search(refused, printed, flags=re.MULTILINE)
