@@ -584,7 +584,7 @@ def test_commands_are_listed_in_the_order_a_person_meets_them() -> None:
     commands = run("--help").stdout.partition("Commands:\n")[2].partition("\n\n")[0]
     first, *rest = [line.split()[0] for line in commands.splitlines()]
     assert [first, *rest[:5]] == ["robots", "scenes", "check", "plan", "pick-place", "view"]
-    assert {*rest[5:]} == {"certify", "export", "run", "import-robot", "episodes", "doctor", "roadmap"}
+    assert {*rest[5:]} == {"certify", "export", "run", "import-robot", "episodes", "doctor", "roadmap", "robot"}
 
 
 COMMANDS = ["robots", "scenes", "check", "plan", "pick-place", "view", "certify", "export", "run", "import-robot"]
