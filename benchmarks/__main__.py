@@ -115,7 +115,7 @@ throughput plans per second of two threads with one service, next to two process
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
 robots    26 robots out of packages on PyPI, as a new user meets them: from the file to the first proven plan, random
           queries, judged by Coal; half an hour, not among all; --robot NAME, --queries N, --states N, --seed S
-differential  a million states and 20,000 edges of four robots: the kernel is FCL pair by pair; not among all;
+differential  a million states and 20,000 edges of six robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 bits      500 plans with every instruction set, without compiled code and from 1 to 8 threads: the same to the last bit;
           not among all

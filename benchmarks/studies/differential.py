@@ -35,8 +35,15 @@ from planner_service.search.problem import SearchProblem
 
 __all__ = ["CASES", "EDGES", "KINDS", "STATES", "Asked", "Tally", "compare", "kernels", "questions", "run"]
 
-CASES = ("wxai bin", "panda_mbm shelf", "ur5 bin", "planar2 pins")
-"""Primitives, hulls, hulls of another arm, and an arm in the plane."""
+CASES = (
+    "wxai bin",
+    "panda_mbm shelf",
+    "ur5 bin",
+    "planar2 pins",
+    "example-robot-data:panda shelf",
+    "example-robot-data:kinova bin",
+)
+"""Primitives, hulls, hulls of another arm, an arm in the plane, a finger that mimics another, continuous joints."""
 
 KINDS = ("random", "as planned", "near contact")
 STATES, EDGES = 1_000_000, 20_000
@@ -318,10 +325,10 @@ def _case_rows(name: str, states: int, edges: int, seed: int) -> Iterator[Row]:
 
 
 def run(robot: str | None = None, states: int = STATES, edges: int = EDGES, seed: int = 0) -> Report:
-    """Compare on all four robots, or on one; some minutes for each.
+    """Compare on all of these robots, or on one; some minutes for each.
 
     Raises:
-        UnknownName: none of the four is called so.
+        UnknownName: none of them is called so.
     """
     robots = [name.split()[0] for name in CASES]
     if robot is not None and robot not in robots:
