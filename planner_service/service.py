@@ -460,7 +460,8 @@ class PlannerService:
         self._require_own_process()
         require_seed(seed)
         start = joint_vector("q", q, self.robot)
-        return self._limited(lambda: way_out(self._planning, start, np.random.default_rng(seed)))
+        checker, _ = self._window(start)
+        return held_to(Limits(), checker.ledger, lambda: way_out(checker, start, np.random.default_rng(seed)))
 
     def view(
         self,

@@ -183,8 +183,9 @@ def _farthest(q: FloatArray, other: FloatArray) -> float:
 
 def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
     low, high = robot.limits.lower[joint], robot.limits.upper[joint]
-    if any(robot.continuous) and robot.continuous[joint]:
-        low, high = (bound[joint] for bound in robot.bounds)
+    least, most = (bound[joint] for bound in robot.bounds)
+    if not least <= q[joint] <= most:  # of a continuous joint these are wider than the window that is planned in
+        low, high = least, most
     return f"{robot.joint_names[joint]} = {q[joint]:.6g} is outside [{low:.4f}, {high:.4f}]"
 
 

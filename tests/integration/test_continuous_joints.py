@@ -113,6 +113,13 @@ def test_what_is_farther_than_159_turns_is_refused(pendulum: Robot) -> None:
         service.certify(np.array([[0.0, 0.0], [1001.0, 0.0]]))
 
 
+def test_the_way_out_of_a_collision_is_short_some_turns_away(pendulum: Robot) -> None:
+    q = np.array([math.pi + 8.0 * TURN, 0.0])
+    way = PlannerService(pendulum, Scene((POST,))).way_out(q)
+    assert way is not None
+    assert np.abs(way.path.waypoints - q).max() < 1.0
+
+
 def test_a_tool_line_may_begin_some_turns_away(pendulum: Robot) -> None:
     q = np.array([0.4 + 7.0 * TURN, 0.9])
     far, near = (straight_tool_line(pendulum, at, (0.0, 0.02, 0.0)).waypoints for at in (q, q - [7.0 * TURN, 0.0]))

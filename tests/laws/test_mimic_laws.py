@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 from tests.laws.test_proof_laws import agreed
 from tests.support.random_robots import random_robot
-from tests.support.small_robots import built
+from tests.support.small_robots import built, joint, link, solid, urdf
 
 SEEDS = range(4)
 WALL = Obstacle("wall", Box((0.1, 1.0, 1.0)), Pose((0.6, 0.0, 0.2)))
@@ -99,6 +100,21 @@ def test_no_point_moves_farther_than_reach_allows(case: Case) -> None:
         at = np.array(item.pose.position)
         moved = (R_b[:, item.body] @ at + t_b[:, item.body]) - (R_a[:, item.body] @ at + t_a[:, item.body])
         assert (np.sqrt((moved * moved).sum(axis=1)) <= most * (1.0 + 1e-9)).all()
+
+
+def test_reach_is_the_sum_of_what_a_joint_moves_itself_and_through_its_mimics(tmp_path: Path) -> None:
+    mimic = '<mimic joint="first" multiplier="-3"/>'
+    ball = solid("sphere", 'radius="0.1"', "1 0 0")
+    parts = (
+        link("base") + link("disc") + link("arm", ball) + link("slider", ball),
+        joint("first", "revolute base disc -0.5 0.5"),
+        joint("second", "revolute disc arm -2 2", more=mimic),
+        joint("third", "prismatic base slider -2 2", axis="1 0 0", more=mimic),
+    )
+    assert built(tmp_path, urdf("gears", *parts)).reach() == pytest.approx([(1.0 + 3.0) * 1.1], rel=1e-6)
+    assert built(tmp_path, urdf("rack", *parts[:2], parts[3], joint("fix", "fixed disc arm"))).reach() == pytest.approx(
+        [3.0], rel=1e-6
+    )
 
 
 def test_the_jacobian_is_the_derivative(case: Case) -> None:
