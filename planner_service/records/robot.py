@@ -77,6 +77,17 @@ class NamedPoseRecord(schema.Record):
         return self.name, np.array(self.q)
 
 
+class LockedJointRecord(schema.Record):
+    """One of ``Robot.locked_joints``."""
+
+    name: schema.Text
+    position: float
+
+    @cached_property
+    def value(self) -> tuple[str, float]:
+        return self.name, self.position
+
+
 class BodyRecord(schema.GrownRecord):
     """A ``Body``."""
 
@@ -215,6 +226,7 @@ class RobotRecord(schema.GrownRecord):
     link_frames: Annotated[list[LinkFrameRecord], schema.at_most(MAX_SHAPES)] = Field(default_factory=list)
     continuous: Annotated[list[bool], schema.at_most(MAX_JOINTS)] = Field(default_factory=list)
     dynamics: DynamicsRecord | None = None
+    locked_joints: Annotated[list[LockedJointRecord], schema.at_most(MAX_JOINTS)] = Field(default_factory=list)
 
     @cached_property
     def value(self) -> Robot:

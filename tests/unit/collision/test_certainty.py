@@ -152,7 +152,8 @@ def test_tables_of_the_robots_own_pairs_prove_nothing_that_is_in_doubt_without_t
     robot = load_robot(name)
     lower, upper = robot.limits.lower, robot.limits.upper
     Q = np.random.default_rng(1).uniform(lower, upper, (20_000, robot.n))
-    args = (lower.tolist(), upper.tolist(), robot.reach().tolist(), MotionStep())
+    ends = lower.tolist(), upper.tolist()
+    args = (ends, ends, robot.reach().tolist(), MotionStep())
     for padding in (0.0, 0.02, 0.0):  # what is known of one is of no use for another; the last time all is known
         parts = CollisionChecker(robot, Scene(), padding=padding).parts
         for variant in instruction_sets():
@@ -201,7 +202,8 @@ def grazing(checker: CollisionChecker, count: int, rng: np.random.Generator) -> 
 def test_an_edge_is_what_its_samples_are_one_by_one(name: str, alone: bool, tmp_path: Path) -> None:
     robot, rng = robot_of(name, tmp_path), np.random.default_rng(2)
     checker = CollisionChecker(robot, Scene() if alone else around(robot, rng))
-    args = (robot.limits.lower.tolist(), robot.limits.upper.tolist(), checker.reach.tolist(), MotionStep())
+    ends = robot.limits.lower.tolist(), robot.limits.upper.tolist()
+    args = (ends, ends, checker.reach.tolist(), MotionStep())
     edges = list(grazing(checker, 300, rng))
     told = []
     for variant in instruction_sets():
