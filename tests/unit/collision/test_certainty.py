@@ -76,7 +76,7 @@ def kernels_of(rider: Body, stander: Body) -> list[_core.CollisionKernel]:
         return []
     hulls = [body.corners for body in (rider, stander) if body.corners is not None]
     numbers = np.cumsum([body.corners is not None for body in (rider, stander)]) - 1
-    joints = np.array([[0.0, 0.0, 1.0, *ALONG, *np.eye(3).ravel(), 0.0, 0.0, 0.0]])
+    joints = np.array([[0.0, 0.0, 1.0, *ALONG, *np.eye(3).ravel(), 0.0, 0.0, 0.0, 1.0]])
     places = np.array([[body, *solid.R.ravel(), 0.0, 0.0, 0.0] for body, solid in ((1.0, rider), (-1.0, stander))])
     solids = np.array(
         [
