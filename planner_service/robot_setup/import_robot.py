@@ -153,7 +153,7 @@ def import_robot(
         text = f"<!-- expanded from {source.urdf.name} -->\n{_serialised(root)}\n"
     toml, copy = folder / ROBOT_FILE, folder / source.copy_name
     urdf = read_urdf(source.urdf, source.folders)
-    robot = replace(robot_of(source.urdf, urdf, source.selection), continuous=())  # robot.toml states limits
+    robot = robot_of(source.urdf, urdf, source.selection)
     agreement = compare_with_yourdfpy(robot, source.urdf, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
     meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
