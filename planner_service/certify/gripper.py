@@ -1,7 +1,7 @@
 """The proof of a gripper that opens or closes while the arm stands still.
 
-Each finger slides straight, by half of what the width changes. So this is the motion of a robot of one joint: the arm
-is locked where it stands, the fingers are its only moving bodies, and s is how far each of them has moved.
+This is the motion of a robot of one joint: the arm is locked where it stands, the fingers are its only moving bodies,
+and s is how far they have moved: by half of what the width changes, or, if they turn, by an angle of their leader.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
+from planner_service.robot.gripper import Gripper
 from planner_service.robot.locking import lock_joints
-from planner_service.robot.model import AllowedContact, Body, Gripper, JointLimits, LinkShape, Robot
+from planner_service.robot.model import AllowedContact, JointLimits, Robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["GripperMotion", "certify_gripper"]
 
 FINGERS = "gripper"
-"""The one joint that is left: half of the width."""
+"""The one joint that is left."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,17 @@ class GripperMotion:
     Attributes:
         start: Metres between the finger pads before.
         end: The same after.
-        certificate: The proof; its s is how far each finger has moved, in metres.
+        certificate: The proof; its s is how far each finger has moved, in metres, or the leader of turning fingers, in
+            radians.
         seconds: Wall time of the proof.
+        travel: The largest s, where it is not half of what the width changes; None where it is.
     """
 
     start: float
     end: float
     certificate: Certificate
     seconds: float = field(default=0.0, compare=False)
+    travel: float | None = None
 
     @property
     def name(self) -> str:
@@ -59,6 +63,8 @@ class GripperMotion:
             return ""
         verb, sign = ("open", 2.0) if self.end > self.start else ("close", -2.0)
         width = self.start + sign * refusal.s
+        if self.travel is not None:
+            width = self.start + (self.end - self.start) * refusal.s / self.travel
         motion = f"the gripper cannot {verb} from {self.start * 1e3:.1f} to {self.end * 1e3:.1f} mm"
         return f"{motion}: {refusal.a} x {refusal.b} are not proven apart at a width of {width * 1e3:.1f} mm"
 
@@ -98,12 +104,13 @@ def certify_gripper(
     if len(given) != 2:
         raise InvalidRequest("widths", widths, "one before and one after")
     start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in given)
-    path = JointPath(np.array([[start / 2.0], [end / 2.0]]))
+    path = JointPath(np.array([[gripper.position(start)], [gripper.position(end)]]))
     pairs = pairs_of_names("touching", touching)
     exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
     certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed, backend=backend)
     certificate = certifier.certify(path, exempt=exempt, charge=charge)
-    return GripperMotion(start, end, certificate, time.perf_counter() - began)
+    travel = None if gripper.kind == "parallel" else path.length
+    return GripperMotion(start, end, certificate, time.perf_counter() - began, travel)
 
 
 def _within(robot: Robot, q: ArrayLike) -> FloatArray:
@@ -123,10 +130,7 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
 
     A finger and what else is on the body that carries it slide in each other, and are not judged, as ever.
     """
-    bodies, fingers = list(robot.bodies), list[LinkShape]()
-    for item, direction in zip(gripper.closed, gripper.directions, strict=True):
-        bodies.append(Body(FINGERS, item.body, np.eye(4), np.array(direction), prismatic=True, q_index=robot.n))
-        fingers.append(replace(item, body=len(bodies) - 1))
+    moving, fingers = gripper.finger_bodies(len(robot.bodies), robot.n)
     rest = [item for item in robot.shapes if item.link not in gripper.links]
     guides = [
         AllowedContact((carried.link, item.link), "on one body")
@@ -134,7 +138,8 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         for item in (*rest, *gripper.closed)
         if item.body == carried.body and item.link != carried.link
     ]
-    extent = {"lower": gripper.lower / 2.0, "upper": gripper.upper / 2.0}
+    ends = sorted(gripper.position(width) for width in (gripper.lower, gripper.upper))
+    extent = dict(zip(("lower", "upper"), ends, strict=True))
     limits = {
         item.name: np.append(getattr(robot.limits, item.name), extent.get(item.name, 1.0))
         for item in fields(JointLimits)
@@ -144,7 +149,7 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         joint_names=(*robot.joint_names, FINGERS),
         limits=JointLimits(**limits),
         named_poses=(),
-        bodies=tuple(bodies),
+        bodies=(*robot.bodies, *moving),
         shapes=(*rest, *fingers),
         allowed_contacts=(*robot.allowed_contacts, *guides),
         gripper=None,

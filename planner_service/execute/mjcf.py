@@ -17,7 +17,8 @@ from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.composite import Compound, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.robot.model import Gripper, LinkShape, Robot
+from planner_service.robot.gripper import Gripper
+from planner_service.robot.model import LinkShape, Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 

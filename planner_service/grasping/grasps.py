@@ -1,21 +1,22 @@
-"""Where a parallel gripper can take hold of an object: tool poses, best first.
+"""Where a gripper can take hold of an object: tool poses, best first.
 
 The robot's gripper names the axes of the tool frame along which it approaches and its fingers close. The origin of the
-tool frame is between the fingertips.
+tool frame is between the fingertips, or in the middle of a cup's rim.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Box, Pose
+from planner_service.geometry.arrays import FloatArray, cross
+from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.geometry.validation import instance, items, number
-from planner_service.robot.model import Gripper, Robot
+from planner_service.robot.gripper import Gripper
+from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
 
 __all__ = ["middle_of", "offset_from", "top_grasps", "width_across"]
@@ -26,6 +27,9 @@ and a lean gives it room."""
 
 MAX_TILTS = 1_000
 
+FACING_UP = 0.5
+"""Least height of the unit vector out of a face that a cup takes: leaning by 60 degrees."""
+
 _YAWS_OF_A_ROUND_OBJECT = 8
 
 
@@ -33,13 +37,15 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
     """Grasps of an object from above, its centre between the fingertips: upright first, then leaning ones.
 
     A box is taken across its faces, a round object from several sides. Grasps that are wider than the gripper opens are
-    left out.
+    left out. A vacuum gripper takes a box or cylinder by the flat face that looks up most, in its middle, turned to any
+    of several sides; it has no use for ``tilts``.
 
     Args:
         tilts: Leans in radians about the axis through the fingers, in the order of preference.
 
     Raises:
-        InvalidRequest: The robot has no gripper, or the object is too wide for it from every side.
+        InvalidRequest: The robot has no gripper, or the object is too wide for it from every side, or has no flat face
+            for its cup.
     """
     instance("target", target, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
     leans = items("tilts", tilts, (int, float), "angles in radians", MAX_TILTS)
@@ -50,6 +56,8 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
     gripper = instance("robot", robot, Robot, "a Robot").gripper
     if gripper is None:
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
+    if gripper.kind == "vacuum":
+        return tuple(_by_face(gripper, target))
     R = target.pose.rotation
     heading = math.atan2(R[1, 0], R[0, 0])
     middle = middle_of(target)
@@ -74,12 +82,48 @@ def _from_above(gripper: Gripper, position: Sequence[float], yaw: float, tilt: f
     fingers = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     outward = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     approach = outward * math.sin(tilt) + np.array([0.0, 0.0, -math.cos(tilt)])
-    x, y = np.array(gripper.approach), np.array(gripper.closing)
-    axes = ((approach, x), (fingers, y), (np.cross(approach, fingers), np.cross(x, y)))
     T = np.eye(4)
-    T[:3, :3] = sum(world[:, None] * tool for world, tool in axes)  # what each axis of the tool becomes
+    T[:3, :3] = _taking(gripper, approach, fingers)
     T[:3, 3] = position
     return T
+
+
+def _by_face(gripper: Gripper, target: Obstacle) -> Iterator[Pose]:
+    """The tool poses that bring a cup to the flat face that looks up most, one for each of several turns."""
+    faces = sorted(_faces(target), key=lambda face: float(face[0][2]))
+    if not faces or faces[-1][0][2] < FACING_UP or faces[-1][2] < gripper.radius:
+        room = f"at least {2.0 * gripper.radius:.3f} m wide"
+        raise InvalidRequest("target", target.name, f"a box or cylinder with a flat face that looks up, {room}")
+    outward, middle, _ = faces[-1]
+    least = int(np.argmin(np.abs(outward)))
+    side = np.eye(3)[least] - outward[least] * outward
+    side /= math.sqrt(float((side * side).sum()))
+    other = cross(outward, side)
+    for k in range(_YAWS_OF_A_ROUND_OBJECT):
+        angle = 2.0 * math.pi * k / _YAWS_OF_A_ROUND_OBJECT
+        T = np.eye(4)
+        T[:3, :3] = _taking(gripper, -outward, side * math.cos(angle) + other * math.sin(angle))
+        T[:3, 3] = middle
+        yield Pose.from_matrix(T)
+
+
+def _faces(target: Obstacle) -> Iterator[tuple[FloatArray, FloatArray, float]]:
+    """The flat faces of a box or cylinder: unit vector outwards, middle, and metres from there to the nearest rim."""
+    shape, R, place = target.shape, target.pose.rotation, np.array(target.pose.position)
+    if isinstance(shape, Box):
+        for k, size in enumerate(shape.size):
+            room = min(other for j, other in enumerate(shape.size) if j != k) / 2.0
+            yield from ((sign * R[:, k], place + sign * size / 2.0 * R[:, k], room) for sign in (1.0, -1.0))
+    if isinstance(shape, Cylinder):
+        half = shape.length / 2.0
+        yield from ((sign * R[:, 2], place + sign * half * R[:, 2], shape.radius) for sign in (1.0, -1.0))
+
+
+def _taking(gripper: Gripper, approach: FloatArray, closing: FloatArray) -> FloatArray:
+    """The rotation (3, 3) of the tool whose axes of approach and closing point so in the world."""
+    x, y = np.array(gripper.approach), np.array(gripper.closing)
+    axes = ((approach, x), (closing, y), (cross(approach, closing), cross(x, y)))
+    return np.asarray(sum(world[:, None] * tool for world, tool in axes))  # what each axis of the tool becomes
 
 
 def middle_of(target: Obstacle) -> tuple[float, float, float]:
@@ -92,7 +136,9 @@ def middle_of(target: Obstacle) -> tuple[float, float, float]:
 
 
 def width_across(target: Obstacle, grasp: Pose, gripper: Gripper) -> float:
-    """The extent of an object in metres along the axis on which the fingers of a grasp close."""
+    """The extent of an object in metres along the axis on which the fingers of a grasp close; 0 for a cup."""
+    if gripper.kind == "vacuum":
+        return 0.0
     axis = _seen_from(target.pose, _closing(grasp, gripper))
     return _product(axis, target.shape.support(axis) - target.shape.support(-axis))
 

@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, cross
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
 from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Gripper, Robot
+from planner_service.robot.gripper import Gripper
+from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
 
 __all__ = [
@@ -33,6 +34,11 @@ LONGEST_APPROACH = 0.10
 LOOSE_GRASP = 0.01
 """Metres by which the point between the fingertips may miss the object: the pads reach that far."""
 
+LOOSE_CUP = 0.002
+"""Metres by which the rim of a cup may be away from what it takes: it yields by as much."""
+
+RIM_POINTS = 16
+
 PUSHED_ASIDE = 0.003
 """Metres by which closing fingers may push the object aside: the error of a grasp from a camera."""
 
@@ -52,13 +58,27 @@ Pair = tuple[str, str]
 
 
 def grasp_objection(target: Obstacle, grasp: Pose, gripper: Gripper) -> str:
-    """Why fingers that close at a grasp would not hold an object where it stands; empty if they would."""
+    """Why fingers that close at a grasp, or its cup, would not hold an object where it stands; empty if they would."""
+    if gripper.kind == "vacuum":
+        away = max(_rim_gaps(target, grasp, gripper))
+        return f"the cup is up to {away * 1000:.1f} mm away from {target.name}" if away > LOOSE_CUP else ""
     aside, beyond = offset_from(target, grasp, gripper)
     if beyond > LOOSE_GRASP:
         return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
     if aside > PUSHED_ASIDE:
         return f"closing would push {target.name} {aside * 1000:.0f} mm aside"
     return ""
+
+
+def _rim_gaps(target: Obstacle, grasp: Pose, gripper: Gripper) -> list[float]:
+    """Metres between an object and points of a cup at a grasp: its middle, and some of its rim."""
+    x, y = np.array(gripper.closing), cross(np.array(gripper.approach), np.array(gripper.closing))
+    angles = np.arange(RIM_POINTS)[:, None] * (2.0 * math.pi / RIM_POINTS)
+    rim = gripper.radius * (np.cos(angles) * x + np.sin(angles) * y)
+    T = (target.pose.inverse() @ grasp).matrix
+    points = (np.vstack([np.zeros(3), rim])[:, None, :] * T[:3, :3]).sum(axis=2) + T[:3, 3]
+    found: list[float] = np.asarray(target.shape.distance(points)).tolist()
+    return found
 
 
 def unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:

@@ -208,7 +208,7 @@ class CertificateRecord(schema.GrownRecord):
         return Certificate(**arguments)
 
 
-class GripperMotionRecord(schema.Record):
+class GripperMotionRecord(schema.GrownRecord):
     """A ``GripperMotion``."""
 
     makes = GripperMotion
@@ -217,6 +217,7 @@ class GripperMotionRecord(schema.Record):
     end: float = Field(alias="end_width")
     seconds: float
     certificate: CertificateRecord
+    travel: Annotated[float, Field(gt=0.0)] | None = None
 
 
 class PeakRecord(schema.Record):

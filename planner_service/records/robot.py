@@ -12,14 +12,15 @@ from pydantic import Field
 
 from planner_service.errors import InvalidRequest
 from planner_service.files import schema
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.records.pose import PoseRecord
 from planner_service.records.scene import ShapeRecord
+from planner_service.robot.gripper import FingerTurn, Gripper
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER, Body, LinkFrame, LinkShape
-from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
+from planner_service.robot.model import AllowedContact, ExemptRetreat, JointLimits, Robot
 
 __all__ = ["RobotRecord"]
 
@@ -140,7 +141,25 @@ class ContactRecord(schema.Record):
     reason: schema.Prose
 
 
-class GripperRecord(schema.Record):
+class FingerTurnRecord(schema.Record):
+    """A ``FingerTurn``."""
+
+    axis: schema.Vector3
+    point: schema.Vector3
+    ratio: float
+
+    @cached_property
+    def value(self) -> FingerTurn:
+        _require_unit("axis", self.axis)
+        if not MIN_MULTIPLIER <= abs(self.ratio) <= MAX_MULTIPLIER or max(map(abs, self.point)) > MAX_LENGTH:
+            raise InvalidRequest("turns", self.ratio, "ratios and points that a finger can have")
+        return FingerTurn(vector(self.axis), vector(self.point), self.ratio)
+
+
+Turns = Annotated[list[FingerTurnRecord], schema.at_most(MAX_JOINTS)]
+
+
+class GripperRecord(schema.GrownRecord):
     """A ``Gripper``."""
 
     joints: Texts
@@ -151,13 +170,27 @@ class GripperRecord(schema.Record):
     directions: Annotated[list[schema.Vector3], schema.FirstOnly()]
     approach: schema.Vector3
     closing: schema.Vector3
+    kind: Literal["parallel", "revolute", "vacuum"] = "parallel"
+    turns: Annotated[list[Turns], schema.at_most(MAX_SHAPES)] = Field(default_factory=list)
+    tips: Texts = Field(default_factory=list)
+    across: schema.Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    positions: schema.Vector2 = Field(default_factory=lambda: [0.0, 0.0])
+    radius: Annotated[float, Field(ge=0.0, le=MAX_LENGTH)] = 0.0
 
     @cached_property
     def value(self) -> Gripper:
         if not 0.0 <= self.lower <= self.upper <= MAX_LENGTH:
             raise InvalidRequest("lower", self.lower, f"0 <= lower <= upper = {self.upper:g} <= {MAX_LENGTH:g} m")
-        if len(self.directions) != len(self.closed):
-            raise InvalidRequest("directions", len(self.directions), f"{len(self.closed)}, one for each closed shape")
+        for field, kind in (("directions", "parallel"), ("turns", "revolute")):
+            count = len(self.closed) if self.kind == kind else 0
+            if len(getattr(self, field)) != count:
+                raise InvalidRequest(
+                    field, len(getattr(self, field)), f"{count}, one for each closed shape that moves so"
+                )
+        if self.kind == "revolute":
+            _require_unit("across", self.across)
+            if len(self.tips) != 2 or any(all(item.link != tip for item in self.closed) for tip in self.tips):
+                raise InvalidRequest("tips", self.tips, "two links with closed shapes")
         for k, direction in enumerate(self.directions):
             _require_unit(f"directions[{k}]", direction)
         _require_unit("approach", self.approach)

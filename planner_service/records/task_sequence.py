@@ -15,7 +15,7 @@ from planner_service.errors import InvalidRequest, NotProven
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
-from planner_service.grasping.guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE
+from planner_service.grasping.guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE, grasp_objection
 from planner_service.kinematics.inverse import rotation_distance
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -181,8 +181,9 @@ def _exchanged(
         claimed = f"{_names(after.attached)} carried after {_names(claim.attached)}"
         raise _unsound(after, claimed, "one object taken or left at a time")
     opens = after.width - claim.width
+    moves = robot.gripper is None or robot.gripper.kind != "vacuum"  # a cup takes and lets go without moving
     if lost:
-        if not opens > SAME_WIDTH:
+        if moves and not opens > SAME_WIDTH:
             claimed = f"{lost[0].name} left by a gripper that {'closes' if opens < -SAME_WIDTH else 'stays as it is'}"
             raise _unsound(after, claimed, "a gripper that opens to leave what it carries")
         return None, lost[0]
@@ -190,7 +191,7 @@ def _exchanged(
     if taken is None or taken.shape != gained[0].shape:
         claimed = f"{gained[0].name} carried from now on"
         raise _unsound(after, claimed, "an obstacle of that name and shape in the scene before")
-    if not opens < -SAME_WIDTH:
+    if moves and not opens < -SAME_WIDTH:
         claimed = f"{taken.name} taken by a gripper that {'opens' if opens > SAME_WIDTH else 'stays as it is'}"
         raise _unsound(after, claimed, "a gripper that closes on what it takes")
     return taken, None
@@ -228,6 +229,10 @@ def _require_grasp(motion: TaskMotion, taken: Obstacle, after: ClaimedMotion) ->
     if abs(after.width - width) > MEANT_OVERLAP:
         claimed = f"a gripper {after.width:.4f} m open around {taken.name}"
         raise _unsound(after, claimed, f"{width:.4f} m, as wide as that is between the fingers")
+    if gripper.kind == "vacuum":
+        if objection := grasp_objection(taken, tool, gripper):
+            raise _unsound(after, objection, "a cup whose rim lies on what is taken")
+        return
     aside, beyond = offset_from(taken, tool, gripper)
     if beyond > LOOSE_GRASP or aside > PUSHED_ASIDE:
         claimed = (

@@ -11,15 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
+from planner_service.robot.end_effector.finger_loading import GripperProblem, finger_joints, gripper_of
+from planner_service.robot.end_effector.mounted_tool import with_tool
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import LinkFrame
-from planner_service.robot.model import AllowedContact, Gripper, JointLimits, Robot
+from planner_service.robot.model import AllowedContact, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
-from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, mimicked, transform
+from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, mimicked
 from planner_service.robot.urdf_model import Mimic, Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
 
@@ -36,9 +38,6 @@ ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
 JERK = {"revolute": 50.0, "prismatic": 10.0}
 """rad/s^3 and m/s^3, our convention: full acceleration within about 60 ms."""
 
-ALONG = 1e-6
-"""Tolerance of the cosine between two parallel directions: about 1.4 mrad."""
-
 
 def robot_from_file(path: Path) -> Robot:
     """The robot of a robot.toml.
@@ -50,8 +49,14 @@ def robot_from_file(path: Path) -> Robot:
     file = read_robot_file(path)
     table, limits = file.table, file.table.limits
     urdf = read_urdf(file.urdf, file.package_dirs, table.decompose)
-    fingers, joints = table.gripper.joints if table.gripper else [], tuple(table.joints)
-    locked = locked_positions(urdf, joints, {**table.locked_joints, **dict.fromkeys(fingers, 0.0)})
+    if table.tool is not None:
+        try:
+            urdf = with_tool(urdf, table.tool)
+        except InvalidRequest as error:
+            raise InvalidFile(path, [str(error)]) from None
+    fingers, joints = () if table.gripper is None else finger_joints(table.gripper, urdf), tuple(table.joints)
+    leaders = [] if table.gripper is None else table.gripper.joints
+    locked = locked_positions(urdf, joints, {**table.locked_joints, **dict.fromkeys(leaders, 0.0)})
     problems = _disagreements(table, urdf, fingers, locked)
     if problems:
         raise InvalidFile(path, problems)
@@ -60,9 +65,12 @@ def robot_from_file(path: Path) -> Robot:
     if moving:
         raise InvalidFile(path, [f"base_links: {link} moves; expected a link fixed to the base" for link in moving])
     tool_body, tool_placement = assembly.frames[table.tool_frame]
-    gripper = _gripper(table.gripper, urdf, assembly)
-    if gripper is not None:
-        _require_closing(path, gripper, tool_body, tool_placement)
+    gripper = None
+    if table.gripper is not None:
+        try:
+            gripper = gripper_of(table.gripper, urdf, assembly, (tool_body, tool_placement))
+        except GripperProblem as problem:
+            raise InvalidFile(path, [str(problem)]) from None
     robot = Robot(
         name=table.name,
         joint_names=joints,
@@ -166,50 +174,15 @@ def _gripper_problems(entry: GripperTable, movable: Mapping[str, UrdfJoint]) -> 
         joint = movable.get(name)
         if joint is None:
             continue
-        if joint.kind != "prismatic":
-            problems.append(f"gripper.joints: {name} is {joint.kind}; expected prismatic")
-        if entry.upper / 2 > joint.upper or entry.lower / 2 < joint.lower:
-            problems.append(
-                f"gripper: [{entry.lower:g}, {entry.upper:g}] needs {name} beyond [{joint.lower:g}, {joint.upper:g}]"
-            )
+        expected = "revolute" if entry.kind == "revolute" else "prismatic"
+        if joint.kind != expected:
+            problems.append(f"gripper.joints: {name} is {joint.kind}; expected {expected}")
+        elif expected == "prismatic":
+            lower, upper = entry.lower or 0.0, entry.upper or 0.0
+            if upper / 2 > joint.upper or lower / 2 < joint.lower:
+                reach = f"[{joint.lower:g}, {joint.upper:g}]"
+                problems.append(f"gripper: [{lower:g}, {upper:g}] needs {name} beyond {reach}")
     return problems
-
-
-def _gripper(entry: GripperTable | None, urdf: Urdf, assembly: Assembly) -> Gripper | None:
-    """The gripper with the directions in which its fingers open; it is closed in ``assembly``."""
-    if entry is None:
-        return None
-    directions: dict[str, tuple[float, float, float]] = {}
-    for joint in urdf.joints:
-        if joint.name in entry.joints:
-            R = product(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))[:3, :3].tolist()
-            u, v, w = joint.axis
-            x, y, z = (row[0] * u + row[1] * v + row[2] * w for row in R)
-            directions |= dict.fromkeys(_downstream(urdf, joint.child), (x, y, z))
-    closed = tuple(item for item in assembly.shapes if item.link in directions)
-    along = tuple(directions[item.link] for item in closed)
-    (x, y, z), (u, v, w) = entry.approach, entry.closing
-    names, links = tuple(entry.joints), tuple(directions)
-    return Gripper(names, links, entry.lower, entry.upper, closed, along, (x, y, z), (u, v, w))
-
-
-def _require_closing(path: Path, gripper: Gripper, tool_body: int, tool: FloatArray) -> None:
-    """Refuse a closing axis along which the fingers do not move."""
-    x, y, z = gripper.closing
-    axis = [float(row[0] * x + row[1] * y + row[2] * z) for row in tool[:3, :3]]  # in the tool's body
-    for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
-        if item.body == tool_body and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
-            columns = tool[:3, :3].T.tolist()
-            in_tool = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
-            moves = f"{item.link} moves along [{in_tool}] of the tool frame"
-            raise InvalidFile(path, [f"gripper.closing = {list(gripper.closing)}; {moves}"])
-
-
-def _downstream(urdf: Urdf, link: str) -> list[str]:
-    links = [link]
-    for parent in links:  # grows while it is read
-        links += [joint.child for joint in urdf.joints if joint.parent == parent]
-    return links
 
 
 @dataclass(frozen=True, eq=False)

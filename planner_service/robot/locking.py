@@ -7,12 +7,13 @@ from dataclasses import fields, replace
 from typing import TypeVar
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, product, vector
+from planner_service.geometry.arrays import FloatArray, Vector, product, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
+from planner_service.robot.gripper import Gripper
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape, chain_to_base, joint_motion
-from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Robot
+from planner_service.robot.model import ExemptRetreat, JointLimits, Robot
 
 __all__ = ["lock_joints"]
 
@@ -101,15 +102,30 @@ def _moved_masses(dynamics: Dynamics, anchors: list[Anchor], kept: list[int]) ->
 
 
 def _moved_gripper(gripper: Gripper, anchors: list[Anchor]) -> Gripper:
-    directions = []
-    for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
+    directions, turns, across = list(gripper.directions), list(gripper.turns), gripper.across
+    for k, item in enumerate(gripper.closed):
         offset = anchors[item.body][1]
-        if offset is not None:
-            u, v, w = (a * u + b * v + c * w for a, b, c in offset[:3, :3].tolist())
-        directions.append((u, v, w))
-    return replace(
-        gripper, closed=tuple(_moved(item, anchors) for item in gripper.closed), directions=tuple(directions)
-    )
+        if offset is not None and gripper.directions:
+            directions[k] = _turned(gripper.directions[k], offset)
+        if offset is not None and gripper.turns:
+            across = _turned(gripper.across, offset)
+            turns[k] = tuple(
+                replace(turn, axis=_turned(turn.axis, offset), point=_placed(turn.point, offset))
+                for turn in gripper.turns[k]
+            )
+    closed = tuple(_moved(item, anchors) for item in gripper.closed)
+    return replace(gripper, closed=closed, directions=tuple(directions), turns=tuple(turns), across=across)
+
+
+def _turned(direction: Vector, T: FloatArray) -> Vector:
+    u, v, w = direction
+    x, y, z = (a * u + b * v + c * w for a, b, c in T[:3, :3].tolist())
+    return (x, y, z)
+
+
+def _placed(point: Vector, T: FloatArray) -> Vector:
+    x, y, z = (turned + moved for turned, moved in zip(_turned(point, T), T[:3, 3].tolist(), strict=True))
+    return (x, y, z)
 
 
 def _kept_retreats(

@@ -34,6 +34,7 @@ from planner_service.geometry.validation import (
 )
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
+from planner_service.robot.gripper import Gripper
 from planner_service.robot.inertia import Dynamics
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.package_files import EXAMPLES, example_urdf
@@ -95,39 +96,6 @@ class AllowedContact:
 
     links: tuple[str, str]
     reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class Gripper:
-    """A parallel gripper: its width is the gap between the pads, and each finger is at half of it.
-
-    Attributes:
-        joints: The finger joints.
-        links: The links that they move, with or without collision shapes.
-        lower: Smallest width in metres.
-        upper: Largest width in metres.
-        closed: The shapes of ``links`` at width 0.
-        directions: For each of ``closed``, the unit vector in its body along which it opens.
-        approach: Unit vector in the tool frame from the palm to the fingertips, along which a grasp approaches.
-        closing: Unit vector in the tool frame along which the fingers move, perpendicular to ``approach``.
-    """
-
-    joints: tuple[str, ...]
-    links: tuple[str, ...]
-    lower: float
-    upper: float
-    closed: tuple[LinkShape, ...]
-    directions: tuple[tuple[float, float, float], ...]
-    approach: tuple[float, float, float]
-    closing: tuple[float, float, float]
-
-    def shapes(self, width: float) -> tuple[LinkShape, ...]:
-        """The finger shapes at ``width``, in the order of ``closed``."""
-        moved = []
-        for item, direction in zip(self.closed, self.directions, strict=True):
-            x, y, z = (p + width / 2 * d for p, d in zip(item.pose.position, direction, strict=True))
-            moved.append(replace(item, pose=Pose((x, y, z), item.pose.quaternion)))
-        return tuple(moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,7 +473,7 @@ class Robot:
             "bodies": [_body_content(body) for body in self.bodies],
             "shapes": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in self.shapes],
             "allowed": sorted(sorted(contact.links) for contact in self.allowed_contacts),
-            "gripper": self.gripper and _gripper_content(self.gripper),
+            "gripper": self.gripper and self.gripper.content(),
             "width": self.gripper_width,
             "retreats": [(r.pose, r.to.tolist(), sorted(map(sorted, r.pairs))) for r in self.retreats],
             "inverse": self.inverse,
@@ -538,16 +506,6 @@ def _body_content(body: Body) -> tuple[object, ...]:
     """Everything about a body that can change a plan."""
     mimics = () if body.multiplier == 1.0 else (body.multiplier,)
     return (body.name, body.parent, body.placement.tolist(), body.axis.tolist(), body.prismatic, body.q_index, *mimics)
-
-
-def _gripper_content(gripper: Gripper) -> dict[str, object]:
-    """Everything about a gripper that can change a plan."""
-    return {
-        "joints": gripper.joints,
-        "range": (gripper.lower, gripper.upper),
-        "closed": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in gripper.closed],
-        "axes": (gripper.directions, gripper.approach, gripper.closing),
-    }
 
 
 def load_robot(name_or_path: str | Path) -> Robot:

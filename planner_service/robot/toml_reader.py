@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from planner_service.errors import InvalidFile, InvalidRequest, shown
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName, shown
 from planner_service.files import schema
+from planner_service.files.package_data import data_folder
 from planner_service.files.schema import FirstOnly, Record, at_most
 from planner_service.files.toml_reader import read_tables
 from planner_service.robot.model import AllowedContact, ExemptRetreat
@@ -120,15 +121,58 @@ class LimitsTable(Record):
     jerk: RateTable = Field(description="a table")
 
 
-class GripperTable(Record):
-    """``[gripper]``: widths in metres, axes as unit vectors in the tool frame; ``width`` is ``upper`` if not given."""
+WIDTH = Field(None, description=f"a number from 0 to {MAX_NUMBER:g}")
 
-    joints: Names
-    lower: Distance
-    upper: Distance
-    width: Distance | None = Field(None, description=f"a number from 0 to {MAX_NUMBER:g}")
+
+class GripperTable(Record):
+    """``[gripper]``: widths in metres, axes as unit vectors in the tool frame; ``width`` is ``upper`` if not given.
+
+    A parallel one has ``joints``, ``lower``, ``upper`` and ``closing``; a revolute one ``joints`` (the leader first),
+    ``tips`` and ``closing``; a vacuum gripper ``cup`` and ``radius``.
+    """
+
+    kind: Literal["parallel", "revolute", "vacuum"] = "parallel"
+    joints: Annotated[Names, Field(default_factory=list)]
+    tips: Annotated[list[str], Field(default_factory=list, description="two different link names")]
+    cup: str | None = Field(None, description="a link name")
+    radius: Distance | None = WIDTH
+    lower: Distance | None = WIDTH
+    upper: Distance | None = WIDTH
+    width: Distance | None = WIDTH
     approach: Axis
-    closing: Axis
+    closing: Axis | None = Field(None, description="[x, y, z]")
+
+
+class CylinderTable(Record):
+    """``cylinder``: a cylinder about z."""
+
+    radius: Distance
+    length: Distance
+
+
+class ToolShapeTable(Record):
+    """``[[tool.shape]]``: a box, cylinder or sphere; position and roll, pitch and yaw in the frame of the link."""
+
+    box: Annotated[schema.Numbers, XYZ] | None = Field(None, description="[x, y, z]")
+    cylinder: CylinderTable | None = Field(None, description="a table")
+    sphere: Distance | None = WIDTH
+    position: Annotated[schema.Numbers, XYZ] = Field(default_factory=lambda: [0.0, 0.0, 0.0], description="[x, y, z]")
+    rpy: Annotated[schema.Numbers, XYZ] = Field(default_factory=lambda: [0.0, 0.0, 0.0], description="[x, y, z]")
+
+
+class ToolTable(Record):
+    """``[tool]``: a link that the URDF does not have, fixed to one of its links, and the frame of its working point.
+
+    ``position`` and ``rpy`` place the link in its parent, ``tip`` the frame ``frame`` in the link.
+    """
+
+    link: Sentence
+    parent: Sentence
+    frame: Sentence
+    tip: Annotated[schema.Numbers, XYZ] = Field(default_factory=lambda: [0.0, 0.0, 0.0], description="[x, y, z]")
+    position: Annotated[schema.Numbers, XYZ] = Field(default_factory=lambda: [0.0, 0.0, 0.0], description="[x, y, z]")
+    rpy: Annotated[schema.Numbers, XYZ] = Field(default_factory=lambda: [0.0, 0.0, 0.0], description="[x, y, z]")
+    shape: Annotated[list[ToolShapeTable], at_most(MAX_TABLES)] = Field([], description="an array of tables")
 
 
 class ContactTable(Record):
@@ -154,6 +198,8 @@ class RetreatTable(Record):
 class RobotTable(Record):
     """A robot.toml. Names of links and joints are not compared with the URDF yet.
 
+    A file may begin with ``base = "NAME"``: what it does not say is as in that robot of this package.
+
     ``continuous`` names joints that turn without end; their limits in the file are what one search looks at.
     ``decompose`` names links whose meshes are cut into convex pieces, and how many of each at most.
     """
@@ -171,6 +217,7 @@ class RobotTable(Record):
     limits: LimitsTable = Field(description="a table")
     locked_joints: dict[str, Number] = Field({}, description="a table")
     decompose: dict[str, Annotated[int, Field(ge=1)]] = Field({}, description="a table")
+    tool: ToolTable | None = Field(None, description="a table")
     gripper: GripperTable | None = Field(None, description="a table")
     allowed_contacts: Annotated[list[ContactTable], at_most(MAX_TABLES)] = Field([], description="an array of tables")
     retreat: Annotated[list[RetreatTable], at_most(MAX_TABLES)] = Field([], description="an array of tables")
@@ -196,7 +243,7 @@ def read_robot_file(path: Path) -> RobotFile:
         InvalidFile: with every problem found; those of single keys first, those between keys once each key is right.
         MissingDependency: its files come with a package that is not installed, but which an extra would bring.
     """
-    document = read_tables(path, MAX_BYTES)
+    document, folder = _with_base(path, read_tables(path, MAX_BYTES))
     joints = document.get("joints")
     reading = schema.Reading(joints=len(joints) if isinstance(joints, list) else None)
     table = schema.read_record(RobotTable, document, path, reading)
@@ -209,12 +256,28 @@ def read_robot_file(path: Path) -> RobotFile:
             problems.append(f"packages: {error}")
     urdf = path
     try:
-        urdf = _urdf_path(table.urdf, path.resolve().parent, packages)
+        urdf = _urdf_path(table.urdf, folder, packages)
     except InvalidRequest as error:
         problems.append(str(error))
     if problems:
         raise InvalidFile(path, problems)
     return RobotFile(table, urdf, tuple(packages.values()))
+
+
+def _with_base(path: Path, document: dict[str, Any]) -> tuple[dict[str, Any], Path]:
+    """A robot.toml with the keys of the one that it is based on, its own before these, and the folder of its URDF."""
+    own = path.resolve().parent
+    if "base" not in document:
+        return document, own
+    known = sorted(file.parent.name for file in data_folder("robots").glob("*/robot.toml"))
+    base = document.pop("base")
+    if base not in known:
+        raise InvalidFile(path, [str(UnknownName("robot of base", base, known))])
+    folder = (data_folder("robots") / base).resolve()
+    above = read_tables(folder / "robot.toml", MAX_BYTES)
+    if "base" in above:
+        raise InvalidFile(path, [f"base: {base!r} has a base itself; expected one that has none"])
+    return above | document, own if "urdf" in document else folder
 
 
 def _urdf_path(text: str, own: Path, packages: Mapping[str, Path]) -> Path:
@@ -255,10 +318,30 @@ def _contradictions(robot: RobotTable) -> Iterator[str]:
         yield from _gripper_contradictions(robot.gripper)
 
 
+NEEDED = {
+    "parallel": ("joints", "lower", "upper", "closing"),
+    "revolute": ("joints", "tips", "closing"),
+    "vacuum": ("cup", "radius"),
+}
+"""What a gripper of each kind has to have; what another kind needs and it does not, it must not have."""
+OPTIONAL = {"parallel": ("width",), "revolute": ("lower", "upper", "width"), "vacuum": ()}
+
+
 def _gripper_contradictions(gripper: GripperTable) -> Iterator[str]:
+    needed, kind = NEEDED[gripper.kind], gripper.kind
+    yield from (f"gripper.{key} is missing; a {kind} gripper needs it" for key in needed if not _given(gripper, key))
+    others = {key for keys in (*NEEDED.values(), *OPTIONAL.values()) for key in keys} - {*needed, *OPTIONAL[kind]}
+    yield from (f"gripper.{key}: a {kind} gripper has none" for key in sorted(others) if _given(gripper, key))
+    if gripper.tips and (len(gripper.tips) != 2 or gripper.tips[0] == gripper.tips[1]):
+        yield f"gripper.tips: got {shown(gripper.tips)}; expected two different link names"
     lower, upper, approach, closing = gripper.lower, gripper.upper, gripper.approach, gripper.closing
     width = upper if gripper.width is None else gripper.width
-    if not lower <= width <= upper or lower >= upper:
+    stated = lower is not None and upper is not None and width is not None
+    if stated and (not lower <= width <= upper or lower >= upper):  # type: ignore[operator]
         yield f"gripper: lower {lower:g}, width {width:g}, upper {upper:g}; expected lower <= width <= upper"
-    if abs(math.fsum(a * b for a, b in zip(approach, closing, strict=True))) > AXIS_SLACK:
+    if closing is not None and abs(math.fsum(a * b for a, b in zip(approach, closing, strict=True))) > AXIS_SLACK:
         yield f"gripper: approach {approach} and closing {closing}; expected a right angle between them"
+
+
+def _given(gripper: GripperTable, key: str) -> bool:
+    return getattr(gripper, key) not in (None, [])

@@ -32,7 +32,8 @@ from planner_service.kinematics.inverse import inverse_kinematics, straight_tool
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.robot.model import Gripper, Robot
+from planner_service.robot.gripper import Gripper
+from planner_service.robot.model import Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
@@ -229,6 +230,8 @@ def _gripper(service: PlannerService) -> Gripper:
 
 def _opening(service: PlannerService, width: float, handling: Handling) -> float:
     widest = _gripper(service).upper
+    if _gripper(service).kind == "vacuum":
+        return widest
     if width > widest:
         raise InvalidRequest("target", f"{width:.4f} m wide", f"an object at most {widest:.4f} m wide")
     if handling.open_width is None:

@@ -1,0 +1,1 @@
+"""Grippers and tools of robot files: how they become values."""

@@ -1,0 +1,189 @@
+"""From a ``[gripper]`` table and a URDF to a ``Gripper``: which links its fingers move, how, and how wide it opens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from planner_service.geometry.arrays import FloatArray, Vector, product, vector
+from planner_service.robot.gripper import FingerTurn, Gripper
+from planner_service.robot.toml_reader import GripperTable
+from planner_service.robot.urdf_assembly import Assembly, transform
+from planner_service.robot.urdf_model import Urdf, UrdfJoint
+
+__all__ = ["GripperProblem", "finger_joints", "gripper_of"]
+
+SAMPLES = 33
+"""Of the range of a leader, over which the fingers must open more and more."""
+ALONG = 1e-6
+"""Tolerance of the cosine between two parallel directions: about 1.4 mrad."""
+
+
+class GripperProblem(Exception):
+    """Something about a ``[gripper]`` that its URDF contradicts."""
+
+
+def finger_joints(entry: GripperTable, urdf: Urdf) -> tuple[str, ...]:
+    """The joints of a gripper, those that mimic one of them included."""
+    found = list(entry.joints)
+    for name in found:  # grows while it is read
+        found += [j.name for j in urdf.joints if j.mimic and j.mimic.joint == name and j.name not in found]
+    return tuple(found)
+
+
+def gripper_of(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[int, FloatArray]) -> Gripper:
+    """The gripper; its fingers are closed in ``assembly``, or their leader is at 0 if they turn.
+
+    Args:
+        tool: The body of the tool frame, and T_body_tool.
+
+    Raises:
+        GripperProblem: it is none.
+    """
+    if entry.kind == "vacuum":
+        return _vacuum(entry, assembly)
+    if entry.kind == "revolute":
+        return _revolute(entry, urdf, assembly, tool)
+    return _parallel(entry, urdf, assembly, tool)
+
+
+def _vacuum(entry: GripperTable, assembly: Assembly) -> Gripper:
+    cup = tuple(item for item in assembly.shapes if item.link == entry.cup)
+    if not cup or entry.cup is None:
+        raise GripperProblem(f"gripper.cup: {entry.cup!r} is not a link with a collision shape")
+    approach = vector(entry.approach)
+    least = min(range(3), key=lambda k: abs(approach[k]))
+    length = (1.0 - approach[least] ** 2) ** 0.5
+    x, y, z = (((k == least) - approach[k] * approach[least]) / length for k in range(3))  # any direction square to it
+    gripper = Gripper((), (entry.cup,), 0.0, 0.0, cup, (), approach, (x, y, z), "vacuum")
+    return replace(gripper, radius=entry.radius or 0.0)
+
+
+def _parallel(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[int, FloatArray]) -> Gripper:
+    directions: dict[str, Vector] = {}
+    for joint in urdf.joints:
+        if joint.name in entry.joints:
+            directions |= dict.fromkeys(_downstream(urdf, joint.child), _turn_of(joint, assembly).axis)
+    closed = tuple(item for item in assembly.shapes if item.link in directions)
+    along = tuple(directions[item.link] for item in closed)
+    names, links = tuple(entry.joints), tuple(directions)
+    axes = vector(entry.approach), vector(entry.closing or ())
+    gripper = Gripper(names, links, entry.lower or 0.0, entry.upper or 0.0, closed, along, *axes)
+    _require_closing(gripper, tool)
+    return gripper
+
+
+def _require_closing(gripper: Gripper, tool: tuple[int, FloatArray]) -> None:
+    """Refuse a closing axis along which the fingers do not move."""
+    axis = _in_body(gripper.closing, tool[1])
+    for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
+        if item.body == tool[0] and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
+            columns = tool[1][:3, :3].T.tolist()
+            in_tool = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
+            moves = f"{item.link} moves along [{in_tool}] of the tool frame"
+            raise GripperProblem(f"gripper.closing = {list(gripper.closing)}; {moves}")
+
+
+def _revolute(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[int, FloatArray]) -> Gripper:
+    turns = dict(_chains(entry, urdf, assembly))
+    links = tuple(turns)
+    closed = tuple(item for item in assembly.shapes if item.link in turns)
+    shaped = {item.link for item in assembly.shapes if item.body == tool[0]}
+    missing = [tip for tip in entry.tips if tip not in shaped]
+    if missing:
+        raise GripperProblem(f"gripper.tips: {missing[0]!r} is not a link with a shape on the body of the tool frame")
+    leader = next(joint for joint in urdf.joints if joint.name == entry.joints[0])
+    still = [item for item in assembly.shapes if item.link in entry.tips and item.link not in turns]
+    gripper = Gripper(
+        joints=tuple(entry.joints),
+        links=(*links, *dict.fromkeys(item.link for item in still)),
+        lower=0.0,
+        upper=0.0,
+        closed=(*closed, *still),
+        directions=(),
+        approach=vector(entry.approach),
+        closing=vector(entry.closing or ()),
+        kind="revolute",
+        turns=(*(turns[item.link] for item in closed), *(() for _ in still)),
+        tips=tuple(entry.tips),
+        across=_in_body(vector(entry.closing or ()), tool[1]),
+    )
+    return _ranged(gripper, entry, (leader.lower, leader.upper))
+
+
+def _ranged(gripper: Gripper, entry: GripperTable, ends: tuple[float, float]) -> Gripper:
+    """The gripper with its widths: those of the table, within those that the leader's range gives."""
+    x, y, z = gripper.across
+    turned = replace(gripper, across=(-x, -y, -z))
+    gripper = max(gripper, turned, key=lambda one: max(one.gap(end) for end in ends))
+    shut, open_ = sorted(ends, key=gripper.gap)
+    gaps = [gripper.gap(shut + (open_ - shut) * k / (SAMPLES - 1)) for k in range(SAMPLES)]
+    if any(b <= a for a, b in pairwise(gaps) if b > 0.0):
+        first, second = gripper.tips
+        raise GripperProblem(
+            f"gripper: the gap between {first} and {second} along closing = {list(gripper.closing)} is "
+            f"{gaps[0]:.4f} m with {gripper.joints[0]} at {shut:.4g} and {gaps[-1]:.4f} m at {open_:.4g}, and does not "
+            "grow all the way; name other tips, or another closing axis"
+        )
+    least, most = max(gaps[0], 0.0), gaps[-1]
+    lower, upper = least if entry.lower is None else entry.lower, most if entry.upper is None else entry.upper
+    if not least - ALONG <= lower < upper <= most + ALONG:
+        raise GripperProblem(f"gripper: lower {lower:g}, upper {upper:g}; its joints reach {least:.6g} to {most:.6g} m")
+    whole = replace(gripper, lower=gaps[0], upper=gaps[-1], positions=(shut, open_))
+    return replace(whole, lower=lower, upper=upper, positions=(whole.position(lower), whole.position(upper)))
+
+
+def _chains(entry: GripperTable, urdf: Urdf, assembly: Assembly) -> Iterator[tuple[str, tuple[FingerTurn, ...]]]:
+    """The links that fingers move, and the joints between palm and each."""
+    ratios = dict(_ratios(entry, urdf))
+    below: dict[str, list[UrdfJoint]] = {}
+    for joint in urdf.joints:
+        below.setdefault(joint.parent, []).append(joint)
+    above = {joint.child: joint for joint in urdf.joints}
+
+    def first(joint: UrdfJoint) -> bool:
+        link: str | None = joint.parent
+        while link in above:
+            if above[link].name in ratios:
+                return False
+            link = above[link].parent
+        return True
+
+    waiting = [(joint, ()) for joint in urdf.joints if joint.name in ratios and first(joint)]
+    chains: list[tuple[UrdfJoint, tuple[FingerTurn, ...]]] = list(waiting)
+    for joint, before in chains:  # grows while it is read
+        turns = before
+        if joint.name in ratios:
+            turns = (*before, _turn_of(joint, assembly, ratios[joint.name]))
+        yield joint.child, turns
+        chains += [(child, turns) for child in below.get(joint.child, ())]
+
+
+def _ratios(entry: GripperTable, urdf: Urdf) -> Iterator[tuple[str, float]]:
+    """How far each finger joint moves per radian of the leader."""
+    known = dict.fromkeys(entry.joints, 1.0)
+    joints = {joint.name: joint for joint in urdf.joints}
+    for name in finger_joints(entry, urdf):
+        mimic = joints[name].mimic
+        if name not in known and mimic is not None:
+            known[name] = mimic.multiplier * known[mimic.joint]
+        yield name, known[name]
+
+
+def _turn_of(joint: UrdfJoint, assembly: Assembly, ratio: float = 1.0) -> FingerTurn:
+    T = product(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))
+    return FingerTurn(_in_body(joint.axis, T), vector(T[:3, 3].tolist()), ratio)
+
+
+def _in_body(direction: Vector, T: FloatArray) -> Vector:
+    u, v, w = direction
+    x, y, z = (row[0] * u + row[1] * v + row[2] * w for row in T[:3, :3].tolist())
+    return (x, y, z)
+
+
+def _downstream(urdf: Urdf, link: str) -> Sequence[str]:
+    links = [link]
+    for parent in links:  # grows while it is read
+        links += [joint.child for joint in urdf.joints if joint.parent == parent]
+    return links
