@@ -81,7 +81,7 @@ class IndependentChecker:
         robot = robot_table(robot_dir) if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
-        urdf = Path(robot["urdf"]).read_text("utf-8")
+        urdf = _with_tool(Path(robot["urdf"]).read_text("utf-8"), robot.get("tool"))
         mimics = _mimics(urdf, robot["joints"])
         self.model, self.geometry = _reduced(robot, urdf, gripper_width, mimics)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
@@ -369,8 +369,14 @@ def _table_of(shape: Any) -> tuple[str, Any]:
 
 
 def robot_table(folder: Path) -> dict[str, Any]:
-    """A robot.toml with the whole path of its URDF, which may be in a package that is installed beside Pinocchio."""
+    """A robot.toml with the whole path of its URDF, which may be in a package that is installed beside Pinocchio.
+
+    What it does not say is as in the robot that it is based on, in the folder beside its own.
+    """
     table = _read(folder / "robot.toml")
+    if "base" in table:
+        above = _read(folder.parent / table["base"] / "robot.toml")
+        table = above | table
     beside = [parent / "share" for parent in Path(pin.__file__).parents if (parent / "share").is_dir()]
     scheme, _, rest = table["urdf"].partition("package://")
     found = folder / scheme if scheme else next(share / rest for share in beside if (share / rest).is_file())
@@ -379,6 +385,37 @@ def robot_table(folder: Path) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text("utf-8"))
+
+
+def _with_tool(urdf: str, tool: Table | None) -> str:
+    """The URDF with the link of a robot.toml's ``[tool]``, and the frame at its tip."""
+    if tool is None:
+        return urdf
+
+    def origin(table: Table, key: str) -> str:
+        xyz, rpy = (" ".join(map(str, table.get(name, (0.0, 0.0, 0.0)))) for name in (key, "rpy"))
+        return f'<origin xyz="{xyz}" rpy="{rpy if key == "position" else "0 0 0"}"/>'
+
+    def solid(table: Table) -> str:
+        if "box" in table:
+            return f'<box size="{" ".join(map(str, table["box"]))}"/>'
+        if "sphere" in table:
+            return f'<sphere radius="{table["sphere"]}"/>'
+        return f'<cylinder radius="{table["cylinder"]["radius"]}" length="{table["cylinder"]["length"]}"/>'
+
+    shapes = "".join(
+        f"<collision>{origin(table, 'position')}<geometry>{solid(table)}</geometry></collision>"
+        for table in tool.get("shape", ())
+    )
+    joints = ((tool["parent"], tool["link"], "position"), (tool["link"], tool["frame"], "tip"))
+    fixed = "".join(
+        f'<joint name="to {child}" type="fixed"><parent link="{parent}"/><child link="{child}"/>'
+        f"{origin(tool, key)}</joint>"
+        for parent, child, key in joints
+    )
+    added = f'<link name="{tool["link"]}">{shapes}</link><link name="{tool["frame"]}"/>{fixed}'
+    head, _, tail = urdf.rpartition("</robot>")
+    return f"{head}{added}</robot>{tail}"
 
 
 def _mimics(urdf: str, joints: Sequence[str]) -> dict[str, tuple[str, float, float]]:
@@ -399,7 +436,8 @@ def _mimics(urdf: str, joints: Sequence[str]) -> dict[str, tuple[str, float, flo
 def _reduced(robot: Table, urdf: str, width: float | None, mimics: Iterable[str]) -> tuple[Any, Any]:
     """The robot's model and collision geometry with every joint that is neither in robot.toml nor a mimic locked.
 
-    The two finger carriages stand at half the gripper's width each, other joints as robot.toml locks them, or at zero.
+    The two finger carriages stand at half the gripper's width each, turning fingers at its "position", which is 0 where
+    it is not given, other joints as robot.toml locks them, or at zero.
     """
     urdf = urdf.replace('type="continuous"', 'type="revolute"')  # Pinocchio has sine and cosine in q for such
     model = pin.buildModelFromXML(urdf)
@@ -411,12 +449,15 @@ def _reduced(robot: Table, urdf: str, width: float | None, mimics: Iterable[str]
             g.geometry = g.geometry.convex
     gripper = robot.get("gripper", {})
     opening = gripper.get("width", 0.0) if width is None else width
+    standing = gripper.get("position", 0.0) if gripper.get("kind") == "revolute" else opening / 2
     q = pin.neutral(model)
     locked_joints = robot.get("locked_joints", {})
     for name, position in locked_joints.items():
         q[model.joints[model.getJointId(name)].idx_q] = position
-    for name in gripper.get("joints", ()):
-        q[model.joints[model.getJointId(name)].idx_q] = opening / 2
+    fingers = dict.fromkeys(gripper.get("joints", ()), standing)
+    fingers |= {name: m * standing + at for name, (_, m, at) in _mimics(urdf, tuple(fingers)).items()}
+    for name, position in fingers.items():
+        q[model.joints[model.getJointId(name)].idx_q] = position
     moving = {*robot["joints"], *mimics} - locked_joints.keys()
     locked = [k for k in range(1, model.njoints) if model.names[k] not in moving]
     reduced, (moved,) = pin.buildReducedModel(model, [geometry], locked, q)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
 from planner_service.robot.end_effector.finger_loading import GripperProblem, finger_joints, gripper_of
@@ -21,7 +21,7 @@ from planner_service.robot.kinematic_tree import LinkFrame
 from planner_service.robot.model import AllowedContact, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
-from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, mimicked
+from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, mimicked, transform
 from planner_service.robot.urdf_model import Mimic, Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
 

@@ -33,7 +33,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-NAMES = ("panda", "ur5", "xarm7", "kinova")
+NAMES = ("panda", "ur5", "xarm7", "kinova", "ur5_vacuum", "xarm7_vacuum", "kinova_gripper")
 TABLE = Obstacle("table", Box((2.4, 2.4, 0.1)), Pose((0.0, 0.0, -0.051)))
 CELL = Scene(obstacles=(TABLE, Obstacle("box", Box((0.15, 0.3, 0.3)), Pose((0.5, 0.15, 0.15)))))
 CONTACT = 1e-6
@@ -78,7 +78,7 @@ def near_contact(checker: CollisionChecker, Q: FloatArray) -> list[FloatArray]:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_robot_loads_by_name_and_its_home_is_free(robots: dict[str, Robot], name: str) -> None:
     robot = robots[name]
-    assert (robot.name, robot.n) == (name, {"panda": 7, "ur5": 6, "xarm7": 7, "kinova": 6}[name])
+    assert (robot.name, robot.n) == (name, {"panda": 7, "ur5": 6, "xarm7": 7, "kinova": 6}[name.partition("_")[0]])
     checker = CollisionChecker(robot, Scene(obstacles=(TABLE,)))
     assert all(checker.state_is_free(q) for q in robot.poses.values())
     assert checker.clearance(robot.home) > 0.01

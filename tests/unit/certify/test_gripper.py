@@ -36,7 +36,8 @@ from planner_service.records.recertify import recertify
 from tests.support.optional import present
 
 CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
-ROBOTS = ("wxai", "wxai_dual", "wxai_mesh", "panda")
+ROBOTS = {"wxai": 40, "wxai_dual": 40, "wxai_mesh": 40, "panda": 40, "kinova_gripper": 120}
+"""Robots, and at how many widths they are looked at: these are 1 to 2 mm apart."""
 
 
 def in_tool(name: str, q: FloatArray, at: tuple[float, float, float]) -> Pose:
@@ -65,7 +66,7 @@ def test_a_thin_plate_between_the_widths_is_found_although_both_ends_are_free() 
 def test_what_is_certified_is_free_at_every_width_and_the_clearance_is_a_lower_bound(name: str) -> None:
     robot, draw = load_robot(name), np.random.default_rng(7)
     assert robot.gripper is not None
-    widths = np.linspace(robot.gripper.lower, robot.gripper.upper, 40)
+    widths = np.linspace(robot.gripper.lower, robot.gripper.upper, ROBOTS[name])
     alone, verdicts = CollisionChecker(robot, Scene()).clearance(robot.home), []
     for _ in range(12):
         at = np.array(robot.gripper.closing) * draw.uniform(-0.09, 0.09) + draw.uniform(-0.03, 0.03, 3)

@@ -41,7 +41,8 @@ def test_a_mesh_is_set_down_by_its_middle() -> None:
         assert (x, y, z) == pytest.approx((0.2, -0.1, 0.05), abs=1e-12)
 
 
-GRIPPING = tuple(name for name in robot_names() if load_robot(name).gripper is not None)
+KINDS = {name: gripper.kind for name in robot_names() if (gripper := load_robot(name).gripper) is not None}
+GRIPPING = tuple(name for name, kind in KINDS.items() if kind == "parallel")
 BESIDE = {"wxai_dual": (0.25, 0.30)}
 """Where an arm that does not stand in the middle of its table reaches."""
 
@@ -53,6 +54,8 @@ def cube_on_a_table(name: str) -> Scene:
 
 def test_the_arms_with_a_gripper_are_these() -> None:
     assert GRIPPING == ("panda", "wxai", "wxai_dual", "wxai_mesh")
+    others = {name: kind for name, kind in KINDS.items() if kind != "parallel"}
+    assert others == {"kinova_gripper": "revolute", "ur5_vacuum": "vacuum", "xarm7_vacuum": "vacuum"}
 
 
 @pytest.mark.slow
