@@ -5,6 +5,7 @@ request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> POLISH -> CERTIFY
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
@@ -27,7 +28,7 @@ from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.validation import flag, instance
+from planner_service.geometry.validation import flag, instance, number
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, held_to
@@ -504,6 +505,7 @@ def _later(previous: PlanResult | Replanned, at_time: float, latency: float) -> 
     if trajectory is None:
         return None
     try:
-        return trajectory(min(max(at_time + latency, 0.0), trajectory.duration))
-    except (TypeError, InvalidRequest):
+        now, more = (number("time", value, "seconds", -math.inf, math.inf) for value in (at_time, latency))
+        return trajectory(min(max(now + more, 0.0), trajectory.duration))
+    except InvalidRequest:
         return None

@@ -33,9 +33,14 @@ def robot_folders(path: Path, package_dirs: Sequence[Path]) -> tuple[Path, ...]:
     """The resolved folders that a robot's description may read: its own first.
 
     Raises:
+        InvalidFile: the description's own path is none.
         InvalidRequest: one of ``package_dirs`` is no path.
     """
-    return (path.resolve().parent, *map(_resolved, package_dirs))
+    try:
+        own = path.resolve().parent
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a lone surrogate, a cycle of links
+        raise InvalidFile(path, [f"cannot be read: {error}"]) from None
+    return (own, *map(_resolved, package_dirs))
 
 
 def package_folders(path: Path) -> list[Path]:

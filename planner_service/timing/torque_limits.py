@@ -136,7 +136,9 @@ class TorqueLimits:
         """a, b and c of torques a u + b x + c as shares of their limits, (m, n) each.
 
         Args:
-            q, first, second: The path and its first two derivatives at m points, (m, n) each.
+            q: The path at m points, (m, n).
+            first: Its first derivative there, (m, n).
+            second: Its second derivative there, (m, n).
         """
         still = np.zeros_like(q)
         rates, accelerations = np.stack([still, first, still]), np.stack([first, second, still])

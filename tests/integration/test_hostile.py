@@ -20,6 +20,7 @@ from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
 from planner_service.roadmap import RoadmapReference
+from planner_service.scene import remove_robot
 
 MEMORY = 1_500_000_000
 """Bytes that the calls may take beside what the tests have."""
@@ -67,6 +68,9 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
             {"robot": arm, "path": JointPath(np.array([arm.home, arm.home])), "constraints": [upright], "part": None},
         ),
         "RoadmapReference": Call(RoadmapReference, {"hash": "0" * 64}),
+        "remove_robot": Call(
+            remove_robot, {"points": [[1.0, 0.0, 0.0]], "robot": arm, "q": arm.home, "margin": 0.01, "attached": ()}
+        ),
     }
 
 

@@ -413,7 +413,7 @@ def _put(where: Any, value: float) -> Callable[[Any], None]:
         (0, _put(11, 0.0), "a batch has a row"),
         (2, _put((2, 0), 5.0), "a parent comes first"),
         (2, _put((1, 1), 6.0), "no such entry of q"),
-        (2, lambda rows: rows[:, 1:].copy(), "54 numbers"),
+        (2, lambda rows: rows[:, 1:].copy(), "55 numbers"),
         (3, _put((0, 0), 99.0), "no such body"),
         (3, _put((0, 7), 0.0), "no such hull"),
         (3, _put((0, 0), math.nan), "no such body"),
