@@ -158,6 +158,8 @@ class MeshLoader:
         if scheme == "file":
             return [Path(unquote(rest)).resolve()]
         if scheme == "package":
+            if "/" in rest[1:]:
+                rest = rest.lstrip("/")  # package:///name/rest is written, too
             package, _, tail = rest.partition("/")
             tails = [rest] if package in ("", ".", "..") else [rest, tail]
             called_so = [above for folder in self._folders for above in folder.parents if above.name == package]

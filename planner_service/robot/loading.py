@@ -248,6 +248,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = N
         link_frames=_link_frames(assembly, ()),
         continuous=tuple(joint.continuous for joint in joints) if any(joint.continuous for joint in joints) else (),
         locked_joints=tuple(locked.items()),
+        groups=srdf.groups,
         dynamics=_dynamics(urdf, assembly, names),
     )
 

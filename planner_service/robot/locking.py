@@ -15,7 +15,7 @@ from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape, chain_to_base, joint_motion
 from planner_service.robot.model import ExemptRetreat, JointLimits, Robot
 
-__all__ = ["lock_joints"]
+__all__ = ["group_of", "lock_joints"]
 
 Item = TypeVar("Item", LinkShape, LinkFrame, LinkInertia)
 
@@ -155,3 +155,20 @@ def _kept_retreats(
 def _joints_above(robot: Robot, body: int) -> list[int]:
     """The joints that move a body."""
     return [robot.bodies[index].q_index for index in chain_to_base(robot.bodies, body)]
+
+
+def group_of(robot: Robot, name: str) -> Robot:
+    """See ``Robot.group``."""
+    groups = {group.name: group for group in robot.groups}
+    if not isinstance(name, str) or name not in groups:
+        raise UnknownName("planning group", name, groups)
+    group = groups[name]
+    moving = [joint for joint in robot.joint_names if joint in group.joints]
+    if not moving:
+        raise InvalidRequest("group", name, f"one with joints that move; {', '.join(group.joints) or 'none'} do not")
+    still = {joint: float(q) for joint, q in zip(robot.joint_names, robot.home, strict=True) if joint not in moving}
+    part = replace(lock_joints(robot, still), groups=())
+    if group.tip is None or group.tip == robot.tool_frame:
+        return part
+    body, placement = part.link_frame(group.tip)
+    return replace(part, tool_frame=group.tip, tool_body=body, tool_placement=placement)

@@ -35,6 +35,7 @@ from planner_service.geometry.validation import (
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
 from planner_service.robot.gripper import Gripper
+from planner_service.robot.groups import PlanningGroup
 from planner_service.robot.inertia import Dynamics
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.package_files import EXAMPLES, example_urdf
@@ -133,6 +134,7 @@ class Robot:
             not part of ``hash``.
         link_frames: Frames of all links but those of the gripper, which move with its width. Not part of ``hash``: only
             constraints use them, and where a robot is given beside a file, they are proven anew with its own frames.
+        groups: The planning groups of its SRDF (``group``). Not part of ``hash``, nor of plan files.
         dynamics: Masses and efforts of its URDF; None without masses. Not part of ``hash`` either: only torque limits
             use them, and where a robot is given beside a file, torques are worked out anew with its own.
     """
@@ -157,6 +159,7 @@ class Robot:
     continuous: tuple[bool, ...] = ()
     locked_joints: tuple[tuple[str, float], ...] = ()
     dynamics: Dynamics | None = None
+    groups: tuple[PlanningGroup, ...] = ()
 
     def __post_init__(self) -> None:
         poses = tuple((name, read_only(q)) for name, q in self.named_poses)
@@ -172,6 +175,7 @@ class Robot:
             "link_frames",
             "continuous",
             "locked_joints",
+            "groups",
         )
 
     @classmethod
@@ -426,6 +430,19 @@ class Robot:
         from planner_service.robot.locking import lock_joints
 
         return lock_joints(self, joints)
+
+    def group(self, name: str) -> Robot:
+        """The part of this robot that an SRDF calls so, every other joint locked at home.
+
+        The tool frame is the end of the group's chain, if it has one. Poses, limits and pairs are those of the robot.
+
+        Raises:
+            UnknownName: no group of that name; the message names those that there are.
+            InvalidRequest: no joint of it moves.
+        """
+        from planner_service.robot.locking import group_of
+
+        return group_of(self, name)
 
     def link_frame(self, name: str) -> tuple[int, FloatArray]:
         """The body that a link belongs to, and its frame in it, 4 x 4 T_body_link.

@@ -1,4 +1,4 @@
-"""Reading SRDF: pairs of links that may touch, and named poses."""
+"""Reading SRDF: pairs of links that may touch, named poses, and planning groups."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 from planner_service.errors import InvalidFile
 from planner_service.files.numerals import plain_float
 from planner_service.files.xml_reader import read_xml
+from planner_service.robot.groups import PlanningGroup
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
 
@@ -19,6 +20,9 @@ MAX_STATES = 500
 """Named states."""
 ROUNDED = 1e-4
 """rad or m by which a state may exceed a limit, as a quarter turn written as 1.5708 does."""
+
+MAX_NESTED = 20
+"""Groups within groups."""
 
 Values = Mapping[str, float]
 
@@ -32,11 +36,13 @@ class Srdf:
         states: Joint positions by the name of the state, without fixed joints. States of several groups with the same
             name are merged, unless they differ in a joint: then each is called "group/state".
         tips: The links at which the chains of its groups end, in the file's order.
+        groups: Its groups, in the file's order.
     """
 
     contacts: tuple[AllowedContact, ...] = ()
     states: Mapping[str, Values] = field(default_factory=dict)
     tips: tuple[str, ...] = ()
+    groups: tuple[PlanningGroup, ...] = ()
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:
@@ -60,10 +66,60 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
         if group in states.setdefault(name, {}):
             problems.append(f"group_state {name!r} of group {group!r} is given twice")
         states[name][group] = _values(element, f"group_state {name!r}", urdf, problems)
+    groups = _groups(root, urdf, problems)
     if problems:
         raise InvalidFile(path, problems)
     tips = (chain.get("tip_link", "") for chain in root.iterfind("group/chain"))
-    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in {link.name for link in urdf.links}))
+    known = {link.name for link in urdf.links}
+    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in known), groups)
+
+
+def _groups(root: Element, urdf: Urdf, problems: list[str]) -> tuple[PlanningGroup, ...]:
+    """The groups, those that hold other groups included. A group that names what is not there is left out."""
+    elements = {element.get("name", ""): element for element in root.findall("group")}
+    if len(elements) > MAX_STATES:
+        problems.append(f"{len(elements)} groups; at most {MAX_STATES}")
+        return ()
+    above = {joint.child: joint for joint in urdf.joints}
+    joints = {joint.name for joint in urdf.joints}
+
+    def members(name: str, inside: tuple[str, ...]) -> list[str] | None:
+        if name in inside:
+            circle = " -> ".join((*inside[inside.index(name) :], name))
+            problems.append(f"group {name!r} holds itself: {circle}")
+            return None
+        if name not in elements or len(inside) > MAX_NESTED:
+            return None
+        found: list[str] = []
+        for element in elements[name]:
+            more = _members(element) if element.tag != "group" else members(element.get("name", ""), (*inside, name))
+            if more is None:
+                return None
+            found += [joint for joint in more if joint not in found]
+        return found
+
+    def _members(element: Element) -> list[str] | None:
+        if element.tag == "joint":
+            return [element.get("name", "")] if element.get("name") in joints else None
+        if element.tag == "link":
+            joint = above.get(element.get("name", ""))
+            return [] if joint is None else [joint.name]
+        if element.tag == "chain":
+            link, base, found = element.get("tip_link", ""), element.get("base_link", ""), list[str]()
+            while link != base:
+                if link not in above:
+                    return None
+                found.insert(0, above[link].name)
+                link = above[link].parent
+            return found
+        return []
+
+    out = []
+    for name, element in elements.items():
+        found, chains = members(name, ()), element.findall("chain")
+        if name and found is not None:
+            out.append(PlanningGroup(name, tuple(found), chains[0].get("tip_link") if len(chains) == 1 else None))
+    return tuple(out)
 
 
 def _contacts(root: Element, urdf: Urdf, problems: list[str]) -> tuple[AllowedContact, ...]:

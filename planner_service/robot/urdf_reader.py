@@ -20,6 +20,7 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
+from planner_service.robot.macros.expansion import expanded_xml, robot_folders
 from planner_service.robot.urdf_model import (
     Inertial,
     Mimic,
@@ -30,7 +31,6 @@ from planner_service.robot.urdf_model import (
     UrdfVisual,
     Vector,
 )
-from planner_service.robot.xacro_reader import expanded_xml, robot_folders
 
 __all__ = ["inspect_urdf", "read_urdf"]
 

@@ -26,10 +26,10 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.validation import flag, items
 from planner_service.presentation.measures import numbers_text
+from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.urdf_model import Urdf, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import inspect_urdf
-from planner_service.robot.xacro_reader import package_folders
 from planner_service.robot_setup.overhang import extent, overhangs
 from planner_service.robot_setup.urdf_robot import described_robot, free_home
 from planner_service.robot_setup.visuals import Visual, visuals_of

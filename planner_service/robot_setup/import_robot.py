@@ -22,10 +22,10 @@ from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.validation import copied_in, flag, instance, items
 from planner_service.parallel.engine import Engine
 from planner_service.robot.loading import ACCELERATION, JERK, VELOCITY, Selection, robot_of, standing_joints
+from planner_service.robot.macros.expansion import expanded_xml, package_folders, robot_folders
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
-from planner_service.robot.xacro_reader import expanded_xml, package_folders, robot_folders
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import (
     ContactKind,

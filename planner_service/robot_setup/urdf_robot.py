@@ -14,11 +14,11 @@ from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.loading import HOME, Selection, robot_of
+from planner_service.robot.macros.expansion import package_folders, robot_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
-from planner_service.robot.xacro_reader import package_folders, robot_folders
 from planner_service.robot_setup.link_pair import columns_between
 from planner_service.robot_setup.mjcf_reader import read_mjcf
 from planner_service.robot_setup.self_collision_matrix import always_overlapping

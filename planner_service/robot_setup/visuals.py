@@ -8,9 +8,9 @@ from pathlib import Path
 
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Pose, Shape
+from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
-from planner_service.robot.xacro_reader import package_folders
 
 __all__ = ["Visual", "link_visuals", "visuals_of"]
 
