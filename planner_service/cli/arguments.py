@@ -29,6 +29,7 @@ from planner_service.robot.model import Robot, load_robot, robot_names
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
+from planner_service.tasks.result import Handling
 from planner_service.timing.laws import Timing, ToppRa
 from planner_service.view.still import motion_plot
 from planner_service.view.still import pictures as still
@@ -205,6 +206,18 @@ def constraints(
         raise InvalidRequest("--upright", upright, error.expected) from None
     line = f"upright: the tool's {'+-'[int(ups[k] < 0.0)]}{'xyz'[k]} axis points up, within {upright:g} rad"
     return (kept, *asked), [line]
+
+
+def lean(upright: float | None) -> float | None:
+    """How far what is carried may lean, in radians; None for any.
+
+    Raises:
+        InvalidRequest: It is out of range.
+    """
+    try:
+        return Handling(upright=upright).upright
+    except InvalidRequest as error:
+        raise InvalidRequest("--upright", upright, error.expected.removesuffix(", or None")) from None
 
 
 def time_limit_of(seconds: float) -> float | None:

@@ -163,7 +163,7 @@ def pick_place(
             payload=arguments.payload(payload),
         )
         arguments.load_libraries(request, service.robot)
-        task = SavedTask.of(plan_pick_place(service, target, onto, request, upright=upright))
+        task = SavedTask.of(plan_pick_place(service, target, onto, request, upright=arguments.lean(upright)))
         if out is not None:
             save_plan(task, out)
         if png is not None:

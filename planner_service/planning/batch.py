@@ -67,7 +67,7 @@ class Batch:
     """
 
     plan: Callable[[PlanRequest], PlanResult]
-    require: Callable[[PlanRequest], None]
+    require: Callable[[PlanRequest], object]
     origin: Callable[[PlanRequest], Origin]
 
     def results(
@@ -104,7 +104,7 @@ class Batch:
         self,
         requests: Iterable[PlanRequest],
         engine: Engine | None,
-        taken: Callable[[PlanRequest], None] = lambda _: None,
+        taken: Callable[[PlanRequest], object] = lambda _: None,
     ) -> Answers[PlanResult]:
         """The answers as they come. All requests of a sequence are checked now; of an iterator only the first."""
         checked = (self._checked(index, request) for index, request in enumerate(_iterated(requests)))
@@ -140,7 +140,7 @@ def _iterated(requests: Iterable[PlanRequest]) -> Iterator[PlanRequest]:
         raise InvalidRequest("requests", requests, "several PlanRequests") from None
 
 
-def _item(request: PlanRequest, places: Mapping[int, int], taken: Callable[[PlanRequest], None]) -> Item:
+def _item(request: PlanRequest, places: Mapping[int, int], taken: Callable[[PlanRequest], object]) -> Item:
     """A request as it is sent: without its roadmap, if the workers have that already; ``taken`` is called with it."""
     taken(request)
     place = places.get(id(request.planner))

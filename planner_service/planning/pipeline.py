@@ -13,6 +13,7 @@ from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.resolved import constraint_set
+from planner_service.constraints.values import Constraint
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise, Optimum
@@ -52,8 +53,8 @@ POLISH_SHARE = 0.7
 """Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
 
 
-def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> None:
-    """Refuse a request that cannot be asked of a robot in a scene.
+def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> tuple[Constraint, ...]:
+    """Refuse a request that cannot be asked of a robot in a scene; what its motion keeps.
 
     Raises:
         InvalidRequest: Its start, a goal or its roadmap is of another robot, it is to be optimised without the compiled
@@ -70,6 +71,7 @@ def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> None:
     request.require_keeping(constraints)
     if constraints:
         constraint_set(robot, constraints)
+    return constraints
 
 
 def plan(
@@ -86,10 +88,10 @@ def plan(
         InvalidRequest: As ``require_plannable``.
         UnknownName: The same.
     """
-    require_plannable(request, checker.robot, checker.scene)
+    constraints = require_plannable(request, checker.robot, checker.scene)
     limits = Limits(request.max_checks, search_stage.search_states(request), request.time_limit, cancel)
     accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
-    accounting.keep(kept_in(checker.scene, request.constraints))
+    accounting.keep(constraints)
     accounting.torque_limits = torques_of(Pace.of(request), checker.robot, checker.scene)
     context = PlanContext(request, checker, certifier, accounting, tracer)
     try:

@@ -460,6 +460,12 @@ def test_certify_says_which_constraints_are_kept(tmp_path: Path) -> None:
     assert re.search(r"motion: certified: [\d.]+ mm clear; upright kept \(tilt 0\.\d+ of 0\.1 rad\)", found)
 
 
+def test_a_lean_out_of_range_names_its_option() -> None:
+    assert "--upright: got 9.0; expected radians in [0.001, pi]" in " ".join(
+        refused("pick-place", "--upright", "9").split()
+    )
+
+
 def test_what_is_picked_upright_is_said_to_be_kept(tmp_path: Path) -> None:
     assert run("pick-place", "--upright", "0.1", "--out", str(tmp_path / "task.json")).exit_code == 0
     found = " ".join(run("certify", str(tmp_path / "task.json")).stdout.split())
