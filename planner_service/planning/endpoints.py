@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planner_service.certify.certifier import MARGIN
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
@@ -44,7 +45,8 @@ MAX_GOALS = 16
 """Free configurations of a pose with tolerances that a search is given: the nearest."""
 
 LESS_PADDING = (0.5, 0.25, 0.125)
-"""Parts of the requested padding tried, in this order, at an end that is closer to something."""
+"""Parts of the requested padding tried, in this order, at an end that is closer to something; then ``MARGIN``, without
+which no path that begins or ends there can be proven."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,15 +289,23 @@ def _padding_at(context: PlanContext, q: FloatArray, name: str) -> float:
     """The widest of a few paddings with which q is free.
 
     Raises:
-        NoPlan: q is in collision without any padding.
+        NoPlan: q is in collision without any padding, or nearer to something than can be proven.
     """
     checker, widest = context.checker, context.request.padding
     if checker.variant(padding=widest).state_is_free(q):
         return widest
     if widest == 0.0 or not checker.state_is_free(q):
         raise NoPlan(_in_collision(context, name, q))
-    narrower = (widest * part for part in LESS_PADDING)
-    return next((padding for padding in narrower if checker.variant(padding=padding).state_is_free(q)), 0.0)
+    for padding in (*(widest * part for part in LESS_PADDING), MARGIN):
+        if checker.variant(padding=padding).state_is_free(q):
+            return padding
+    gap = float(context.certifier.get().clearances(q[None])[0])  # padding is farther at the corners of a box
+    if gap <= MARGIN:
+        near = checker.variant(padding=MARGIN)
+        what = ", ".join(f"{contact.a} x {contact.b}" for contact in near.contacts(q)[:3])
+        detail = f"{name}: {what}: no gap of more than {MARGIN * 1000:g} mm is proven, and a path has to keep one"
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NOT_CERTIFIED, detail))
+    return 0.0
 
 
 def _in_collision(context: PlanContext, name: str, q: FloatArray) -> Failure:

@@ -99,7 +99,8 @@ class Reason(enum.Enum):
     PLANNING_FAILED = "PLANNING_FAILED"
     """The planner gave up before its limits were reached; whether a path exists is unknown."""
     NOT_CERTIFIED = "NOT_CERTIFIED"
-    """A path was found, but there is no proof that it is free; ``PlanResult.certificate`` says where."""
+    """A path was found, but there is no proof that it is free; ``PlanResult.certificate`` says where. Or an end is
+    free, but so near to something that no path there could be proven."""
     CONSTRAINT_NOT_CERTIFIED = "CONSTRAINT_NOT_CERTIFIED"
     """A path was found, but there is no proof that it keeps a constraint everywhere."""
     TIMING_FAILED = "TIMING_FAILED"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planner_service.certify.certifier import MARGIN
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes
@@ -124,9 +125,10 @@ def _at_home(robot: Robot, home: FloatArray) -> Robot:
 def free_home(robot: Robot) -> FloatArray | None:
     """Home (n,) if the robot does not collide with itself there, else the nearest free configuration found, if any.
 
-    First only the joints between links that collide at home leave it, then all.
+    Free is what can be proven to be: links nearer than ``MARGIN`` collide. First only the joints between links that
+    collide at home leave it, then all.
     """
-    checker = CollisionChecker(robot, Scene())
+    checker = CollisionChecker(robot, Scene(), padding=MARGIN)
     lower, upper, home = robot.limits.lower, robot.limits.upper, robot.home
     if checker.state_is_free(home):
         return home

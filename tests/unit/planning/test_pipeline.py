@@ -14,6 +14,7 @@ import pytest
 from auditor.checker import IndependentChecker
 from benchmarks.worlds import queries
 from planner_service import (
+    Box,
     CheckCounts,
     CollisionChecker,
     Cylinder,
@@ -481,3 +482,16 @@ def test_an_optimisation_instead_of_a_search_is_not_asked_about_a_free_line_and_
     blocked = PlannerService("planar2", Scene((thin_post(1.2),))).plan(request)
     assert blocked.ok or present(blocked.failure).reason is Reason.OPTIMUM_IN_COLLISION
     assert blocked.stage(Stage.SEARCH).counts.states > 0
+
+
+@pytest.mark.parametrize(("gap", "reason"), [(1.5e-6, Reason.NOT_CERTIFIED), (2.5e-6, None)])
+def test_an_end_nearer_than_can_be_proven_is_refused_before_any_search(gap: float, reason: Reason | None) -> None:
+    width = 0.01
+    wall = Obstacle("wall", Box((0.2, 0.02, 0.2)), Pose((1.2, width + 0.01 + gap, 0.0)))
+    service = PlannerService("planar2", Scene((wall,)))
+    result = service.plan(asked(goal=(0.0, 0.0), start=(-1.0, 0.0)))
+    assert CollisionChecker(service.robot, service.scene).state_is_free((0.0, 0.0))
+    assert (result.failure and result.failure.reason) == reason
+    if result.failure is not None:
+        assert result.failure.stage is Stage.ENDPOINTS
+        assert "no gap of more than 0.002 mm is proven" in result.failure.detail
