@@ -52,7 +52,7 @@ SETTINGS = {
     "smoothing": ("paths",),
     "roadmaps": ("part",),
     "many": ("part",),
-    "episodes": ("seed",),
+    "episodes": ("seed", "against"),
     "solved": ("queries", "seeds", "seed"),
     "panda": ("seeds", "against"),
     "latency": ("against",),
@@ -103,7 +103,8 @@ panda     the public Panda problems for speed, audited by Coal: this version nex
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
 many      500 plans by every engine, two cores next to one, 10,000 in a stream, workers killed and machines lost;
           --part same, speed, growth or faults
-episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N
+episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N,
+          --against PYTHON (of an environment with LeRobot, which then reads them as well)
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, contacts, stops; needs a quiet machine
 constrained  a cup upright, a point on a plane, on a line and in a box, a tray in both hands; next to OMPL's projected
@@ -145,7 +146,7 @@ def _arguments(arguments: Sequence[str]) -> argparse.Namespace:
         "--queries", type=whole(0, 10**6), metavar="N", help="random queries, or stored ones of each set"
     )
     parser.add_argument("--seeds", type=whole(0, 1000), metavar="M", help="plans of each public problem")
-    parser.add_argument("--against", type=Path, metavar="PYTHON", help="of an environment with the older version")
+    parser.add_argument("--against", type=Path, metavar="PYTHON", help="of an environment with what is compared")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
     asked = parser.parse_args(arguments)
     for key in sorted({key for keys in SETTINGS.values() for key in keys}):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,7 +12,6 @@ import numpy as np
 
 from benchmarks.harness.audit import Auditor, Pair, along, inside, stretches
 from planner_service import Box, Capsule, Cylinder, Obstacle, Pose, Scene, Sphere
-from planner_service.datasets.folder import DATA_PATH
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -78,14 +76,9 @@ class Stored:
         """Its columns: state, action and object as float64 (m, k), timestamps (m,)."""
         import pyarrow.parquet as pq
 
-        table = pq.read_table(self._data)
+        table = pq.read_table(self.folder / "data", filters=[("episode_index", "==", self.episode)])
         kept = ("observation.state", "action", "observation.environment_state", "timestamp")
         return {name: np.array(table[name].to_pylist(), dtype=np.float64) for name in kept}
-
-    @cached_property
-    def _data(self) -> Path:
-        chunk = json.loads((self.folder / "meta" / "info.json").read_text("utf-8"))["chunks_size"]
-        return self.folder / DATA_PATH.format(episode_chunk=self.episode // chunk, episode_index=self.episode)
 
     def _rows(self, table: str, column: str, value: int) -> list[Row]:
         import pyarrow.parquet as pq

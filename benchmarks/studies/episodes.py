@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import resource
+import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
@@ -31,6 +32,19 @@ MILLION = 1_000_000
 
 MOST_FAILURES = 0.05
 
+OPEN = {"journal.jsonl", "frames"}
+"""What is kept in ``meta`` to go on with."""
+
+READER = """
+import json, sys
+from importlib.metadata import version
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+read = LeRobotDataset("local/episodes", root=sys.argv[1])
+episodes = [int(frame["episode_index"]) for frame in read]
+print(json.dumps({"lerobot": version("lerobot"), "frames": len(episodes), "episodes": len(set(episodes))}))
+"""
+"""What an environment with LeRobot runs: every frame is read through LeRobot's own class."""
+
 KEPT = ("requests", "episodes", "failures", "motions", "certified", "frames", "motion_seconds", "states")
 """The fields of the summary that are printed."""
 
@@ -55,8 +69,12 @@ class _Cost:
         return _Cost(*(now - then for now, then in zip(astuple(self), astuple(before), strict=True)))
 
 
-def run(seed: int = SEED) -> Report:
-    """Write the data set with a worker on every core, then ask about every motion and every frame of it."""
+def run(seed: int = SEED, against: Path | None = None) -> Report:
+    """Write the data set with a worker on every core, then ask about every motion and every frame of it.
+
+    Args:
+        against: The interpreter of an environment with LeRobot, which reads it, too.
+    """
     work = EpisodeWork(load_robot(queries.ROBOT), episode_task("pick-place"), seed=seed)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "episodes"
@@ -66,7 +84,9 @@ def run(seed: int = SEED) -> Report:
         cost = _Cost.now().since(start)
         sizes = _sizes(folder)
         audits = list(_audited(folder, summary.episodes))
+        read = None if against is None else _read_by_lerobot(folder, against)
     row = {
+        "read": read,
         **{key: getattr(summary, key) for key in KEPT},
         "seed": seed,
         "cost": vars(cost),
@@ -77,7 +97,20 @@ def run(seed: int = SEED) -> Report:
         "objections": [f"episode {k}: {text}" for k, audit in enumerate(audits) for text in audit.objections],
     }
     rejected = sum(bool(audit.objections) for audit in audits)
-    return Report("episodes", (row,), (_table(summary, cost, sizes), _million(cost, sizes)), _promises(row, rejected))
+    promises = _promises(row, rejected)
+    if read is not None:
+        whole = (read.get("frames"), read.get("episodes")) == (summary.frames, summary.episodes)
+        promises += (Promise("LeRobot reads every frame of every episode", json.dumps(read), whole),)
+    return Report("episodes", (row,), (_table(summary, cost, sizes), _million(cost, sizes)), promises)
+
+
+def _read_by_lerobot(folder: Path, python: Path) -> dict[str, object]:
+    """What LeRobot in another environment finds, or what it says instead."""
+    done = subprocess.run([python, "-c", READER, folder], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        return {"error": done.stderr.strip()[-500:]}
+    found: dict[str, object] = json.loads(done.stdout.splitlines()[-1])
+    return found
 
 
 def _audited(folder: Path, episodes: int) -> Iterator[Audit]:
@@ -92,7 +125,7 @@ def _sizes(folder: Path) -> dict[str, float]:
     episodes = json.loads((folder / "meta" / "info.json").read_text("utf-8"))["total_episodes"]
     sums = dict.fromkeys(("data", "tables", "meta"), 0)
     for part in sums:
-        files = (file for file in (folder / part).rglob("*") if file.is_file() and file.name != "journal.jsonl")
+        files = (file for file in (folder / part).rglob("*") if file.is_file() and not OPEN & set(file.parts))
         sums[part] = sum(file.stat().st_size for file in files)
     return {part: size / episodes for part, size in sums.items()}
 

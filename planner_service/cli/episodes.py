@@ -12,6 +12,7 @@ from planner_service.cli import options
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
 from planner_service.cli.output import emit, json_text, render
 from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
+from planner_service.datasets.episode import as_layout
 from planner_service.parallel.named import engine_named
 from planner_service.presentation.progress import bar
 from planner_service.robot.model import load_robot
@@ -32,16 +33,19 @@ def episodes(
     engine: Annotated[
         str, typer.Option(metavar="NAME", help="processes, ray (this machine) or ray=ADDRESS.")
     ] = "processes",
+    layout: Annotated[
+        str, typer.Option(metavar="VERSION", help="LeRobot's version: v3.0, or v2.1 with a file per episode.")
+    ] = "v3.0",
     as_json: options.AsJson = False,
 ) -> None:
     """Write a data set of planned motions: in each of many random worlds a task is planned, proven, timed and sampled.
 
-    The files are Parquet in the layout of LeRobot v2.1, with tables of scenes, requests, exact curves, check counts,
+    The files are Parquet in the layout of LeRobot v3.0, with tables of scenes, requests, exact curves, check counts,
     certificates and failures, and a data card. If the command is interrupted, run it again to continue.
     """
     with bad_input_exits():
         chosen_engine = engine_named(engine, workers)
-        work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps)
+        work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps, layout=as_layout(layout))
         began = time.perf_counter()
         try:
             with bar("episodes", None) as progress:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from planner_service.datasets.card import card
 from planner_service.datasets.episode import Episode, EpisodeWork, lost_episode
-from planner_service.datasets.folder import DATA_PATH, DatasetFolder
+from planner_service.datasets.folder import DatasetFolder
+from planner_service.datasets.lerobot import info_of, write_meta
 from planner_service.datasets.parquet import pyarrow_version
 from planner_service.datasets.random_draws import RandomDraws
 from planner_service.datasets.summary import EpisodesSummary
@@ -23,7 +23,7 @@ from planner_service.planning.request import PlanRequest
 
 __all__ = ["write_episodes"]
 
-FORMAT, VERSION = "planner-service/episodes", 1
+FORMAT, VERSION = "planner-service/episodes", 2
 """The version increases whenever a seed gives other worlds, or an episode other columns."""
 
 MAX_REQUESTS = 10_000_000
@@ -62,7 +62,8 @@ def write_episodes(
     """
     whole("count", count, 1, MAX_REQUESTS)
     work.task.draw(work.robot, RandomDraws(work.seed, 0))  # refuses an unsuitable robot here, not in a worker
-    with DatasetFolder(as_path("out", out), _generation(work), work.chunk) as folder:
+    packed = work.layout == "v3.0"
+    with DatasetFolder(as_path("out", out), _generation(work), work.chunk, packed=packed) as folder:
         if folder.requests > count:
             raise InvalidRequest("count", count, f"at least {folder.requests:,}, the number of requests in the folder")
         before = folder.requests
@@ -123,6 +124,7 @@ def _generation(work: EpisodeWork) -> dict[str, Any]:
         "gripper_speed": work.gripper_speed,
         "max_checks": work.max_checks,
         "chunk": work.chunk,
+        "layout": work.layout,
         "robot": work.robot.name,
         "robot_hash": work.robot.hash,
         "joint_names": list(work.robot.joint_names),
@@ -136,26 +138,8 @@ def _describe(folder: DatasetFolder, work: EpisodeWork, before: int) -> Episodes
     """Write the files that describe the whole data set, and summarise it."""
     folder.write_tables()
     summary = _summary(folder, before)
-    info = {
-        "codebase_version": "v2.1",
-        "robot_type": work.robot.name,
-        "total_episodes": summary.episodes,
-        "total_frames": summary.frames,
-        "total_tasks": 1,
-        "total_videos": 0,
-        "total_chunks": -(-summary.episodes // work.chunk),
-        "chunks_size": work.chunk,
-        "fps": work.fps,
-        "splits": {"train": f"0:{summary.episodes}"},
-        "data_path": DATA_PATH,
-        "video_path": None,
-        "features": work.features,
-    }
-    meta = folder.path / "meta"
-    folder.write(meta / "info.json", [(json.dumps(info, indent=4) + "\n").encode()])
-    folder.write(meta / "tasks.jsonl", [_line({"task_index": 0, "task": work.task.sentence})])
-    folder.write(meta / "episodes.jsonl", _episode_lines(folder, work.task.sentence))
-    folder.write(meta / "episodes_stats.jsonl", _stats_lines(folder))
+    info = info_of(work, summary)
+    write_meta(folder, work, info)
     folder.write(folder.path / "README.md", [card(_generation(work), info, work.task.carrying, summary).encode()])
     return summary
 
@@ -180,17 +164,3 @@ def _summary(folder: DatasetFolder, before: int) -> EpisodesSummary:
         totals["distances"],
         folder.requests - before,
     )
-
-
-def _episode_lines(folder: DatasetFolder, sentence: str) -> Iterator[bytes]:
-    for row in folder.rows("episodes", ("episode_index", "length")):
-        yield _line({"episode_index": row["episode_index"], "tasks": [sentence], "length": row["length"]})
-
-
-def _stats_lines(folder: DatasetFolder) -> Iterator[bytes]:
-    for row in folder.rows("episodes", ("episode_index", "stats")):
-        yield _line({"episode_index": row["episode_index"], "stats": json.loads(row["stats"])})
-
-
-def _line(content: dict[str, Any]) -> bytes:
-    return (json.dumps(content, allow_nan=False) + "\n").encode("ascii")

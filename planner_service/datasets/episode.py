@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -28,7 +28,24 @@ from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
 
-__all__ = ["Episode", "EpisodeWork", "counter_stats", "lost_episode"]
+__all__ = ["Episode", "EpisodeWork", "Layout", "as_layout", "counter_stats", "lost_episode"]
+
+Layout = Literal["v3.0", "v2.1"]
+
+PARTS = (1, 10, 50, 90, 99)
+"""Percentiles in the statistics, by which some policies normalise."""
+
+
+def as_layout(value: object) -> Layout:
+    """The layout of that name.
+
+    Raises:
+        InvalidRequest: there is none.
+    """
+    for layout in get_args(Layout):
+        if value == layout:
+            return cast(Layout, layout)
+    raise InvalidRequest("layout", value, " or ".join(f'"{layout}"' for layout in get_args(Layout)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +72,11 @@ class EpisodeWork:
         fps: Frames per second.
         gripper_speed: Speed of the gripper's opening in m/s.
         max_checks: States that each plan may check.
-        chunk: Requests per file of a table, and episodes per folder.
+        chunk: Requests per file of a table, and per file of frames; in layout "v2.1", episodes per folder.
+        layout: LeRobot's version: "v3.0", which it reads since 0.4, or "v2.1", with a file per episode.
 
     Raises:
-        InvalidRequest: the robot has no gripper, or a number is out of range.
+        InvalidRequest: the robot has no gripper, a number is out of range, or no such layout.
     """
 
     robot: Robot
@@ -68,6 +86,7 @@ class EpisodeWork:
     gripper_speed: float = 0.05
     max_checks: int = 50_000
     chunk: int = 1000
+    layout: Layout = "v3.0"
 
     def __post_init__(self) -> None:
         if instance("robot", self.robot, Robot, "a Robot").gripper is None:
@@ -75,6 +94,7 @@ class EpisodeWork:
         for name, most in (("seed", 2**63 - 1), ("fps", 1000), ("max_checks", 10**9), ("chunk", 10_000)):
             whole(name, getattr(self, name), 0 if name == "seed" else 1, most)
         number("gripper_speed", self.gripper_speed, "metres per second in [0.001, 10]", 0.001, 10.0)
+        as_layout(self.layout)
 
     @property
     def features(self) -> dict[str, dict[str, Any]]:
@@ -189,7 +209,9 @@ def _stats(values: Any) -> dict[str, list[float]]:
         for column, mean in zip(columns, means, strict=True)
     ]
     lowest, highest = [min(column) for column in columns], [max(column) for column in columns]
-    return {"min": lowest, "max": highest, "mean": means, "std": spreads, "count": [len(values)]}
+    quantiles = np.percentile(values.astype(np.float64), PARTS, axis=0).tolist()
+    stats = {"min": lowest, "max": highest, "mean": means, "std": spreads, "count": [float(len(values))]}
+    return stats | {f"q{part:02d}": row for part, row in zip(PARTS, quantiles, strict=True)}
 
 
 def _rows(index: int, drawn: EpisodeWorld, solved: TaskResult) -> Rows:

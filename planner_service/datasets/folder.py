@@ -1,7 +1,8 @@
 """A data set on disk: grown request by request, intact after every interruption, and the same bytes in the end.
 
-A request is in the data set once its line is in ``meta/journal.jsonl``; the frames of its episode are written before.
-When a chunk of requests is complete, its tables are written and its journal is deleted.
+A request is in the data set once its line is in ``meta/journal.jsonl``; the frames of its episode are written before,
+in a file of their own. When a chunk of requests is complete, its tables are written and its journal is deleted. In a
+packed data set the frames of a chunk then become one file; those of an unfinished chunk are in ``meta/frames`` as well.
 """
 
 from __future__ import annotations
@@ -16,14 +17,28 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.datasets.episode import Episode, counter_stats
-from planner_service.datasets.parquet import TABLES, Rows, episode_bytes, row_count, rows_of, table_bytes
+from planner_service.datasets.parquet import (
+    TABLES,
+    Rows,
+    episode_bytes,
+    joined_bytes,
+    row_count,
+    rows_of,
+    table_bytes,
+)
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import read_json
 
-__all__ = ["DATA_PATH", "DatasetFolder"]
+__all__ = ["EPISODE_PATH", "FILES_PER_FOLDER", "PACKED_PATH", "DatasetFolder"]
 
-DATA_PATH = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
-"""LeRobot's path pattern, by which readers find the files."""
+EPISODE_PATH = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+"""LeRobot's path pattern of version 2.1, by which readers find the file of an episode."""
+
+PACKED_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+"""The same of version 3.0, for a file of many episodes."""
+
+FILES_PER_FOLDER = 1000
+"""Files of many episodes in each folder, LeRobot's own number."""
 
 GROUP = 100
 """Requests per row group of a table; about 4 MB of journal are in memory at a time."""
@@ -35,16 +50,17 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
     Args:
         path: Created if missing; its parent must exist.
         settings: JSON values that decide every byte, except the number of requests.
-        chunk: Requests per file of a table, and episodes per folder.
+        chunk: Requests per file of a table, and per packed file; episodes per folder of a data set that is not packed.
+        packed: Whether the frames of a chunk become one file.
 
     Raises:
         InvalidRequest: the folder holds something else, was begun with other settings, or is in use.
         InvalidFile: it cannot be created or read.
     """
 
-    def __init__(self, path: Path, settings: Mapping[str, Any], chunk: int) -> None:
+    def __init__(self, path: Path, settings: Mapping[str, Any], chunk: int, *, packed: bool) -> None:
         self.path = path
-        self._chunk = chunk
+        self._chunk, self._packed = chunk, packed
         self._journal = path / "meta" / "journal.jsonl"
         self._lock = self._locked()
         try:
@@ -65,24 +81,27 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
     def _refresh(self) -> None:
         for rest in self.path.rglob(".*.tmp"):
             rest.unlink()
-        self.requests = self.episodes = self.frames = 0
+        self.requests = self.episodes = self.frames = self._closed = 0
         while self._is_full(self.chunks):
-            for row in rows_of(self._table("requests", self.chunks), ("ok", "frames")):
+            chunk, frames = self.chunks, self.frames
+            for row in rows_of(self._table("requests", chunk), ("ok", "frames")):
                 self._count(row)
+            self._require_packed(chunk, self.frames - frames)
+            self._closed = self.episodes
         kept = sum(len(line) for line in self._valid_lines())
         if self._journal.exists():
             os.truncate(self._journal, kept)
         if kept == 0:
             self._journal.unlink(missing_ok=True)
-        present = 0
-        for file in (self.path / "data").glob("*/episode_*.parquet"):
+        first, present = self._closed if self._packed else 0, 0
+        for file in self._loose.rglob("episode_*.parquet"):
             number = file.stem.removeprefix("episode_")
-            if number.isdecimal() and int(number) >= self.episodes:
+            if number.isdecimal() and not first <= int(number) < self.episodes:
                 file.unlink()
             elif number.isdecimal():
                 present += file == self._data(int(number))
-        if present < self.episodes:
-            raise InvalidFile(self.path / "data", [f"{self.episodes - present} of {self.episodes} episodes missing"])
+        if present < self.episodes - first:
+            raise InvalidFile(self._loose, [f"{self.episodes - first - present} of {self.episodes} episodes missing"])
         self._close_chunk()
 
     @property
@@ -106,10 +125,12 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
         self._close_chunk()
 
     def write_tables(self) -> None:
-        """Write the tables of the requests in the journal; requests last, as it implies the others."""
+        """Write the frames and tables of the requests in the journal; requests last, as it implies the others."""
         if not self._journal.exists():
             return
         chunk = (self.requests - 1) // self._chunk
+        if self._packed and self.episodes > self._closed:
+            self.write(self.packed(chunk), [joined_bytes(map(self._data, range(self._closed, self.episodes)))])
         for name, content in table_bytes(self._groups()).items():
             self.write(self._table(name, chunk), [content])
 
@@ -130,8 +151,17 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
 
     def rows(self, table: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
         """The rows of a table, from all its files in order."""
-        for chunk in range(-(-self.requests // self._chunk)):
-            yield from rows_of(self._table(table, chunk), columns)
+        for file in self.files(table):
+            yield from rows_of(file, columns)
+
+    def files(self, table: str) -> list[Path]:
+        """The files of a table: one for each chunk, the last of which may be unfinished."""
+        return [self._table(table, chunk) for chunk in range(-(-self.requests // self._chunk))]
+
+    def packed(self, chunk: int) -> Path:
+        """The file of a chunk's frames; there is none where no request of the chunk has an episode."""
+        folder, file = divmod(chunk, FILES_PER_FOLDER)
+        return self.path / PACKED_PATH.format(chunk_index=folder, file_index=file)
 
     def _locked(self) -> int:
         try:
@@ -166,10 +196,19 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
                 raise InvalidRequest(key, settings[key], f"{begun_with.get(key)!r}, or another folder", message=message)
 
     def _close_chunk(self) -> None:
-        """If the chunk is complete, write its tables and delete its journal."""
+        """If the chunk is complete, write its files and delete what they were made of."""
         if self.requests % self._chunk == 0:
             self.write_tables()
             self._journal.unlink(missing_ok=True)
+            if self._packed:
+                for episode in range(self._closed, self.episodes):
+                    self._data(episode).unlink(missing_ok=True)
+                self._closed = self.episodes
+
+    def _require_packed(self, chunk: int, frames: int) -> None:
+        """Refuse a full chunk whose file of frames is missing or not whole."""
+        if self._packed and frames and (found := row_count(self.packed(chunk))) != frames:
+            raise InvalidFile(self.packed(chunk), [f"{found} frames; expected {frames}"])
 
     def _is_full(self, chunk: int) -> bool:
         table = self._table("requests", chunk)
@@ -229,8 +268,15 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
                     return
                 yield {name: [row for rows in group for row in rows[name]] for name in TABLES}
 
+    @property
+    def _loose(self) -> Path:
+        """Where the files of single episodes are."""
+        return self.path / ("meta/frames" if self._packed else "data")
+
     def _data(self, episode: int) -> Path:
-        return self.path / DATA_PATH.format(episode_chunk=episode // self._chunk, episode_index=episode)
+        if self._packed:
+            return self._loose / f"episode_{episode:06d}.parquet"
+        return self.path / EPISODE_PATH.format(episode_chunk=episode // self._chunk, episode_index=episode)
 
     def _table(self, name: str, chunk: int) -> Path:
         return self.path / "tables" / name / f"chunk-{chunk:03d}.parquet"

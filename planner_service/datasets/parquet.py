@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -9,7 +10,20 @@ from typing import Any
 
 from planner_service.errors import InvalidFile, MissingDependency
 
-__all__ = ["TABLES", "Rows", "episode_bytes", "pyarrow_version", "row_count", "rows_of", "table_bytes"]
+__all__ = [
+    "REAL",
+    "TABLES",
+    "TEXT",
+    "WHOLE",
+    "Rows",
+    "episode_bytes",
+    "joined_bytes",
+    "pyarrow_version",
+    "row_count",
+    "rows_of",
+    "sheet_bytes",
+    "table_bytes",
+]
 
 Rows = dict[str, list[dict[str, Any]]]
 """The rows of each table by its name; cells are JSON values."""
@@ -134,6 +148,51 @@ def table_bytes(groups: Iterable[Rows]) -> dict[str, bytes]:
             for name in filter(rows.get, TABLES):
                 into[name].write_table(pa.Table.from_pylist(rows[name], schemas[name]))
     return {name: bytes(sink.getvalue()) for name, sink in sinks.items()}
+
+
+def joined_bytes(files: Iterable[Path]) -> bytes:
+    """One Parquet file with the rows of several that have the same columns; each of them becomes a row group.
+
+    Raises:
+        InvalidFile: one is missing or damaged.
+        MissingDependency: see ``episode_bytes``.
+    """
+    sink, pq = _arrow().BufferOutputStream(), _pq()
+    with ExitStack() as stack:
+        writer = None
+        for path in files:
+            with _opened(path) as file:
+                table = file.read()
+            writer = writer or stack.enter_context(pq.ParquetWriter(sink, table.schema, **FIXED))
+            writer.write_table(table)
+    return bytes(sink.getvalue())
+
+
+def sheet_bytes(rows: Sequence[Mapping[str, Any]], kinds: Mapping[str, Any], index: str | None = None) -> bytes:
+    """The Parquet file of some rows.
+
+    Args:
+        kinds: What each column holds, in their order: ``WHOLE``, ``REAL`` or ``TEXT``, or a list of one of these.
+        index: The column of texts by which pandas is to name the rows.
+
+    Raises:
+        MissingDependency: see ``episode_bytes``.
+    """
+    pa = _arrow()
+    schema = pa.schema([(name, _type(kind)) for name, kind in kinds.items()])
+    if index is not None:
+        described = [_for_pandas(name, name == index) for name in kinds]
+        about = {"index_columns": [index], "column_indexes": [], "columns": described, "pandas_version": None}
+        schema = schema.with_metadata({"pandas": json.dumps(about)})
+    sink = pa.BufferOutputStream()
+    with _pq().ParquetWriter(sink, schema, **FIXED) as writer:
+        writer.write_table(pa.Table.from_pylist(list(rows), schema))
+    return bytes(sink.getvalue())
+
+
+def _for_pandas(name: str, text: bool) -> dict[str, Any]:
+    kinds = ("unicode", "object") if text else ("int64", "int64")
+    return {"name": name, "field_name": name, "pandas_type": kinds[0], "numpy_type": kinds[1], "metadata": None}
 
 
 def rows_of(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from planner_service.datasets.frames import Frames
 from planner_service.datasets.parquet import TABLES
 from planner_service.datasets.random_draws import RandomDraws
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, UnknownName
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.parallel import Lost, Processes
 from planner_service.robot.model import Robot, load_robot
@@ -115,7 +116,7 @@ def table(folder: Path, name: str) -> list[dict[str, Any]]:
 
 
 def frames(folder: Path, episode: int) -> pa.Table:
-    return pq.read_table(folder / f"data/chunk-{episode // CHUNK:03d}/episode_{episode:06d}.parquet")
+    return pq.read_table(folder / "data", filters=[("episode_index", "==", episode)])
 
 
 # --- draws and worlds
@@ -238,8 +239,8 @@ def test_meta_describes_the_columns_as_they_are(whole: Whole) -> None:
         value = kind.value_type if size > 1 else kind
         assert (feature["shape"], feature["dtype"]) == ([size], {"float": "float32"}.get(str(value), str(value)))
         assert feature["names"] is None or len(feature["names"]) == size
-    keys = ("codebase_version", "total_episodes", "total_chunks", "chunks_size", "fps", "splits")
-    assert [info[key] for key in keys] == ["v2.1", 6, 2, CHUNK, 30, {"train": "0:6"}]
+    keys = ("codebase_version", "total_episodes", "chunks_size", "fps", "splits")
+    assert [info[key] for key in keys] == ["v3.0", 6, 1000, 30, {"train": "0:6"}]
 
 
 def test_tables_have_the_columns_that_are_promised(whole: Whole) -> None:
@@ -249,9 +250,14 @@ def test_tables_have_the_columns_that_are_promised(whole: Whole) -> None:
 
 def test_episodes_and_frames_are_numbered_without_a_gap(whole: Whole) -> None:
     folder, summary = whole
-    lines = [json.loads(line) for line in (folder / "meta/episodes.jsonl").read_text("utf-8").splitlines()]
+    rows = pq.read_table(folder / "meta/episodes").to_pylist()
     parts = [frames(folder, k).to_pandas() for k in range(summary.episodes)]
-    assert [(line["episode_index"], line["length"]) for line in lines] == [(k, len(p)) for k, p in enumerate(parts)]
+    assert [(row["episode_index"], row["length"]) for row in rows] == [(k, len(p)) for k, p in enumerate(parts)]
+    assert [row["dataset_to_index"] for row in rows] == np.cumsum([row["length"] for row in rows]).tolist()
+    for row in rows:
+        place = "data/chunk-{:03d}/file-{:03d}.parquet".format(row["data/chunk_index"], row["data/file_index"])
+        held = pq.read_table(folder / place)["index"].to_pylist()
+        assert {row["dataset_from_index"], row["dataset_to_index"] - 1} <= set(held)
     assert pd.concat(parts)["index"].tolist() == list(range(summary.frames))
     for k, part in enumerate(parts):
         assert set(part["episode_index"]) == {k}
@@ -302,15 +308,56 @@ def test_the_block_is_brought_to_the_tray(whole: Whole) -> None:
     assert np.abs(np.diff(seen[:, :3], axis=0)).max() < 0.1  # metres a frame: it does not jump
 
 
+STATISTICS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "min": lambda values: values.min(axis=0),
+    "max": lambda values: values.max(axis=0),
+    "mean": lambda values: values.mean(axis=0),
+    "std": lambda values: values.std(axis=0),
+    "q10": lambda values: np.quantile(values, 0.1, axis=0),
+}
+
+
 def test_statistics_are_those_of_the_frames(whole: Whole) -> None:
-    lines = (whole[0] / "meta/episodes_stats.jsonl").read_text("utf-8").splitlines()
-    stats, part = json.loads(lines[3])["stats"], frames(whole[0], 3)
+    row, part = pq.read_table(whole[0] / "meta/episodes").to_pylist()[3], frames(whole[0], 3)
+    for name in part.schema.names:
+        values = np.array(part[name].to_pylist(), dtype=np.float64).reshape(part.num_rows, -1)
+        assert row[f"stats/{name}/count"] == [part.num_rows]
+        for kind, of in STATISTICS.items():
+            if kind[0] != "q" or not name.endswith("index"):
+                assert row[f"stats/{name}/{kind}"] == pytest.approx(of(values).tolist(), rel=1e-9, abs=1e-12)
+
+
+def test_the_statistics_of_all_episodes_are_joined(whole: Whole) -> None:
+    stats, part = json.loads((whole[0] / "meta/stats.json").read_text("utf-8")), pq.read_table(whole[0] / "data")
     assert set(stats) == set(part.schema.names)
     for name in part.schema.names:
         values = np.array(part[name].to_pylist(), dtype=np.float64).reshape(part.num_rows, -1)
         assert stats[name]["count"] == [part.num_rows]
         for kind in ("min", "max", "mean", "std"):
-            assert stats[name][kind] == pytest.approx(getattr(values, kind)(axis=0).tolist(), rel=1e-9, abs=1e-12)
+            assert stats[name][kind] == pytest.approx(STATISTICS[kind](values).tolist(), rel=1e-9, abs=1e-12)
+
+
+def test_pandas_finds_the_task_by_its_sentence(whole: Whole, work: EpisodeWork) -> None:
+    tasks = pd.read_parquet(whole[0] / "meta/tasks.parquet")
+    assert tasks["task_index"].to_dict() == {work.task.sentence: 0}
+
+
+def test_the_older_layout_has_the_same_frames_in_a_file_per_episode(
+    whole: Whole, work: EpisodeWork, tmp_path: Path
+) -> None:
+    older = replace(work, layout="v2.1")
+    for count in (4, COUNT):
+        write_episodes(tmp_path, older, count, engine=HERE)
+    info = json.loads((tmp_path / "meta/info.json").read_text("utf-8"))
+    assert (info["codebase_version"], info["total_chunks"], info["chunks_size"]) == ("v2.1", 2, CHUNK)
+    for k, name in enumerate(("episodes", "episodes_stats")):
+        lines = [json.loads(line) for line in (tmp_path / f"meta/{name}.jsonl").read_text("utf-8").splitlines()]
+        assert [line["episode_index"] for line in lines] == list(range(COUNT - 1))
+        assert ("stats" in lines[0]) == bool(k)
+    for episode in range(COUNT - 1):
+        file = tmp_path / f"data/chunk-{episode // CHUNK:03d}/episode_{episode:06d}.parquet"
+        assert pq.read_table(file).equals(frames(whole[0], episode))
+    assert not (tmp_path / "meta/frames").exists()
 
 
 def test_tables_hold_every_request_however_many_are_written_at_a_time(
@@ -421,12 +468,12 @@ write_episodes(sys.argv[1], work, 50, engine=Processes(1))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("writes", [9, 15], ids=["among the tables of a full chunk", "before the line of an episode"])
+@pytest.mark.parametrize("writes", [9, 16], ids=["among the tables of a full chunk", "at the line of an episode"])
 def test_after_kill_9_the_bytes_are_the_same(writes: int, whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     command = [sys.executable, "-c", DYING % (SEED, CHUNK), str(tmp_path), str(writes)]
     assert subprocess.run(command, cwd=ROOT, check=False).returncode == -signal.SIGKILL
     left = content(tmp_path)
-    assert ("tables/requests/chunk-000.parquet" in left) == (writes == 15)
+    assert ("tables/requests/chunk-000.parquet" in left) == (writes == 16)
     assert "meta/journal.jsonl" in left
     write_episodes(tmp_path, work, COUNT, engine=HERE)
     assert content(tmp_path) == content(whole[0])
@@ -456,19 +503,19 @@ def half_a_line(folder: Path) -> None:
 
 
 def an_episode_of_no_request(folder: Path) -> None:
-    (folder / "data/chunk-001/episode_000004.parquet").write_bytes(b"not in the journal yet")
+    (folder / "meta/frames/episode_000004.parquet").write_bytes(b"not in the journal yet")
 
 
 def a_file_half_written(folder: Path) -> None:
-    (folder / "data/chunk-001/.episode_000099.parquet.tmp").write_bytes(b"PAR1")
+    (folder / "meta/frames/.episode_000099.parquet.tmp").write_bytes(b"PAR1")
 
 
 def an_episode_that_is_gone(folder: Path) -> None:
-    (folder / "data/chunk-001/episode_000003.parquet").rename(folder / "data/chunk-001/episode_000017.parquet")
+    (folder / "meta/frames/episode_000003.parquet").rename(folder / "meta/frames/episode_000017.parquet")
 
 
 def an_episode_cut_short(folder: Path) -> None:
-    os.truncate(folder / "data/chunk-001/episode_000003.parquet", 99)
+    os.truncate(folder / "meta/frames/episode_000003.parquet", 99)
 
 
 def a_line_of_something_else(folder: Path) -> None:
@@ -499,11 +546,19 @@ def test_a_table_that_is_damaged_is_named(file: str, whole: Whole, work: Episode
         write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
 
 
-def test_an_episode_that_is_gone_from_a_full_chunk_is_told_of(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
+def test_frames_that_are_gone_from_a_full_chunk_are_told_of(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     shutil.copytree(whole[0], tmp_path / "out")
-    (tmp_path / "out/data/chunk-000/episode_000001.parquet").rename(tmp_path / "out/data/chunk-000/episode_one.parquet")
-    with pytest.raises(InvalidFile, match="1 of 6 episodes missing"):
+    shutil.copy(tmp_path / "out/data/chunk-000/file-002.parquet", tmp_path / "out/data/chunk-000/file-000.parquet")
+    with pytest.raises(InvalidFile, match=r"file-000.parquet: 1 problem.*\n.* frames; expected "):
         write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
+
+
+def test_an_episode_that_is_gone_in_the_older_layout_is_told_of(work: EpisodeWork, tmp_path: Path) -> None:
+    older = replace(work, layout="v2.1")
+    write_episodes(tmp_path, older, COUNT, engine=HERE)
+    (tmp_path / "data/chunk-000/episode_000001.parquet").rename(tmp_path / "data/chunk-000/episode_one.parquet")
+    with pytest.raises(InvalidFile, match="1 of 6 episodes missing"):
+        write_episodes(tmp_path, older, COUNT, engine=HERE)
 
 
 def test_a_line_that_the_disk_took_half_of_is_told_of(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
@@ -598,7 +653,15 @@ def test_a_count_is_a_number_of_requests(count: Any, work: EpisodeWork, tmp_path
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"seed": -1}, {"fps": 0}, {"fps": 30.0}, {"gripper_speed": 0.0}, {"gripper_speed": math.nan}, {"chunk": 0}],
+    [
+        {"seed": -1},
+        {"fps": 0},
+        {"fps": 30.0},
+        {"gripper_speed": 0.0},
+        {"gripper_speed": math.nan},
+        {"chunk": 0},
+        {"layout": "v2"},
+    ],
 )
 def test_settings_are_looked_at_when_they_are_given(wrong: dict[str, Any], work: EpisodeWork) -> None:
     with pytest.raises(InvalidRequest, match=next(iter(wrong))):
@@ -648,6 +711,7 @@ def test_the_command_tells_what_it_wrote(tmp_path: Path) -> None:
         (("--engine", "slurm"), "--engine: got 'slurm'; expected processes, ray or ray=ADDRESS"),
         (("--workers", "0"), "workers: got 0"),
         (("--robot", "planar2"), "expected a robot with a gripper"),
+        (("--layout", "v4"), 'layout: got \'v4\'; expected "v3.0" or "v2.1"'),
     ],
 )
 def test_the_command_refuses_what_it_cannot_do(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
@@ -661,7 +725,7 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
     command = "from planner_service.cli import main; main()"
     arguments = ("episodes", "--out", str(tmp_path), "--count", "5000", "--workers", "1")
     running = subprocess.Popen([sys.executable, "-c", command, *arguments], cwd=ROOT, stderr=subprocess.PIPE)
-    while not (tmp_path / "data/chunk-000/episode_000001.parquet").exists():
+    while not (tmp_path / "meta/frames/episode_000001.parquet").exists():
         assert running.poll() is None
         time.sleep(0.01)
     os.kill(running.pid, signal.SIGINT)
@@ -669,7 +733,7 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
     kept = f"interrupted: finished episodes are kept in {tmp_path}; run the same command again to continue\n"
     assert (running.returncode, told.decode()) == (130, kept)
     info = json.loads((tmp_path / "meta/info.json").read_text("utf-8"))
-    assert info["total_episodes"] == len(list(tmp_path.glob("data/*/*.parquet"))) >= 2
+    assert info["total_episodes"] == len(list(tmp_path.glob("meta/frames/*.parquet"))) >= 2
     assert (tmp_path / "README.md").exists()
 
 
