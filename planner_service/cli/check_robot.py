@@ -63,7 +63,15 @@ def _lines(check: RobotCheck) -> list[str]:
     warnings = len(check.findings) - errors
     title = f"{check.path}: {_counted(errors, 'error')}, {_counted(warnings, 'warning')}"
     lines = [f"{'error' if finding.is_error else 'warning'}: {finding}" for finding in check.findings]
-    return [title, *([""] if lines else []), *wrapped(lines)]
+    return [title, *_gripper(check), *([""] if lines else []), *wrapped(lines)]
+
+
+def _gripper(check: RobotCheck) -> list[str]:
+    gripper = None if check.robot is None else check.robot.gripper
+    if gripper is None:
+        return []
+    width = f"opens {1000 * gripper.lower:.1f} to {1000 * gripper.upper:.1f} mm"
+    return [f"gripper: {gripper.kind}, {', '.join(gripper.joints)}, {width}"]
 
 
 def _counted(count: int, what: str) -> str:
@@ -83,4 +91,11 @@ def _record(check: RobotCheck) -> dict[str, Any]:
         for finding in check.findings
     ]
     overhangs = {link: None if math.isinf(metres) else metres for link, metres in check.overhangs.items()}
-    return {"urdf": str(check.path), "ok": check.ok, "findings": findings, "overhangs": overhangs}
+    gripper = None if check.robot is None else check.robot.gripper
+    return {
+        "urdf": str(check.path),
+        "ok": check.ok,
+        "findings": findings,
+        "overhangs": overhangs,
+        "gripper": None if gripper is None else {"kind": gripper.kind, "joints": list(gripper.joints)},
+    }

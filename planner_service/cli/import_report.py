@@ -69,7 +69,14 @@ def to_check(imported: ImportedRobot, source: Source) -> list[str]:
     home = [f for f in table.findings if f.at_home and not f.kind.allowed]
     lines = [f"home is in collision ({_named(home)}): choose another"] if home else []
     if source.tool_frame is None:
-        lines.append(f"tool_frame {robot.tool_frame} is a guess: the last link of the longest chain")
+        whence = "the last link of the longest chain" if robot.gripper is None else "a frame of the gripper's palm"
+        lines.append(f"tool_frame {robot.tool_frame} is a guess: {whence}")
+    if robot.gripper is not None:
+        gripper = robot.gripper
+        lines.append(
+            f"the {gripper.kind} gripper was found by its fingers ({', '.join(gripper.joints)}): it opens"
+            f" {1000 * gripper.lower:.1f} to {1000 * gripper.upper:.1f} mm, and its axes are in robot.toml"
+        )
     if robot.locked_joints:
         locked = ", ".join(f"{name} = {position:g}" for name, position in robot.locked_joints)
         lines.append(f"locked: {locked}")

@@ -18,7 +18,7 @@ from planner_service.geometry.arrays import FloatArray, Vector, axis_matrix, pro
 from planner_service.geometry.shapes import Pose
 from planner_service.robot.kinematic_tree import Body, LinkShape
 
-__all__ = ["FingerTurn", "Gripper", "GripperKind"]
+__all__ = ["FingerTurn", "Gripper", "GripperKind", "reach"]
 
 GripperKind = Literal["parallel", "revolute", "vacuum"]
 
@@ -110,7 +110,7 @@ class Gripper:
         """Metres between the tips of a revolute gripper with its leader at ``position``; negative if they overlap."""
         first, second = ([item for item in self.turned(position) if item.link == tip] for tip in self.tips)
         back: Vector = (-self.across[0], -self.across[1], -self.across[2])
-        return -_reach(first, self.across) - _reach(second, back)
+        return -reach(first, self.across) - reach(second, back)
 
     def position(self, width: float) -> float:
         """How far the fingers are moved at ``width``: half of it in metres, or the leader's position in radians."""
@@ -175,7 +175,7 @@ def _between(start: Sequence[float], end: Sequence[float]) -> Vector:
     return (x, y, z)
 
 
-def _reach(items: Iterable[LinkShape], direction: Vector) -> float:
+def reach(items: Iterable[LinkShape], direction: Vector) -> float:
     """How far shapes extend along a direction of their body, from its origin."""
     u, v, w = direction
     far = -math.inf

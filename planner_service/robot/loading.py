@@ -14,7 +14,12 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
-from planner_service.robot.end_effector.finger_loading import GripperProblem, finger_joints, gripper_of
+from planner_service.robot.end_effector.finger_loading import (
+    GripperProblem,
+    closed_positions,
+    finger_joints,
+    gripper_of,
+)
 from planner_service.robot.end_effector.mounted_tool import with_tool
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import LinkFrame
@@ -55,8 +60,8 @@ def robot_from_file(path: Path) -> Robot:
         except InvalidRequest as error:
             raise InvalidFile(path, [str(error)]) from None
     fingers, joints = () if table.gripper is None else finger_joints(table.gripper, urdf), tuple(table.joints)
-    leaders = [] if table.gripper is None else table.gripper.joints
-    locked = locked_positions(urdf, joints, {**table.locked_joints, **dict.fromkeys(leaders, 0.0)})
+    closed = {} if table.gripper is None else closed_positions(table.gripper)
+    locked = locked_positions(urdf, joints, {**table.locked_joints, **closed})
     problems = _disagreements(table, urdf, fingers, locked)
     if problems:
         raise InvalidFile(path, problems)
@@ -177,11 +182,6 @@ def _gripper_problems(entry: GripperTable, movable: Mapping[str, UrdfJoint]) -> 
         expected = "revolute" if entry.kind == "revolute" else "prismatic"
         if joint.kind != expected:
             problems.append(f"gripper.joints: {name} is {joint.kind}; expected {expected}")
-        elif expected == "prismatic":
-            lower, upper = entry.lower or 0.0, entry.upper or 0.0
-            if upper / 2 > joint.upper or lower / 2 < joint.lower:
-                reach = f"[{joint.lower:g}, {joint.upper:g}]"
-                problems.append(f"gripper: [{lower:g}, {upper:g}] needs {name} beyond {reach}")
     return problems
 
 
@@ -203,14 +203,23 @@ def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selecti
     return robot_of(path, read_urdf(path, package_dirs, selection.decompose, visual_as_collision=as_seen), selection)
 
 
-def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = None) -> Robot:
+def robot_of(
+    path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = None, gripper: GripperTable | None = None
+) -> Robot:
     """The robot of the URDF that was read from ``path``; see ``Robot.from_urdf``.
 
     Args:
         srdf: In the place of the file in ``selection``.
+        gripper: Its gripper, with which the robot stands open; the joints of its fingers are none of the robot.
+
+    Raises:
+        GripperProblem: the gripper is none.
     """
     movable = _movable(urdf)
     locked = standing_joints(urdf, selection)
+    fingers = () if gripper is None else finger_joints(gripper, urdf)
+    if gripper is not None:
+        locked = locked_positions(urdf, (), locked | closed_positions(gripper))
     names = selection.joints
     if names is None:
         names = tuple(name for name in _outwards(urdf) if name not in locked and movable[name].mimic is None)
@@ -233,7 +242,8 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = N
     assembly = assemble(urdf, names, locked)
     if not isinstance(tool, str) or tool not in assembly.frames:
         raise UnknownName("tool frame", tool, assembly.frames)
-    return Robot(
+    hand = None if gripper is None else gripper_of(gripper, urdf, assembly, assembly.frames[tool])
+    robot = Robot(
         name=urdf.name,
         joint_names=names,
         limits=_urdf_limits(urdf, joints, mimics),
@@ -245,12 +255,14 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection, srdf: Srdf | None = N
         bodies=assembly.bodies,
         shapes=assembly.shapes,
         allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
-        link_frames=_link_frames(assembly, ()),
+        gripper=hand,
+        link_frames=_link_frames(assembly, () if hand is None else hand.links),
         continuous=tuple(joint.continuous for joint in joints) if any(joint.continuous for joint in joints) else (),
-        locked_joints=tuple(locked.items()),
+        locked_joints=tuple((name, at) for name, at in locked.items() if name not in fingers),
         groups=srdf.groups,
         dynamics=_dynamics(urdf, assembly, names),
     )
+    return robot if hand is None else robot.with_gripper(hand.upper)
 
 
 def _link_frames(assembly: Assembly, fingers: Sequence[str]) -> tuple[LinkFrame, ...]:

@@ -37,12 +37,14 @@ class Srdf:
             name are merged, unless they differ in a joint: then each is called "group/state".
         tips: The links at which the chains of its groups end, in the file's order.
         groups: Its groups, in the file's order.
+        end_effectors: The joints of the group of each ``<end_effector>``.
     """
 
     contacts: tuple[AllowedContact, ...] = ()
     states: Mapping[str, Values] = field(default_factory=dict)
     tips: tuple[str, ...] = ()
     groups: tuple[PlanningGroup, ...] = ()
+    end_effectors: tuple[tuple[str, ...], ...] = ()
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:
@@ -71,7 +73,9 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
         raise InvalidFile(path, problems)
     tips = (chain.get("tip_link", "") for chain in root.iterfind("group/chain"))
     known = {link.name for link in urdf.links}
-    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in known), groups)
+    hands = [element.get("group") for element in root.findall("end_effector")]
+    ends = tuple(group.joints for group in groups if group.name in hands)
+    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in known), groups, ends)
 
 
 def _groups(root: Element, urdf: Urdf, problems: list[str]) -> tuple[PlanningGroup, ...]:

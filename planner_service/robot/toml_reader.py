@@ -127,12 +127,14 @@ WIDTH = Field(None, description=f"a number from 0 to {MAX_NUMBER:g}")
 class GripperTable(Record):
     """``[gripper]``: widths in metres, axes as unit vectors in the tool frame; ``width`` is ``upper`` if not given.
 
-    A parallel one has ``joints``, ``lower``, ``upper`` and ``closing``; a revolute one ``joints`` (the leader first),
-    ``tips`` and ``closing``; a vacuum gripper ``cup`` and ``radius``.
+    A parallel one has ``joints``, ``lower``, ``upper`` and ``closing``, and ``closed_at``, the positions of the joints
+    at width 0, if these are not 0; a revolute one ``joints`` (the leader first), ``tips`` and ``closing``; a vacuum
+    gripper ``cup`` and ``radius``.
     """
 
     kind: Literal["parallel", "revolute", "vacuum"] = "parallel"
     joints: Annotated[Names, Field(default_factory=list)]
+    closed_at: Annotated[list[float], Field(default_factory=list, description="one number for each of joints")]
     tips: Annotated[list[str], Field(default_factory=list, description="two different link names")]
     cup: str | None = Field(None, description="a link name")
     radius: Distance | None = WIDTH
@@ -324,7 +326,7 @@ NEEDED = {
     "vacuum": ("cup", "radius"),
 }
 """What a gripper of each kind has to have; what another kind needs and it does not, it must not have."""
-OPTIONAL = {"parallel": ("width",), "revolute": ("lower", "upper", "width"), "vacuum": ()}
+OPTIONAL = {"parallel": ("width", "closed_at"), "revolute": ("lower", "upper", "width"), "vacuum": ()}
 
 
 def _gripper_contradictions(gripper: GripperTable) -> Iterator[str]:
@@ -334,6 +336,8 @@ def _gripper_contradictions(gripper: GripperTable) -> Iterator[str]:
     yield from (f"gripper.{key}: a {kind} gripper has none" for key in sorted(others) if _given(gripper, key))
     if gripper.tips and (len(gripper.tips) != 2 or gripper.tips[0] == gripper.tips[1]):
         yield f"gripper.tips: got {shown(gripper.tips)}; expected two different link names"
+    if gripper.closed_at and len(gripper.closed_at) != len(gripper.joints):
+        yield f"gripper.closed_at: got {shown(gripper.closed_at)}; expected {len(gripper.joints)} numbers, as of joints"
     lower, upper, approach, closing = gripper.lower, gripper.upper, gripper.approach, gripper.closing
     width = upper if gripper.width is None else gripper.width
     stated = lower is not None and upper is not None and width is not None

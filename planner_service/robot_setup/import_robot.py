@@ -24,8 +24,10 @@ from planner_service.parallel.engine import Engine
 from planner_service.robot.loading import ACCELERATION, JERK, VELOCITY, Selection, robot_of, standing_joints
 from planner_service.robot.macros.expansion import expanded_xml, package_folders, robot_folders
 from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
+from planner_service.robot_setup.gripper_detection import FoundGripper, find_gripper
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import (
     ContactKind,
@@ -153,7 +155,12 @@ def import_robot(
         text = f"<!-- expanded from {source.urdf.name} -->\n{_serialised(root)}\n"
     toml, copy = folder / ROBOT_FILE, folder / source.copy_name
     urdf = read_urdf(source.urdf, source.folders)
-    robot = robot_of(source.urdf, urdf, source.selection)
+    srdf = Srdf() if source.srdf is None else read_srdf(source.srdf, urdf)
+    hand = find_gripper(urdf, srdf, source.tool_frame) if source.joints is None else None
+    if hand is not None and not source.locked_joints.keys().isdisjoint(hand.table.joints):
+        hand = None
+    selection = source.selection if hand is None else replace(source.selection, tool_frame=hand.tool_frame)
+    robot = robot_of(source.urdf, urdf, selection, srdf)  # its fingers are joints, so that pairs with them are known
     agreement = compare_with_yourdfpy(robot, source.urdf, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
     meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
@@ -162,13 +169,22 @@ def import_robot(
     files = {copy.name: text.encode(), **{name: read_bytes(path, MAX_BYTES) for name, path in meshes.items()}}
     _require_place(folder, [toml] if in_place else [toml, *(folder / name for name in files)], force=force)
     table = contact_table(robot, engine=engine, progress=progress) if prove else quick_table(robot, progress=progress)
+    if hand is not None:
+        robot = robot_of(source.urdf, urdf, selection, srdf, hand.table)
+        table = replace(table, findings=tuple(_standing_open(finding, robot) for finding in table.findings))
     robot = replace(robot, allowed_contacts=table.allowed)
-    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf), table).encode()
+    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf), table, hand).encode()
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
     seconds = time.perf_counter() - begun
     return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, prove, seconds)
+
+
+def _standing_open(finding: PairFinding, robot: Robot) -> PairFinding:
+    """What holds of a pair when the gripper is open: its fingers meet at a home at which they are closed."""
+    links = () if robot.gripper is None else robot.gripper.links
+    return replace(finding, at_home=finding.at_home and not set(finding.links) <= set(links))
 
 
 def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
@@ -260,7 +276,7 @@ class _Read:
     urdf: Urdf
 
 
-def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str:
+def _text(robot: Robot, source: Source, read: _Read, table: ContactTable, hand: FoundGripper | None) -> str:
     """The whole robot.toml."""
     limits = robot.limits
     lines = [
@@ -271,13 +287,14 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str
         f"joints = {_list(map(_quoted, robot.joint_names))}",
         *_continuous(robot),
         f"tool_frame = {_quoted(robot.tool_frame)}"
-        + ("" if source.tool_frame else "   # the last link of the longest chain: is it the tool?"),
+        + ("" if source.tool_frame else f"   # {_whence(hand)}: is it the tool?"),
         f"base_links = {_list(map(_quoted, robot.base_links))}   # not checked against obstacles",
         'inverse_kinematics = "numeric"',
         "settle_time = 0.0   # seconds the arm vibrates after a stop; URDF has none",
         "",
         *_poses(robot, table),
         *_locked(source, read.urdf),
+        *_gripper(hand),
     ]
     position, velocity = _urdf_sources(robot, read)
     lines += ["", "[limits.position]", f"lower = {_numbers(limits.lower.tolist())}"]
@@ -320,6 +337,28 @@ def _locked(source: Source, urdf: Urdf) -> list[str]:
     follow = {joint.name for joint in urdf.joints if joint.mimic and joint.name not in source.locked_joints}
     lines = [f"{_quoted(name)} = {float(at)!r}" for name, at in standing.items() if name not in follow]
     return ["", "[locked_joints]   # these do not move, and neither do joints that mimic them", *lines] if lines else []
+
+
+def _whence(hand: FoundGripper | None) -> str:
+    return "the last link of the longest chain" if hand is None else "a frame of the gripper's palm"
+
+
+def _gripper(hand: FoundGripper | None) -> list[str]:
+    if hand is None:
+        return []
+    stated = hand.table.model_dump(exclude_defaults=True)
+    return [
+        "",
+        f"[gripper]   # {hand.whence}; axes in the tool frame",
+        *(f"{key} = {_quoted(value) if isinstance(value, str) else _toml(value)}" for key, value in stated.items()),
+    ]
+
+
+def _toml(value: object) -> str:
+    """A number, or an array of names or numbers."""
+    if isinstance(value, list):
+        return _list(_quoted(item) if isinstance(item, str) else repr(item) for item in value)
+    return repr(value)
 
 
 def _urdf_sources(robot: Robot, read: _Read) -> tuple[str, str]:

@@ -20,6 +20,7 @@ from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.gripper_detection import find_gripper
 from planner_service.robot_setup.link_pair import columns_between
 from planner_service.robot_setup.mjcf_reader import read_mjcf
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
@@ -77,9 +78,15 @@ def described_robot(path: Path, urdf: Urdf, srdf: Srdf | None = None) -> Robot:
         srdf: What an SRDF says; the one beside the file if None.
     """
     file, srdf = _srdf_beside(path, urdf) if srdf is None else (None, srdf)
-    tool = next(iter(srdf.tips), None)
-    robot = robot_of(path, urdf, Selection(tool), srdf)
-    logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
+    hand, tool = find_gripper(urdf, srdf), next(iter(srdf.tips), None)
+    if hand is None:
+        robot = robot_of(path, urdf, Selection(tool), srdf)
+        logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
+    else:
+        robot = robot_of(path, urdf, Selection(hand.tool_frame), srdf, hand.table)
+        logger.info(
+            "%s: gripper of %s, %s; tool frame %s", path, ", ".join(hand.table.joints), hand.whence, hand.tool_frame
+        )
     silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not joint.velocity]
     if silent:
         logger.info("%s: no velocity is stated for %s; a slow one is assumed", path, ", ".join(silent))

@@ -7,12 +7,12 @@ from dataclasses import replace
 from itertools import pairwise
 
 from planner_service.geometry.arrays import FloatArray, Vector, product, vector
-from planner_service.robot.gripper import FingerTurn, Gripper
+from planner_service.robot.gripper import FingerTurn, Gripper, reach
 from planner_service.robot.toml_reader import GripperTable
 from planner_service.robot.urdf_assembly import Assembly, transform
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
 
-__all__ = ["GripperProblem", "finger_joints", "gripper_of"]
+__all__ = ["GripperProblem", "closed_positions", "finger_joints", "finger_turn", "gripper_of"]
 
 SAMPLES = 33
 """Of the range of a leader, over which the fingers must open more and more."""
@@ -30,6 +30,11 @@ def finger_joints(entry: GripperTable, urdf: Urdf) -> tuple[str, ...]:
     for name in found:  # grows while it is read
         found += [j.name for j in urdf.joints if j.mimic and j.mimic.joint == name and j.name not in found]
     return tuple(found)
+
+
+def closed_positions(entry: GripperTable) -> dict[str, float]:
+    """Where the joints of a gripper stand when it is closed, or, of a revolute one, where its leader is at 0."""
+    return dict(zip(entry.joints, entry.closed_at or [0.0] * len(entry.joints), strict=True))
 
 
 def gripper_of(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[int, FloatArray]) -> Gripper:
@@ -62,9 +67,12 @@ def _vacuum(entry: GripperTable, assembly: Assembly) -> Gripper:
 
 def _parallel(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[int, FloatArray]) -> Gripper:
     directions: dict[str, Vector] = {}
-    for joint in urdf.joints:
-        if joint.name in entry.joints:
-            directions |= dict.fromkeys(_downstream(urdf, joint.child), _turn_of(joint, assembly).axis)
+    fingers = {j.name: (j, _downstream(urdf, j.child)) for j in urdf.joints if j.name in entry.joints}
+    for name, (joint, links) in fingers.items():
+        others = [link for other, (_, far) in fingers.items() if other != name for link in far]
+        axis = finger_turn(joint, assembly).axis
+        sign = _opening(entry, joint, _along(axis, links, assembly) - _along(axis, others, assembly))
+        directions |= dict.fromkeys(links, vector([sign * x + 0.0 for x in axis]))
     closed = tuple(item for item in assembly.shapes if item.link in directions)
     along = tuple(directions[item.link] for item in closed)
     names, links = tuple(entry.joints), tuple(directions)
@@ -72,6 +80,32 @@ def _parallel(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[i
     gripper = Gripper(names, links, entry.lower or 0.0, entry.upper or 0.0, closed, along, *axes)
     _require_closing(gripper, tool)
     return gripper
+
+
+def _along(axis: Vector, links: Sequence[str], assembly: Assembly) -> float:
+    """Where the middle of the links' shapes is along an axis; 0 without shapes."""
+    items = [item for item in assembly.shapes if item.link in links]
+    back: Vector = (-axis[0], -axis[1], -axis[2])
+    return 0.5 * (reach(items, axis) - reach(items, back)) if items else 0.0
+
+
+def _opening(entry: GripperTable, joint: UrdfJoint, beyond: float) -> float:
+    """The sign of the way in which a finger opens: the one that its range allows, else away from the others.
+
+    Args:
+        beyond: How far the finger is beyond the others along its axis, in metres.
+    """
+    lower, upper = entry.lower or 0.0, entry.upper or 0.0
+    at = closed_positions(entry)[joint.name]
+    ways = []
+    for sign in (1.0, -1.0) if beyond >= 0.0 else (-1.0, 1.0):
+        ends = sorted((at + sign * lower / 2.0, at + sign * upper / 2.0))
+        if ends[0] >= joint.lower - ALONG and ends[1] <= joint.upper + ALONG:
+            ways.append(sign)
+    if not ways:
+        place = f"[{joint.lower:g}, {joint.upper:g}]"
+        raise GripperProblem(f"gripper: [{lower:g}, {upper:g}] needs {joint.name} beyond {place}")
+    return ways[0]
 
 
 def _require_closing(gripper: Gripper, tool: tuple[int, FloatArray]) -> None:
@@ -155,7 +189,7 @@ def _chains(entry: GripperTable, urdf: Urdf, assembly: Assembly) -> Iterator[tup
     for joint, before in chains:  # grows while it is read
         turns = before
         if joint.name in ratios:
-            turns = (*before, _turn_of(joint, assembly, ratios[joint.name]))
+            turns = (*before, finger_turn(joint, assembly, ratios[joint.name]))
         yield joint.child, turns
         chains += [(child, turns) for child in below.get(joint.child, ())]
 
@@ -171,7 +205,8 @@ def _ratios(entry: GripperTable, urdf: Urdf) -> Iterator[tuple[str, float]]:
         yield name, known[name]
 
 
-def _turn_of(joint: UrdfJoint, assembly: Assembly, ratio: float = 1.0) -> FingerTurn:
+def finger_turn(joint: UrdfJoint, assembly: Assembly, ratio: float = 1.0) -> FingerTurn:
+    """The axis of a finger's joint, and a point on it, in the body of the palm."""
     T = product(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))
     return FingerTurn(_in_body(joint.axis, T), vector(T[:3, 3].tolist()), ratio)
 
