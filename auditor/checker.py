@@ -81,11 +81,11 @@ class IndependentChecker:
         robot = robot_table(robot_dir) if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
-        urdf = _with_tool(Path(robot["urdf"]).read_text("utf-8"), robot.get("tool"))
-        mimics = _mimics(urdf, robot["joints"])
-        self.model, self.geometry = _reduced(robot, urdf, gripper_width, mimics)
+        text = Path(robot["urdf"]).read_text("utf-8")
+        mimics = _mimics(text, robot["joints"])
+        self.model, self.geometry = _reduced(robot, text, gripper_width, mimics)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
-        self._tool = self.model.getFrameId(robot["tool_frame"])
+        self._tool = self.model.getFrameId(robot["tool_frame"], pin.FrameType.BODY)
         self._add_bodies(content, self._tool)
         if padding:
             for g in self.geometry.geometryObjects:
@@ -433,33 +433,63 @@ def _mimics(urdf: str, joints: Sequence[str]) -> dict[str, tuple[str, float, flo
     return {name: way for name, way in ways.items() if way[0] in joints}
 
 
-def _reduced(robot: Table, urdf: str, width: float | None, mimics: Iterable[str]) -> tuple[Any, Any]:
+def _read_model(robot: Table, text: str) -> tuple[Any, Any]:
+    """Pinocchio's model and collision geometry of a URDF or an MJCF file; planes are no part of a robot.
+
+    A joint without end gets limits here, as Pinocchio would have sine and cosine in q for it.
+    """
+    root = ElementTree.fromstring(text)
+    folders = [str(folder) for folder in robot.get("package_dirs", ())] or None
+    if root.tag == "mujoco":
+        path = str(robot["urdf"])
+        model = pin.buildModelFromMJCF(path)
+        geometry = pin.buildGeomFromMJCF(model, path, pin.GeometryType.COLLISION)
+        for name in [g.name for g in geometry.geometryObjects if isinstance(g.geometry, (coal.Plane, coal.Halfspace))]:
+            geometry.removeGeometryObject(name)
+        return model, geometry
+    for joint in root.findall("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            for limit in joint.findall("limit"):
+                joint.remove(limit)
+            ElementTree.SubElement(joint, "limit", lower="-10", upper="10", effort="1", velocity="1")
+    urdf = _with_tool(ElementTree.tostring(root, encoding="unicode"), robot.get("tool"))
+    model = pin.buildModelFromXML(urdf)
+    return model, pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+
+
+def _reduced(robot: Table, text: str, width: float | None, mimics: Iterable[str]) -> tuple[Any, Any]:
     """The robot's model and collision geometry with every joint that is neither in robot.toml nor a mimic locked.
 
-    The two finger carriages stand at half the gripper's width each, turning fingers at its "position", which is 0 where
-    it is not given, other joints as robot.toml locks them, or at zero.
+    Two fingers that slide stand half the gripper's width from where they are closed, in the direction that their range
+    allows, turning fingers at its "position", which is 0 where it is not given, other joints as robot.toml locks them,
+    or at zero.
     """
-    urdf = urdf.replace('type="continuous"', 'type="revolute"')  # Pinocchio has sine and cosine in q for such
-    model = pin.buildModelFromXML(urdf)
-    folders = [str(folder) for folder in robot.get("package_dirs", ())] or None
-    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+    model, geometry = _read_model(robot, text)
     for g in geometry.geometryObjects:
         if isinstance(g.geometry, coal.BVHModelBase):  # a surface, and what is inside it would touch nothing
             g.geometry.buildConvexHull(True, "Qt")
             g.geometry = g.geometry.convex
     gripper = robot.get("gripper", {})
     opening = gripper.get("width", 0.0) if width is None else width
-    standing = gripper.get("position", 0.0) if gripper.get("kind") == "revolute" else opening / 2
     q = pin.neutral(model)
     locked_joints = robot.get("locked_joints", {})
     for name, position in locked_joints.items():
         q[model.joints[model.getJointId(name)].idx_q] = position
-    fingers = dict.fromkeys(gripper.get("joints", ()), standing)
-    fingers |= {name: m * standing + at for name, (_, m, at) in _mimics(urdf, tuple(fingers)).items()}
+    closed = gripper.get("closed_at", [0.0] * len(gripper.get("joints", ())))
+    fingers = {}
+    for name, at in zip(gripper.get("joints", ()), closed, strict=True):
+        highest = model.upperPositionLimit[model.joints[model.getJointId(name)].idx_q]
+        moved = opening / 2 if at + opening / 2 <= highest + LIMIT_SLACK else -opening / 2
+        fingers[name] = gripper.get("position", 0.0) if gripper.get("kind") == "revolute" else at + moved
+    ways = _mimics(text, tuple(fingers)).items()
+    fingers |= {name: m * fingers[leader] + at for name, (leader, m, at) in ways}
     for name, position in fingers.items():
         q[model.joints[model.getJointId(name)].idx_q] = position
     moving = {*robot["joints"], *mimics} - locked_joints.keys()
     locked = [k for k in range(1, model.njoints) if model.names[k] not in moving]
+    if not locked:  # nothing to reduce, which Pinocchio cannot where a fixed joint is called as a link is
+        return model, geometry
     reduced, (moved,) = pin.buildReducedModel(model, [geometry], locked, q)
     return reduced, moved
 

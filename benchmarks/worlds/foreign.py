@@ -14,11 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from xml.etree import ElementTree
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.disk_cache import cache_folder
 from planner_service.robot.model import Robot
 from planner_service.robot.package_files import example_urdf, package_folder
+from planner_service.robot.srdf import Srdf
+from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.gripper_detection import find_gripper
 
 __all__ = ["FOLDER_VARIABLE", "ROBOTS", "ForeignRobot", "folder_of", "table_of_robot"]
 
@@ -102,10 +106,20 @@ def table_of_robot(robot: Robot, source: str, place: Path) -> dict[str, Any]:
     scheme, _, name = source.partition(":")
     urdf = example_urdf(name) if scheme == EXAMPLES else Path(source)
     examples = package_folder(EXAMPLES)
-    if urdf.suffix == ".xacro":
+    if "xmlns:xacro" in urdf.read_text("utf-8"):
         urdf = _expanded(urdf, place)
+    elif urdf.suffix == ".xml":
+        urdf = _flattened(urdf, place)
     folders = [*list(Path(source).parents)[:5], *list(urdf.parents)[:5], examples, examples.parent]
-    limits, values = robot.limits, {"lower": robot.limits.lower.tolist(), "upper": robot.limits.upper.tolist()}
+    values = {"lower": robot.bounds[0].tolist(), "upper": robot.bounds[1].tolist()}
+    gripper = robot.gripper
+    fingers: dict[str, Any] = {}
+    if gripper is not None:
+        found = find_gripper(read_urdf(urdf, folders), Srdf()) if urdf.suffix != ".xml" else None
+        closed = [0.0] * len(gripper.joints) if found is None else found.table.closed_at
+        position = gripper.position(robot.gripper_width)
+        fingers = {"kind": gripper.kind, "joints": list(gripper.joints), "width": robot.gripper_width}
+        fingers |= {"position": position, "closed_at": closed or [0.0] * len(gripper.joints)}
     return {
         "urdf": urdf,
         "package_dirs": folders,
@@ -113,7 +127,8 @@ def table_of_robot(robot: Robot, source: str, place: Path) -> dict[str, Any]:
         "locked_joints": dict(robot.locked_joints),
         "tool_frame": robot.tool_frame,
         "allowed_contacts": [{"links": contact.links} for contact in robot.allowed_contacts],
-        "limits": {"position": values, "velocity": {"values": limits.velocity.tolist()}},
+        "limits": {"position": values, "velocity": {"values": robot.limits.velocity.tolist()}},
+        "gripper": fingers,
     }
 
 
@@ -123,6 +138,20 @@ def _expanded(path: Path, place: Path) -> Path:
 
     out = place / "expanded.urdf"
     out.write_text(str(xacro.process_file(str(path)).toxml()), "utf-8")
+    return out
+
+
+def _flattened(path: Path, place: Path) -> Path:
+    """The MJCF file with what it includes, which Pinocchio would read twice."""
+    import mujoco
+
+    out = place / "flat.xml"
+    mujoco.mj_saveLastXML(str(out), mujoco.MjModel.from_xml_path(str(path)))
+    root = ElementTree.fromstring(out.read_text("utf-8"))
+    compiler = root.find("compiler")
+    if compiler is not None and "meshdir" in compiler.attrib:
+        compiler.set("meshdir", str((path.parent / compiler.attrib["meshdir"]).resolve()))
+    out.write_text(ElementTree.tostring(root, encoding="unicode"), "utf-8")
     return out
 
 
