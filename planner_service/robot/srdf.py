@@ -14,7 +14,7 @@ from planner_service.robot.groups import PlanningGroup
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
 
-__all__ = ["Srdf", "read_srdf"]
+__all__ = ["Srdf", "read_srdf", "usable_srdf"]
 
 MAX_STATES = 500
 """Named states."""
@@ -53,6 +53,18 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
     Raises:
         InvalidFile: with every problem found: unknown links or joints, states beyond limits, and so on.
     """
+    srdf, problems = usable_srdf(path, urdf)
+    if problems:
+        raise InvalidFile(path, problems)
+    return srdf
+
+
+def usable_srdf(path: Path, urdf: Urdf) -> tuple[Srdf, list[str]]:
+    """What of an SRDF can be used: each pair, state and group without a problem; and the problems of the others.
+
+    Raises:
+        InvalidFile: it cannot be read at all.
+    """
     root = read_xml(path, "robot")
     problems: list[str] = []
     contacts = _contacts(root, urdf, problems)
@@ -67,15 +79,18 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
             continue
         if group in states.setdefault(name, {}):
             problems.append(f"group_state {name!r} of group {group!r} is given twice")
-        states[name][group] = _values(element, f"group_state {name!r}", urdf, problems)
+            continue
+        wrong = list[str]()
+        values = _values(element, f"group_state {name!r}", urdf, wrong)
+        problems += wrong
+        if not wrong:
+            states[name][group] = values
     groups = _groups(root, urdf, problems)
-    if problems:
-        raise InvalidFile(path, problems)
     tips = (chain.get("tip_link", "") for chain in root.iterfind("group/chain"))
     known = {link.name for link in urdf.links}
     hands = [element.get("group") for element in root.findall("end_effector")]
     ends = tuple(group.joints for group in groups if group.name in hands)
-    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in known), groups, ends)
+    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in known), groups, ends), problems
 
 
 def _groups(root: Element, urdf: Urdf, problems: list[str]) -> tuple[PlanningGroup, ...]:
@@ -131,11 +146,14 @@ def _contacts(root: Element, urdf: Urdf, problems: list[str]) -> tuple[AllowedCo
     contacts = []
     for index, element in enumerate(root.iter("disable_collisions")):
         a, b = element.get("link1", ""), element.get("link2", "")
-        problems += [
+        wrong = [
             f"disable_collisions[{index}]: {link!r} is not a link of the URDF" for link in (a, b) if link not in links
         ]
         if a == b:
-            problems.append(f"disable_collisions[{index}]: {a!r} twice; expected two links")
+            wrong.append(f"disable_collisions[{index}]: {a!r} twice; expected two links")
+        problems += wrong
+        if wrong:
+            continue
         contacts.append(AllowedContact((a, b), element.get("reason") or "disabled in the SRDF"))
     return tuple(contacts)
 
@@ -179,5 +197,7 @@ def _named(states: Mapping[str, Mapping[str, Values]]) -> dict[str, Values]:
         for values in groups.values():
             agree &= all(together.get(joint, value) == value for joint, value in values.items())
             together.update(values)
+        if not groups:
+            continue
         out.update({name: together} if agree else {f"{group}/{name}": values for group, values in groups.items()})
     return out

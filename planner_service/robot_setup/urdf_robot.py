@@ -17,7 +17,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.loading import HOME, Selection, robot_of
 from planner_service.robot.macros.expansion import package_folders, robot_folders
 from planner_service.robot.model import Robot
-from planner_service.robot.srdf import Srdf, read_srdf
+from planner_service.robot.srdf import Srdf, usable_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.gripper_detection import find_gripper
@@ -38,6 +38,9 @@ SHARES = (0.01, 0.03, 0.1, 0.3, 1.0)
 DRAWS = 200
 """Configurations drawn in each."""
 
+TOLD = 4
+"""Problems of an SRDF that nobody named; it may be meant for a larger robot, and have hundreds."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -54,7 +57,8 @@ def load_urdf(path: Path) -> Robot:
     package.xml, and in the folder above one called urdf, robots, mjcf or xml.
 
     Raises:
-        InvalidFile: the file has problems; all of them are named. An SRDF with problems is not used, with a warning.
+        InvalidFile: the file has problems; all of them are named. Of the SRDF, what has problems is not used, with a
+            warning.
     """
     read_bytes(path, MAX_XML_BYTES)  # refuses what is no path
     if path.suffix.lower() in MJCF_SUFFIXES:
@@ -112,10 +116,14 @@ def _srdf_beside(path: Path, urdf: Urdf) -> tuple[Path | None, Srdf]:
     if len(chosen) != 1:
         return None, Srdf()
     try:
-        return chosen[0], read_srdf(chosen[0], urdf)
+        srdf, problems = usable_srdf(chosen[0], urdf)
     except InvalidFile as error:  # nobody asked for it, and without it more pairs are checked
         logger.warning("%s is not used: %s", chosen[0], "; ".join(error.problems))
         return None, Srdf()
+    if problems:
+        more = f" and {len(problems) - TOLD} more" if len(problems) > TOLD else ""
+        logger.warning("%s: not used of it: %s%s", chosen[0], "; ".join(problems[:TOLD]), more)
+    return chosen[0], srdf
 
 
 def _robot_name(file: Path) -> str | None:

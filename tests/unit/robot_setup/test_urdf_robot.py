@@ -131,14 +131,27 @@ def test_an_srdf_of_another_robot_or_one_of_several_is_not_used(tmp_path: Path, 
     assert ("stub", "wing") in load_robot(written(tmp_path / "nested.urdf", NESTED)).link_pairs
 
 
-def test_an_srdf_with_problems_is_not_used_and_a_warning_says_so(
+def test_of_an_srdf_what_has_problems_is_not_used_and_a_warning_says_so(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    written(tmp_path / "nested.srdf", srdf(disabled("stub", "wing"), disabled("stub", "nose")))
+    text = srdf(disabled("stub", "wing"), disabled("stub", "nose"), state("home", a=3.0), state("ready", a=0.5))
+    written(tmp_path / "nested.srdf", text)
+    with caplog.at_level(logging.WARNING):
+        robot = load_robot(written(tmp_path / "nested.urdf", NESTED))
+    assert ("stub", "wing") not in robot.link_pairs
+    assert robot.home[0] == 0.5
+    assert "nested.srdf: not used of it: disable_collisions[1]: 'nose' is not a link of the URDF" in caplog.text
+    assert "group_state 'home': a = '3.0'; expected a number in [-2, 2]" in caplog.text
+
+
+def test_an_srdf_that_cannot_be_read_is_not_used_and_a_warning_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    written(tmp_path / "nested.srdf", "<robot")
     with caplog.at_level(logging.WARNING):
         robot = load_robot(written(tmp_path / "nested.urdf", NESTED))
     assert ("stub", "wing") in robot.link_pairs
-    assert "nested.srdf is not used: disable_collisions[1]: 'nose' is not a link of the URDF" in caplog.text
+    assert "nested.srdf is not used: " in caplog.text
 
 
 def test_the_meshes_of_its_ros_package_are_found(tmp_path: Path) -> None:
