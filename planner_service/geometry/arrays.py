@@ -41,7 +41,7 @@ BoolArray = NDArray[np.bool_]
 Vector = tuple[float, float, float]
 AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
 
-AT_ONCE = 200_000
+AT_ONCE = 50_000
 """Numbers in a temporary array: few enough for a processor's cache."""
 
 _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)

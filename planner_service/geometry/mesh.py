@@ -46,6 +46,7 @@ DIRECTIONS = 100
 
 THINNEST = 1e-6
 """Metres: anything thinner is flat up to rounding, and collision libraries are undefined below this gap."""
+EPSILON = float(np.finfo(np.float64).eps)
 
 ROUNDING = 1e-9
 """Relative to the size of a mesh: far above what rounding may cut off its hull (1e-15), far below what matters."""
@@ -82,13 +83,8 @@ class Mesh:
     def _become(self, points: FloatArray, most: int) -> None:
         """Be the hull of points (n, 3), each once, sorted."""
         corners, faces, normals = _hull(points, most)
-        highest, lowest = [], []
-        for rows in blocks(len(normals), len(corners)):
-            heights = along(corners, normals[rows])
-            highest.append(heights.max(axis=-1))
-            lowest.append(heights.min(axis=-1))
-        offsets = np.concatenate(highest)
-        if float((offsets - np.concatenate(lowest)).min()) < THINNEST:
+        offsets = _farthest(corners, normals)
+        if float((offsets + _farthest(corners, -normals)).min()) < THINNEST:
             raise _flat(points)
         _require_inside(points, normals, offsets)
         vertices, normals, offsets = map(read_only, (corners, normals, offsets))
@@ -346,10 +342,35 @@ def _flat(points: FloatArray) -> InvalidRequest:
 
 def _require_inside(points: FloatArray, normals: FloatArray, offsets: FloatArray) -> None:
     """Raise unless the hull holds every point, up to rounding: so no point was lost on the way."""
-    allowed = ROUNDING * float((points.max(axis=0) - points.min(axis=0)).max())
-    for rows in blocks(len(points), len(normals)):
-        if float((along(normals, points[rows]) - offsets).max()) > allowed:
+    allowed, slack = ROUNDING * float((points.max(axis=0) - points.min(axis=0)).max()), _uncertainty(points)
+    for rows in blocks(len(normals), len(points)):
+        rough = (normals[rows] @ points.T).max(axis=-1) - offsets[rows]
+        near = rough > allowed - slack
+        if (
+            near.any()
+            and float((along(points, normals[rows][near]).max(axis=-1) - offsets[rows][near]).max()) > allowed
+        ):
             raise _flat(points)
+
+
+def _farthest(points: FloatArray, directions: FloatArray) -> FloatArray:
+    """The largest component of points (n, 3) along each unit vector of (k, 3), (k,), with the bits of ``along``.
+
+    A matrix product, several times as fast but with other last bits on another processor, says which points can be it.
+    """
+    largest, slack = [], _uncertainty(points)
+    for rows in blocks(len(directions), len(points)):
+        rough = directions[rows] @ points.T
+        row, point = np.divmod(np.flatnonzero(rough >= rough.max(axis=-1, keepdims=True) - slack), len(points))
+        d, p = directions[rows][row], points[point]
+        exact = d[:, 0] * p[:, 0] + d[:, 1] * p[:, 1] + d[:, 2] * p[:, 2]
+        largest.append(np.maximum.reduceat(exact, np.searchsorted(row, np.arange(len(rough)))))
+    return np.concatenate(largest)
+
+
+def _uncertainty(points: FloatArray) -> float:
+    """What two ways to compute a component of a point along a unit vector differ by at most, with some to spare."""
+    return 64.0 * EPSILON * float(np.abs(points).max())
 
 
 def _to_segments(points: FloatArray, start: FloatArray, edge: FloatArray) -> FloatArray:

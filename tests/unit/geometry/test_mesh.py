@@ -156,6 +156,22 @@ def test_the_faces_close_around_the_corners(seed: int) -> None:
     assert set(mesh.faces.ravel().tolist()) == set(range(len(mesh.vertices)))
 
 
+@pytest.mark.parametrize("away", [0.0, 3.0, 900.0])
+@pytest.mark.parametrize("kind", ["ball", "box", "prism"])
+def test_offsets_have_the_bits_of_plain_sums_whatever_a_processor_rounds(kind: str, away: float) -> None:
+    rng = np.random.default_rng(7)
+    points = rng.normal(size=(400, 3))
+    if kind == "ball":
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+    elif kind == "box":
+        points = np.clip(points, -1.0, 1.0)  # hundreds of points on each face
+    else:
+        points = np.concatenate([rim(200, 0.3, 0.0), rim(200, 0.3, 1.0)])
+    hull = Mesh(points + away)
+    (x, y, z), n = hull.vertices.T, hull.normals[:, :, None]
+    assert (hull.offsets == (n[:, 0] * x + n[:, 1] * y + n[:, 2] * z).max(axis=1)).all()
+
+
 @some
 @given(seeds)
 def test_a_walk_along_the_edges_ends_at_the_farthest_corner(seed: int) -> None:
