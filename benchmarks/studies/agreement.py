@@ -117,7 +117,7 @@ def compared(checker: CollisionChecker, second: IndependentChecker, Q: FloatArra
     theirs = np.array([second.free(q) for q in Q])
     done = time.process_time()
     differ = [Q[k] for k in np.flatnonzero((alone != theirs) | (together != theirs)).tolist()]
-    gaps = [second.exact_gap(q) for q in differ]
+    gaps = [gap if math.isfinite(gap := second.exact_gap(q)) else min(second.gaps(q).values()) for q in differ]
     return {
         "states": len(Q),
         "free": int(theirs.sum()),

@@ -138,7 +138,9 @@ def _judged(service: PlannerService, source: str, results: list[PlanResult], sta
     row = compared(service.checker, second, Q)
     paths = [result.path for result in results if result.path is not None]
     touched = [touch for path in paths if (touch := touch_on_curve(second, path, CURVE_STEP)) is not None]
+    larger = max(getattr(item.shape, "growth", 0.0) for item in service.robot.shapes)
     return {"states": len(Q), "differ": row["disagreements"], "apart": row["apart"], "deep": row["deep"]} | {
+        "larger": larger,
         "judged plans": len(paths),
         "touched": touched,
     }
