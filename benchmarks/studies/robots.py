@@ -119,6 +119,10 @@ def _promises(rows: Sequence[Row]) -> Iterator[Promise]:
     yield Promise(f"at most {GIVEN_UP:.0%} given up", f"{left} of {asked}", left <= GIVEN_UP * asked)
     wrong = [row["robot"] for row in met if row.get("apart", 0.0) > CONTACT + row.get("larger", 0.0)]
     wrong += [row["robot"] for row in met if row.get("deep", 0.0) > CONTACT]
-    yield Promise("verdicts are Coal's but within a micrometre of contact, or of a simplified hull's growth", ", ".join(wrong) or "all", not wrong)
+    yield Promise(
+        "verdicts are Coal's but within a micrometre of contact, or of a simplified hull's growth",
+        ", ".join(wrong) or "all",
+        not wrong,
+    )
     touched = [row["robot"] for row in met if row.get("touched")]
     yield Promise("no plan touches anything", ", ".join(touched) or "none", not touched)

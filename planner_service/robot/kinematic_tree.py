@@ -34,6 +34,7 @@ __all__ = [
     "BodyTree",
     "LinkFrame",
     "LinkShape",
+    "body_matrix",
     "chain_to_base",
     "joint_motion",
 ]
@@ -76,6 +77,12 @@ class Body:
 
     def __post_init__(self) -> None:
         set_fields(self, placement=read_only(self.placement), axis=read_only(self.axis))
+
+
+def body_matrix(pose: BodyPose) -> FloatArray:
+    """The pose of a body as a matrix (4, 4)."""
+    a, b, c, d, e, f, g, h, i, x, y, z = pose
+    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
 
 
 def chain_to_base(bodies: Sequence[Body], index: int) -> list[int]:

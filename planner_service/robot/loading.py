@@ -102,6 +102,7 @@ def robot_from_file(path: Path) -> Robot:
         link_frames=_link_frames(assembly, () if gripper is None else gripper.links),
         locked_joints=tuple((name, at) for name, at in locked.items() if name not in fingers),
         dynamics=_dynamics(urdf, assembly, joints),
+        description=urdf.description,
     )
     width = None if table.gripper is None else table.gripper.width
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
@@ -261,6 +262,7 @@ def robot_of(
         locked_joints=tuple((name, at) for name, at in locked.items() if name not in fingers),
         groups=srdf.groups,
         dynamics=_dynamics(urdf, assembly, names),
+        description=urdf.description,
     )
     return robot if hand is None else robot.with_gripper(hand.upper)
 

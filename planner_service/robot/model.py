@@ -40,6 +40,7 @@ from planner_service.robot.inertia import Dynamics
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.package_files import EXAMPLES, example_urdf
 from planner_service.robot.reach import reach_bounds
+from planner_service.robot.urdf_model import Description
 
 __all__ = [
     "AllowedContact",
@@ -137,6 +138,7 @@ class Robot:
         groups: The planning groups of its SRDF (``group``). Not part of ``hash``, nor of plan files.
         dynamics: Masses and efforts of its URDF; None without masses. Not part of ``hash`` either: only torque limits
             use them, and where a robot is given beside a file, torques are worked out anew with its own.
+        description: The URDF that it was read from, for what it looks like; None if there is none. Not in ``hash``.
     """
 
     name: str
@@ -160,6 +162,7 @@ class Robot:
     locked_joints: tuple[tuple[str, float], ...] = ()
     dynamics: Dynamics | None = None
     groups: tuple[PlanningGroup, ...] = ()
+    description: Description | None = None
 
     def __post_init__(self) -> None:
         poses = tuple((name, read_only(q)) for name, q in self.named_poses)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from planner_service.geometry.arrays import Vector
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Shape
 
-__all__ = ["Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "UrdfVisual", "Vector"]
+__all__ = ["Description", "Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "UrdfVisual", "Vector"]
 
 
 @dataclass(frozen=True)
@@ -82,12 +83,21 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True)
+class Description:
+    """The file that describes a robot, and the folders that may be read for it."""
+
+    path: Path
+    folders: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
 class Urdf:
     """A robot description: one tree of links with the root ``root``.
 
     Attributes:
         unread_visuals: Why visual elements that the reader was asked for are missing, a line each.
         remarks: What the reader understood although it is written in an unusual way, a line each.
+        description: Where it was read; None if it was no URDF.
     """
 
     name: str
@@ -96,3 +106,4 @@ class Urdf:
     joints: tuple[UrdfJoint, ...]
     unread_visuals: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    description: Description | None = None

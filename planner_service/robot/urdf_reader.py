@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree
@@ -22,6 +23,7 @@ from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
 from planner_service.robot.macros.expansion import expanded_xml, robot_folders
 from planner_service.robot.urdf_model import (
+    Description,
     Inertial,
     Mimic,
     Urdf,
@@ -98,7 +100,8 @@ def _read(
 ) -> tuple[Urdf, Sequence[str]]:
     folders = robot_folders(path, package_dirs)
     reader = _Reader(folders, decompose, visuals=visuals, visual_as_collision=visual_as_collision)
-    return reader.robot(expanded_xml(path, folders)), reader.problems
+    urdf = reader.robot(expanded_xml(path, folders))
+    return replace(urdf, description=Description(path, folders)), reader.problems
 
 
 def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:

@@ -19,6 +19,7 @@ from planner_service.presentation.tables import markdown_escaped
 from planner_service.records.plan_file import SavedTask
 from planner_service.view import lines
 from planner_service.view.goal_handles import GoalHandles
+from planner_service.view.looks import BOTH, CHECKED, WAYS, LookNodes
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
 from planner_service.view.planning_controls import PlanningControls
 from planner_service.view.plots import Plots
@@ -37,6 +38,9 @@ PLOT_SECONDS = 0.25
 
 ARROW = 0.15
 """Length of the arrows of constraints, and of the handles of the goal, as a share of the size of robot and scene."""
+
+OVERLAY = 0.35
+"""Opacity of the shapes that are checked, drawn over what the robot looks like."""
 
 STEP = 0.001
 """Step of a joint's slider, in rad or m."""
@@ -95,6 +99,7 @@ class Page:
         self._robot = RobotNodes(scene, "/robot", robot)
         self._start = RobotNodes(scene, "/start", robot, ghost=START)
         self._goal = RobotNodes(scene, "/goal", robot, ghost=GOAL.colour)
+        self._looks = LookNodes(scene, "/looks")
         self._scene_nodes = SceneNodes(scene, self._robot.tool)
         size = ARROW * _extent(state)[1]
         self._regions = RegionNodes(scene, "/constraints", size)
@@ -108,6 +113,7 @@ class Page:
         with self._server.atomic():
             self._robot.set_robot(robot)
             self._robot.move(state.q)
+            self._looks.move(robot, state.q)
             self._scene_nodes.show(state.service.scene)
             self._regions.show(state.kept, state.q)
             self._set(self._show_regions, "visible", self._regions.any)
@@ -228,6 +234,9 @@ class Page:
 
     def _add_toggles(self) -> None:
         gui = self._server.gui
+        self._way = gui.add_dropdown("robot", WAYS, hint="what a robot looks like may extend beyond what is checked")
+        self._missing = gui.add_markdown("")
+        self._way.on_update(self._on_user_update(lambda: self.draw_robot(self._way.value)))
         self._show_ends = gui.add_checkbox("start (grey) and goal (green)", True)
         self._show_ends.on_update(self._on_user_update(self._draw))
         self._show_handles = gui.add_checkbox("handles to drag the goal", True)
@@ -239,6 +248,15 @@ class Page:
         self._show_layers = {name: gui.add_checkbox(name, True) for name in LAYERS}
         for box in self._show_layers.values():
             box.on_update(self._on_user_update(self._show_chosen_layers))
+
+    def draw_robot(self, way: str) -> None:
+        """Draw the shapes that are checked, what the robot looks like, or both; ``WAYS`` are the words."""
+        with self._lock, self._server.atomic():
+            self._looks.show(self.state.service.robot, visible=way != CHECKED)
+            shown = self._looks.any and way != CHECKED
+            self._robot.fade((OVERLAY if way == BOTH else 0.0) if shown else 1.0)
+            self._set(self._missing, "content", self._looks.note if way != CHECKED else "")
+            self._looks.move(self.state.service.robot, self.state.q)
 
     def _show_chosen_regions(self) -> None:
         self._regions.root.visible = self._show_regions.value

@@ -78,6 +78,12 @@ class RobotNodes:
                 self._solids[solid.name] = solid
                 self._meshes[solid.name].vertices = solid.vertices.astype(np.float32)
 
+    def fade(self, opacity: float) -> None:
+        """Make its links opaque (1), translucent or invisible (0)."""
+        for mesh in self._meshes.values():
+            mesh.visible, mesh.opacity = opacity > 0.0, None if opacity >= 1.0 else opacity
+            mesh.cast_shadow = mesh.receive_shadow = opacity >= 1.0
+
     def move(self, q: FloatArray) -> None:
         """Move the robot to q (n,); only links that moved are sent."""
         for link, T in placements(self._robot, q).items():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -19,9 +19,11 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.robot.kinematic_tree import BodyPose
+from planner_service.robot.kinematic_tree import body_matrix
 from planner_service.robot.model import Robot
+from planner_service.robot_setup.visuals import Visual
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = [
@@ -35,6 +37,7 @@ __all__ = [
     "placements",
     "robot_solids",
     "scene_solids",
+    "visual_solids",
 ]
 
 Colour = tuple[int, int, int]
@@ -75,6 +78,9 @@ robot's base than this, is ground."""
 
 ROUND = 48
 """Sides of the prism drawn for a cylinder."""
+
+MAX_DRAWN = 1_000_000
+"""Triangles drawn of what a robot looks like: some 35 MB for the browser."""
 
 MAX_BOXES = 6_000
 """Boxes drawn of a cloud or a height field; a larger one is drawn in coarser cells that cover its own."""
@@ -121,6 +127,27 @@ def robot_solids(robot: Robot) -> tuple[Solid, ...]:
     )
 
 
+def visual_solids(visuals: Mapping[str, Sequence[Visual]]) -> tuple[Solid, ...]:
+    """What each link looks like as one solid, in the link's own frame; it need not be closed.
+
+    Links are left out once ``MAX_DRAWN`` triangles are reached.
+    """
+    drawn, solids = 0, []
+    for k, (link, items) in enumerate(visuals.items()):
+        vertices, faces = _union(_appearance(item.appearance, item.pose) for item in items)
+        drawn += len(faces)
+        if drawn > MAX_DRAWN:
+            break
+        solids.append(Solid(link, vertices, faces, LINKS[k % len(LINKS)], 1.0, link))
+    return tuple(solids)
+
+
+def _appearance(appearance: Shape | Surface, pose: Pose) -> Triangles:
+    if isinstance(appearance, Surface):
+        return _moved((appearance.vertices, appearance.triangles.astype(np.int64)), pose)
+    return _convex(appearance, pose)
+
+
 def scene_solids(scene: Scene) -> tuple[Solid, ...]:
     """The obstacles, in the world, then the attached objects, in the frame ``TOOL``.
 
@@ -147,13 +174,8 @@ def placements(robot: Robot, q: ArrayLike) -> dict[str, FloatArray]:
     The frame of a link is that of its body, the frame of the joint that moves it.
     """
     values = np.asarray(q, dtype=np.float64)
-    bodies = [_matrix(pose) for pose in robot.body_poses(values)]
+    bodies = [body_matrix(pose) for pose in robot.body_poses(values)]
     return {**{item.link: bodies[item.body] for item in robot.shapes}, TOOL: robot.tool_pose(values)}
-
-
-def _matrix(pose: BodyPose) -> FloatArray:
-    a, b, c, d, e, f, g, h, i, x, y, z = pose
-    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
 
 
 def is_ground(vertices: FloatArray) -> bool:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,13 @@ import pytest
 from planner_service.errors import InvalidFile
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Box, Sphere
+from planner_service.robot.kinematic_tree import body_matrix
+from planner_service.robot.model import load_robot
 from planner_service.robot.package_files import package_folder
 from planner_service.robot.urdf_reader import read_urdf
-from planner_service.robot_setup.visuals import link_visuals, visuals_of
+from planner_service.robot_setup.visuals import link_visuals, looks_of, visuals_of
 from tests.support.small_robots import joint, link, solid, urdf
+from tests.unit.robot_setup.test_gripper_detection import fingers
 
 CORNERS = ((0, 0, 0), (1, 0, 0), (0, 1, 0))
 PATCH = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "f 1 2 3\n"
@@ -87,6 +92,28 @@ def test_other_problems_are_still_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('radius="0.1"', 'radius="-1"', 1))
     with pytest.raises(InvalidFile, match=r"1 problem\(s\)\n.*link 'foot' collision\[0\]: sphere radius"):
         link_visuals(path)
+
+
+def test_visuals_are_where_their_links_are_and_fingers_move_with_the_gripper(tmp_path: Path) -> None:
+    """Each link looks like what is checked, so both must lie at the same places."""
+    text = re.sub(r"<collision>(.*?)</collision>", r"<collision>\1</collision><visual>\1</visual>", fingers(apart=0.0))
+    (tmp_path / "gripping.urdf").write_text(text, "utf-8")
+    robot = load_robot(tmp_path / "gripping.urdf")
+    looks = looks_of(robot)
+    assert {"palm", "left", "right"} <= looks.visuals.keys()
+    for shown in (robot, robot.with_gripper(0.03), robot.locked({"roll": 0.4})):
+        q = np.linspace(0.3, -0.5, shown.n).tolist()
+        bodies = [body_matrix(pose) for pose in shown.body_poses(q)]
+        placed = looks.placements(shown, q)
+        for item in shown.shapes:
+            visual = looks.visuals[item.link][0]
+            there = placed[item.link] @ visual.pose.matrix
+            assert np.allclose(there, bodies[item.body] @ item.pose.matrix, rtol=0.0, atol=1e-12), item.link
+
+
+def test_a_robot_without_a_description_looks_like_nothing(tmp_path: Path) -> None:
+    robot = replace(load_robot("planar2"), description=None)
+    assert looks_of(robot).visuals == {}
 
 
 @pytest.mark.parametrize("name", ["panda_description/urdf/panda", "ur_description/urdf/ur10_robot"])

@@ -22,6 +22,7 @@ from planner_service.constraints import JointRange, ToolRegion
 from planner_service.records.plan_file import load_plan
 from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as view_module
+from planner_service.view.looks import BOTH, CHECKED, LOOKS
 from planner_service.view.state import Choice, ViewState
 from tests.support.chromium import executable, headless, pixels
 from tests.support.optional import present
@@ -266,6 +267,33 @@ def handle(page: Any) -> Any:
 
 
 @pytest.mark.slow
+def test_what_the_robot_looks_like_is_shown_under_the_checked_shapes(browser: Any) -> None:
+    with open_viewer(PlannerService("ur5", "empty"), None, port=0, keep=True) as viewer:
+        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page.goto(viewer.url)
+        page.get_by_text("shoulder_pan_joint").first.wait_for()
+        checked = settled(page)
+        viewer.page.draw_robot(LOOKS)
+        looks = settled(page)
+        viewer.page.draw_robot(BOTH)
+        both = settled(page)
+        viewer.page.draw_robot(CHECKED)
+        assert np.any(looks != checked)
+        assert np.any(both != looks)
+        assert np.array_equal(settled(page), checked)
+        page.close()
+
+
+def test_a_robot_that_looks_like_nothing_is_drawn_as_it_is_checked(page: Any, viewer: Viewer) -> None:
+    before = settled(page)
+    viewer.page.draw_robot(LOOKS)
+    assert np.array_equal(settled(page), before)
+    page.get_by_role("tab", name="show").click()
+    page.get_by_text("nothing is known of what it looks like").wait_for()
+    page.get_by_role("tab", name="robot").click()
+    viewer.page.draw_robot(CHECKED)
+
+
 def test_dragging_a_handle_moves_the_goal(bin_page: tuple[Any, Viewer]) -> None:
     page, viewer = bin_page
     settled(page)
