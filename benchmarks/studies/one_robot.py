@@ -21,6 +21,7 @@ import numpy as np  # noqa: E402
 
 from planner_service import CollisionChecker, Obstacle, PlannerService, PlanRequest, Pose, Robot, Scene  # noqa: E402
 from planner_service.geometry.arrays import FloatArray  # noqa: E402
+from planner_service.infeasibility import prove_no_path  # noqa: E402
 from planner_service.planning.result import PlanResult, Reason, Stage  # noqa: E402
 from planner_service.robot.kinematic_tree import chain_to_base  # noqa: E402
 from planner_service.robot.model import load_robot  # noqa: E402
@@ -55,10 +56,17 @@ def main(source: str, queries: int, states: int, seed: int) -> None:
     told: dict[str, Any] = {"joints": robot.n, "shapes": len(robot.shapes), "load_s": loaded - began}
     told |= {"first_s": time.monotonic() - began, "first": str(first.failure or "proven")}
     service = PlannerService(robot, _scene(robot, chance))
-    results = [service.plan(request) for request in _requests(service, chance, queries)]
+    requests = list(_requests(service, chance, queries))
+    results = [service.plan(request) for request in requests]
+    impossible = [_impossible(service, *pair) for pair in zip(requests, results, strict=True)]
     told["solved"] = sum(result.ok for result in results)
     told["ends"] = sum(_refused_end(result) for result in results)
-    told["given up"] = [str(result.failure) for result in results if not result.ok and not _refused_end(result)]
+    told["impossible"] = sum(impossible)
+    told["given up"] = [
+        str(result.failure)
+        for result, proven in zip(results, impossible, strict=True)
+        if not (result.ok or proven or _refused_end(result))
+    ]
     told["ms"] = [result.seconds * 1e3 for result in results]
     print(json.dumps(told), flush=True)
     print(json.dumps(told | _judged(service, source, results, states, seed)), flush=True)
@@ -67,6 +75,14 @@ def main(source: str, queries: int, states: int, seed: int) -> None:
 def _refused_end(result: PlanResult) -> bool:
     failure = result.failure
     return failure is not None and failure.stage is Stage.ENDPOINTS and failure.reason in ENDS
+
+
+def _impossible(service: PlannerService, request: PlanRequest, result: PlanResult) -> bool:
+    """Whether a query that was not solved is proven to have no solution."""
+    goals = [goal for goal in request.goals(service.robot) if isinstance(goal, np.ndarray)]
+    if result.ok or _refused_end(result) or not goals:
+        return False
+    return prove_no_path(service.robot, service.scene, np.array(request.start), goals) is not None
 
 
 def _end(service: PlannerService, chance: random.Random) -> list[float]:

@@ -74,6 +74,7 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
             "first plan s": f"{row['first_s']:.1f}",
             "solved": row["solved"],
             "ends": row["ends"],
+            "no path": row["impossible"],
             "given up": len(row["given up"]),
             "ms": spread(row["ms"]),
             "states": row.get("states", "-"),
@@ -86,7 +87,8 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
     ]
     caption = (
         "From the start of a process to the robot, and to its first proven plan, from home to a random configuration. "
-        "Ends: not free in 20 draws, which the answer proves. ms: p50 / p95 of all queries. Differ: verdicts of random "
+        "Ends: not free in 20 draws, which the answer proves. No path: proven. "
+        "ms: p50 / p95 of all queries. Differ: verdicts of random "
         "states from Coal's. Touch: plans along which Coal finds a contact."
     )
     if lines:

@@ -43,7 +43,7 @@ def as_layout(value: object) -> Layout:
         InvalidRequest: there is none.
     """
     for layout in get_args(Layout):
-        if value == layout:
+        if isinstance(value, str) and value == layout:
             return cast(Layout, layout)
     raise InvalidRequest("layout", value, " or ".join(f'"{layout}"' for layout in get_args(Layout)))
 

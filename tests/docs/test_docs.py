@@ -53,6 +53,7 @@ RUN_HERE = (
     "docs/guides/tool-motions.md",
     "docs/guides/constraints.md",
     "docs/guides/replanning.md",
+    "docs/guides/when-there-is-no-plan.md",
     "docs/reference/command-line.md",
     "docs/explanation/concepts.md",
     "docs/explanation/counting.md",

@@ -19,6 +19,7 @@ from planner_service import JointPath, Scene, load_robot
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
+from planner_service.infeasibility import prove_no_path
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
 
@@ -29,7 +30,7 @@ SECONDS = 5.0
 
 PACKAGES = (
     *("certify", "collision", "constraints", "grasping", "optimize", "parallel", "path"),
-    *("planning", "replanning", "roadmap", "scene", "search", "tasks"),
+    *("infeasibility", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
 )
 """Subpackages of which every name is attacked, as of the root."""
 
@@ -43,6 +44,7 @@ ANSWERS = frozenset(
         "KeptRefusal",
         "Lost",
         "MethodResult",
+        "NoPath",
         "Optimum",
         "Origin",
         "Terms",
@@ -66,6 +68,10 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         "prove_kept": Call(
             prove_kept,
             {"robot": arm, "path": JointPath(np.array([arm.home, arm.home])), "constraints": [upright], "part": None},
+        ),
+        "prove_no_path": Call(
+            prove_no_path,
+            {**world, "start": arm.home, "goals": [arm.home], "allowed": (), "max_boxes": 100, "charge": None},
         ),
         "RoadmapReference": Call(RoadmapReference, {"hash": "0" * 64}),
         "remove_robot": Call(

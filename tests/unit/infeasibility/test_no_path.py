@@ -1,0 +1,120 @@
+"""A proof that no path exists is right: its walls collide, and where a plan is known there is none."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene, Sphere
+from planner_service.collision import CollisionChecker
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.infeasibility import NoPath, prove_no_path
+from planner_service.robot.model import load_robot
+from tests.support.small_robots import built, joint, link, solid, urdf
+
+ARM = load_robot("planar2")
+
+SPINNER = urdf(
+    "spinner",
+    link("foot", solid("sphere", 'radius="0.05"')) + link("bar", solid("box", "0.6 0.04 0.04", "0.3 0 0")),
+    joint("spin", "continuous foot bar", xyz="0 0 0.2"),
+)
+"""A bar that turns without end: one post in its way leaves the other way round."""
+
+
+def disc(name: str, x: float, y: float, radius: float = 0.1) -> Obstacle:
+    return Obstacle(name, Cylinder(radius, 0.2), Pose((x, y, 0.0)))
+
+
+def world(seed: int) -> tuple[Scene, list[float], list[float]]:
+    """Random discs around the planar arm, and two free configurations."""
+    chance = random.Random(seed)
+    scene = Scene(
+        tuple(
+            disc(f"disc_{k}", chance.uniform(-1.5, 1.5), chance.uniform(-1.5, 1.5), chance.uniform(0.05, 0.25))
+            for k in range(chance.randrange(3, 9))
+        )
+    )
+    checker, ends = CollisionChecker(ARM, scene), list[list[float]]()
+    while len(ends) < 2:
+        q = [chance.uniform(-3.14, 3.14) for _ in range(2)]
+        if checker.state_is_free(q):
+            ends.append(q)
+    return scene, ends[0], ends[1]
+
+
+def test_discs_before_and_behind_the_arm_enclose_it() -> None:
+    scene = Scene((disc("left", 0.5, 0.5), disc("right", 0.5, -0.5)))
+    proof = prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]])
+    assert isinstance(proof, NoPath)
+    assert proof.joints == (ARM.joint_names[0],)  # the other one is of no help
+    assert {name for pair in proof.pairs for name in pair} >= {"left", "right"}
+    assert "no path exists: " in str(proof)
+    assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0], [0.2, 0.1]]) is None
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_world_is_planned_or_proven_impossible_and_never_both(seed: int) -> None:
+    scene, start, goal = world(seed)
+    planned = PlannerService(ARM, scene).plan(PlanRequest(start, goal, time_limit=1.0)).ok
+    proof = prove_no_path(ARM, scene, start, [goal])
+    assert planned == (proof is None)
+    if proof is not None:
+        checker, rng = CollisionChecker(ARM, scene), np.random.default_rng(seed)
+        rows = rng.integers(len(proof.lower), size=300)
+        for row, share in zip(rows.tolist(), rng.random((300, len(proof.joints))), strict=True):
+            q = np.array(start)
+            columns = [ARM.joint_names.index(name) for name in proof.joints]
+            q[columns] = proof.lower[row] + share * (proof.upper[row] - proof.lower[row])
+            q[[k for k in range(ARM.n) if k not in columns]] = rng.uniform(-3.0, 3.0)
+            assert not checker.state_is_free(q)
+            names = [frozenset((contact.a, contact.b)) for contact in checker.contacts(q)]
+            assert frozenset(proof.pairs[proof.wall_pairs[row]]) in names
+
+
+@pytest.mark.parametrize("shape", [Box((0.1, 0.1, 0.3)), Sphere(0.08), Cylinder(0.05, 0.3)])
+def test_a_joint_without_end_goes_the_other_way_round(tmp_path: Path, shape: Box | Sphere | Cylinder) -> None:
+    robot = built(tmp_path, SPINNER)
+    one = Scene((Obstacle("post", shape, Pose((0.0, 0.4, 0.2))),))
+    both = Scene((*one.obstacles, Obstacle("other", shape, Pose((0.0, -0.4, 0.2)))))
+    for turn in (0.0, 2.0 * np.pi, -4.0 * np.pi):
+        assert prove_no_path(robot, one, [0.0], [[3.0 + turn]]) is None
+        assert prove_no_path(robot, both, [0.0], [[3.0 + turn]]) is not None
+        assert prove_no_path(robot, both, [0.0], [[0.2 + turn]]) is None
+
+
+def test_pairs_that_may_touch_are_no_walls() -> None:
+    scene = Scene((disc("left", 0.5, 0.5), disc("right", 0.5, -0.5)))
+    links = sorted({item.link for item in ARM.shapes})
+    allowed = [(link, "left") for link in links]
+    assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], allowed=allowed) is None
+
+
+def test_it_ends_by_boxes_and_tells_what_it_asked_before() -> None:
+    scene = Scene((disc("left", 0.5, 0.5), disc("right", 0.5, -0.5)))
+    told: list[int] = []
+    proof = prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=told.append)
+    assert proof is not None
+    assert sum(told) == proof.distances
+    assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], max_boxes=10) is None
+
+    def end(_: int) -> None:
+        raise TimeoutError
+
+    with pytest.raises(TimeoutError):
+        prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=end)
+
+
+def test_bad_input_is_refused() -> None:
+    scene = Scene()
+    with pytest.raises(InvalidRequest, match="start"):
+        prove_no_path(ARM, scene, [0.0], [[1.0, 0.0]])
+    with pytest.raises(InvalidRequest, match=r"goals\[0\]"):
+        prove_no_path(ARM, scene, [0.0, 0.0], [[float("nan"), 0.0]])
+    with pytest.raises(InvalidRequest, match="max_boxes"):
+        prove_no_path(ARM, scene, [0.0, 0.0], [[1.0, 0.0]], max_boxes=0)
+    with pytest.raises(UnknownName):
+        prove_no_path(ARM, scene, [0.0, 0.0], [[1.0, 0.0]], allowed=[("forearm", "nothing")])
