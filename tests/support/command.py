@@ -47,11 +47,14 @@ def interrupt_growing(monkeypatch: pytest.MonkeyPatch, planner: type[PRM | PRMst
 
     def interrupted(*arguments: Any, **settings: Any) -> Roadmap:
         gc.collect()  # a Ctrl-C that falls into a finaliser of what earlier tests left behind is lost
-        timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))  # well within the growing
-        timer.start()
+        # well within the growing; once more if that one was lost all the same
+        timers = [threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT)) for delay in (0.1, 0.6)]
+        for timer in timers:
+            timer.start()
         try:
             return grow(*arguments, **settings)
         finally:
-            timer.cancel()
+            for timer in timers:
+                timer.cancel()
 
     monkeypatch.setattr(planner, "grow", interrupted)
