@@ -20,7 +20,7 @@ from benchmarks.attack.callables import Call
 from benchmarks.attack.harness import Case, Part, Wrong
 from planner_service import Box, PlannerService, PlanRequest, PlanResult, Pose, Scene
 from planner_service.certify import certify
-from planner_service.records.plan_file import save_plan
+from planner_service.records.evidence import save_plan
 
 __all__ = ["HOSTILE", "Attack"]
 

@@ -33,7 +33,8 @@ from planner_service.kinematics import straight_tool_line
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
-from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task
 from planner_service.records.problem_set import read_problems
 from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
 from planner_service.robot_setup.import_robot import Source, import_robot

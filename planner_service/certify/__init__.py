@@ -1,6 +1,6 @@
 """The proof that a whole curve is free, between samples too; it shares no code with the search."""
 
-from planner_service.certify.certifier import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
+from planner_service.certify.certifier import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, Trail, certify
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.gripper import GripperMotion, certify_gripper
 from planner_service.certify.kept_proof import Kept, KeptBound, KeptRefusal, prove_kept
@@ -17,6 +17,7 @@ __all__ = [
     "KeptBound",
     "KeptRefusal",
     "Refusal",
+    "Trail",
     "certify",
     "certify_gripper",
     "prove_kept",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
-from planner_service.certify.interval_proof import Roots, Span
+from planner_service.certify.interval_proof import NO_LEAVES, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
@@ -27,7 +27,7 @@ from planner_service.presentation.measures import proof_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "ProofBackend", "Refusal", "certify"]
+__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "ProofBackend", "Refusal", "Trail", "certify"]
 
 ProofBackend = Literal["auto", "native", "numpy"]
 
@@ -143,6 +143,21 @@ class Certificate:
         return self.refusal is None
 
 
+@dataclass(eq=False)
+class Trail:
+    """What a proof rests on; whoever proves with one given fills it in.
+
+    Attributes:
+        path: The curve that was judged.
+        motion: The poses of the pieces that were judged, and the numbers of the pairs of these.
+        leaves: What is proven, as ``ProofTree`` has it, (k, 9), by pair and stretch.
+    """
+
+    path: JointPath | None = None
+    motion: Motion | None = None
+    leaves: FloatArray = field(default_factory=lambda: NO_LEAVES)
+
+
 class Certifier:
     """Proves curves of one robot in one scene; build it once and use it for many.
 
@@ -188,6 +203,7 @@ class Certifier:
         constraints: Sequence[Constraint] = (),
         part: Span | None = None,
         charge: Callable[[int], None] | None = None,
+        trail: Trail | None = None,
     ) -> Certificate:
         """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
 
@@ -202,6 +218,7 @@ class Certifier:
             charge: Called with numbers of bounds, all in all what is counted: before each batch of them, but by the
                 compiled prover once a millisecond at most, and with 0 while constraints are proven. What it raises
                 passes through.
+            trail: Filled with what the proof rests on.
 
         Raises:
             InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],
@@ -222,7 +239,11 @@ class Certifier:
             return Certificate(
                 -math.inf, 0, padding, stretches, kept, checked_part, self._allowed, contacts=self._contacts
             )
-        proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
+        roots = self._roots(judged, stretches)
+        proof = self.prover.prove(curve, padding + MARGIN, roots, charge, tracing=trail is not None)
+        if trail is not None:
+            order = np.lexsort((proof.leaves[:, 1], proof.leaves[:, 0]))
+            trail.path, trail.motion, trail.leaves = curve, self.motion, proof.leaves[order]
         obstruction, refusal, clearance = proof.obstruction, None, _floored(proof.proven)
         if obstruction is not None:
             names, clearance = self.listed.names(obstruction.pair), -math.inf

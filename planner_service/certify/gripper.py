@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, ProofBackend, Refusal
+from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, ProofBackend, Refusal, Trail
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
@@ -80,6 +80,7 @@ def certify_gripper(
     reason: str = "",
     charge: Callable[[int], None] | None = None,
     backend: ProofBackend = "auto",
+    trail: Trail | None = None,
 ) -> GripperMotion:
     """The proof that no finger comes near anything between two widths while the arm stands at q (n,), or its refusal.
 
@@ -90,6 +91,7 @@ def certify_gripper(
         allowed: Pairs of links or objects that may touch anyway.
         touching: Pairs that may touch on this motion, such as fingers and what they close on.
         reason: Why they may.
+        trail: Filled with what the proof rests on.
 
     Raises:
         InvalidRequest: the robot has no gripper, q is outside its joint limits, or a width outside the gripper's range.
@@ -108,7 +110,7 @@ def certify_gripper(
     pairs = pairs_of_names("touching", touching)
     exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
     certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed, backend=backend)
-    certificate = certifier.certify(path, exempt=exempt, charge=charge)
+    certificate = certifier.certify(path, exempt=exempt, charge=charge, trail=trail)
     travel = None if gripper.kind == "parallel" else path.length
     return GripperMotion(start, end, certificate, time.perf_counter() - began, travel)
 

@@ -21,7 +21,7 @@ from planner_service.certify.separation import Bounds, Facing, refined_gaps, rou
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
-__all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Roots", "Span", "no_end", "too_close"]
+__all__ = ["MAX_BOUNDS", "NO_LEAVES", "Obstruction", "ProofTree", "Roots", "Span", "no_end", "too_close"]
 
 FRACTION = 0.75
 """A stretch stays open while it proves less than this share of the smallest gap at any node so far: 0.5 asks 2 % fewer
@@ -47,6 +47,8 @@ ROUNDS, LAST_ROUNDS = 4, 200
 """Steps of the search for the best direction: usually, and before a pair is refused."""
 
 Span = tuple[float, float]
+
+NO_LEAVES: FloatArray = np.zeros((0, 9))
 
 
 class Obstruction(NamedTuple):
@@ -93,10 +95,13 @@ class ProofTree:
         charge: Called with the number of bounds before each batch; what it raises comes out unchanged.
         together: A stretch stays open for every pair as long as it does for one: what proofs without a list of open
             pairs do, here to compare with.
+        tracing: Keep what is proven as ``leaves``.
 
     Attributes:
         bounds: (configuration, pair) bounds so far.
         proven: The smallest gap proven for any stretch so far; infinite before the first.
+        leaves: What is proven, (k, 9): the pair, from where to where in s, and unit directions at both ends from the
+            second piece towards the first, in the second's axes; zero at an end where none was needed.
     """
 
     def __init__(
@@ -107,6 +112,7 @@ class ProofTree:
         charge: Callable[[int], None] = lambda bounds: None,
         *,
         together: bool = False,
+        tracing: bool = False,
     ) -> None:
         self._motion, self._path, self._enough, self._charge = motion, path, enough, charge
         self._together = together
@@ -115,7 +121,12 @@ class ProofTree:
         self._most = MAX_BOUNDS
         self._smallest = math.inf
         self._leaf = motion.children[:, 1] == 0
+        self._traced: list[FloatArray] | None = [] if tracing else None
         self._nodes = Nodes(motion, path)
+
+    @property
+    def leaves(self) -> FloatArray:
+        return np.concatenate(self._traced) if self._traced else NO_LEAVES
 
     def run(self, task: Roots) -> Obstruction | None:
         """Where the proof ends; None when all is proven.
@@ -152,6 +163,14 @@ class ProofTree:
         gaps = apart - np.maximum(*(self._motion.pair_motions(half, pair, stretch) for half in moved))
         far = gaps >= max(self._enough, FAR)
         self.proven = float(gaps[far].min(initial=math.inf))
+        if self._traced is not None and far.any():
+            facing = self._motion.facing(self._nodes.poses, pair[far], middle[stretch[far]])
+            n = facing.x / np.sqrt(facing.x[0] * facing.x[0] + facing.x[1] * facing.x[1] + facing.x[2] * facing.x[2])
+            none = np.zeros_like(n)
+            s = self._nodes.s
+            for ends, directions in (((left, middle), (none, n)), ((middle, right), (n, none))):
+                start, stop = (s[node[stretch[far]]] for node in ends)
+                self._traced.append(np.column_stack([pair[far], start, stop, directions[0].T, directions[1].T]))
         return np.asarray(far)
 
     def _rooted(self, spans: Sequence[Span], roots: IntArray) -> _Open | Obstruction:
@@ -273,6 +292,10 @@ class ProofTree:
         if self._together:
             proven = ~used[stretch]
         self.proven = min(self.proven, float(bound[proven].min(initial=math.inf)))
+        if self._traced is not None:
+            start, stop = self._nodes.s[left][stretch], self._nodes.s[right][stretch]
+            rows = np.column_stack([pair, start, stop, before.n.T, after.n.T])
+            self._traced.append(rows[proven])
         rest = np.flatnonzero(~proven)
         number = (np.cumsum(used) - 1)[stretch[rest]]
         ends = before.take(rest), after.take(rest)

@@ -20,7 +20,7 @@ from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion
 from planner_service.certify.clearance import smallest_gaps
 from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
-from planner_service.certify.interval_proof import Obstruction, ProofTree, Roots
+from planner_service.certify.interval_proof import NO_LEAVES, Obstruction, ProofTree, Roots
 from planner_service.certify.motion_bounds import Motion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
@@ -36,17 +36,23 @@ FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
 
 
 class Proof(NamedTuple):
-    """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so."""
+    """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so.
+
+    ``leaves`` is what was proven, if that was asked for: see ``ProofTree``.
+    """
 
     bounds: int
     proven: float
     obstruction: Obstruction | None
+    leaves: FloatArray = NO_LEAVES
 
 
 class Prover(Protocol):
     """Proves motions of one robot in one scene."""
 
-    def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
+    def prove(
+        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
+    ) -> Proof:
         """Prove that the pairs of ``roots`` are more than ``enough`` metres apart on their spans; see ``ProofTree``."""
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
@@ -62,10 +68,12 @@ class NumpyProver:
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
 
-    def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
-        proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None))
+    def prove(
+        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
+    ) -> Proof:
+        proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None), tracing=tracing)
         obstruction = proof.run(roots)
-        return Proof(proof.bounds, proof.proven, obstruction)
+        return Proof(proof.bounds, proof.proven, obstruction, proof.leaves)
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
         lower, upper = self._motion.limits
@@ -89,14 +97,16 @@ class _Native:
         self._reference = NumpyProver(motion)
         self._prover = module.Prover(_terms(), *motion.tables, variant)
 
-    def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
+    def prove(
+        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
+    ) -> Proof:
         if type(path) is not JointPath:  # its curve may be another one
-            return self._reference.prove(path, enough, roots, charge)
+            return self._reference.prove(path, enough, roots, charge, tracing=tracing)
         spans = np.array(roots.spans, dtype=np.float64).reshape(-1, 2)
-        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge)
-        bounds, most, proven, end, pair, start, stop, s, gap = outcome
+        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, tracing)
+        bounds, most, proven, end, pair, start, stop, s, gap, leaves = outcome
         if end == PROVEN:
-            return Proof(bounds, proven, None)
+            return Proof(bounds, proven, None, np.frombuffer(leaves).reshape(-1, 9))
         detail = tree.too_close(s, gap, enough) if end == CLOSE else tree.no_end(most if end == SPENT else None)
         return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
 

@@ -13,6 +13,7 @@ from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
 from planner_service.cli.output import emit, json_text, render
 from planner_service.presentation.measures import clearance_text
+from planner_service.records.evidence import with_evidence
 from planner_service.records.plan_file import load_plan_or_task
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.records.result import certificate_record
@@ -26,6 +27,10 @@ def certify(
     robot: options.OtherRobot = None,
     padding: Annotated[float, typer.Option(metavar="METRES", help="Distance that every pair must keep.")] = 0.0,
     allow: options.Allow = None,
+    evidence: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Save the plan with the trail of its proof, for others."),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Prove again that a saved plan or task is collision-free, between samples too, and keeps its limits.
@@ -36,6 +41,9 @@ def certify(
     with bad_input_exits():
         saved, notes = reopened(load_plan_or_task(plan_file), robot, scene)
         proven = recertify(saved, allowed=pairs_of_texts("--allow", allow or ()), padding=padding)
+        if evidence is not None and proven.certified:
+            with_evidence(saved).save(evidence)
+            notes = [*notes, f"the trail of the proof is in {evidence}"]
     if as_json:
         emit(json_text(_document(proven, notes)))
     else:

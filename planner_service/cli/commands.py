@@ -33,7 +33,8 @@ from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
 from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
 from planner_service.robot.model import length_unit, load_robot, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot

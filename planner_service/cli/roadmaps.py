@@ -22,7 +22,8 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import plan_lines, plan_rows
 from planner_service.planning.roadmap_work import GROWERS, Grower, require_robot
 from planner_service.presentation.tables import CostTable
-from planner_service.records.plan_file import SavedPlan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap.roadmap_file import OURS, SUFFIX
 from planner_service.robot.model import length_unit

@@ -65,6 +65,7 @@ class PlanRequest:
             then clamped, and the result says so.
         payload: What the tool carries, by its mass, all along; for ``ToppRa(torque=True)``.
         torque_scale: Part in (0, 1] of the joints' efforts that may be used; for ``ToppRa(torque=True)``.
+        evidence: Files of the plan have the trail of its proof, which others can check without this package.
         constraints: What must hold along the whole motion, ends included (``planner_service.constraints``), beside
             those of what the robot carries. It is searched by ``BalancedRRTConnect``, and not optimised.
 
@@ -90,6 +91,7 @@ class PlanRequest:
     constraints: Sequence[Constraint] = ()
     payload: Payload | None = None
     torque_scale: float = 1.0
+    evidence: bool = False
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -118,6 +120,8 @@ class PlanRequest:
         require_timing(self.timing)
         _require_torques(self.timing, self.payload, self.torque_scale)
         set_fields(self, constraints=checked_constraints(self.constraints))
+        if not isinstance(self.evidence, bool):
+            raise InvalidRequest("evidence", self.evidence, "True or False")
         self.require_keeping(self.constraints)
 
     def require_keeping(self, constraints: Sequence[Constraint]) -> None:

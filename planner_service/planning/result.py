@@ -333,7 +333,7 @@ class PlanResult:
             InvalidRequest: the result comes from a file or another process, or has no place in a file.
             InvalidFile: it cannot be written.
         """
-        from planner_service.records.plan_file import save_plan
+        from planner_service.records.evidence import save_plan
 
         save_plan(self, path)
 

@@ -14,7 +14,7 @@ from planner_service.files import schema
 from planner_service.geometry.arrays import read_only
 from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Suggestion, Unreachable
 from planner_service.planning.result import Failure, Reason, Stage
-from planner_service.records.pose import PoseRecord
+from planner_service.records.values import PoseRecord
 
 __all__ = ["MAX_PAIRS", "FailureRecord", "StageName"]
 

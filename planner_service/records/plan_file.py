@@ -62,7 +62,6 @@ __all__ = [
     "load_plan",
     "load_plan_or_task",
     "load_task",
-    "save_plan",
 ]
 
 OURS = re.compile(
@@ -443,23 +442,6 @@ def _segment_fields(task: SavedTask) -> list[dict[str, Any]]:
 
 
 # Writing and reading.
-
-
-def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str | os.PathLike[str]) -> None:
-    """Write a plan or a task, or the failure that is in their place; the file is there whole or not at all.
-
-    Raises:
-        InvalidRequest: a result from a file or another process, which does not know its world, or a value that
-            cannot be written.
-        InvalidFile: it cannot be written.
-    """
-    if isinstance(plan, PlanResult):
-        plan = SavedPlan.of(plan)
-    elif isinstance(plan, TaskResult):
-        plan = SavedTask.of(plan)
-    elif not isinstance(plan, SavedPlan | SavedTask):
-        raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
-    plan.save(path)
 
 
 def load_plan(path: str | os.PathLike[str]) -> SavedPlan:

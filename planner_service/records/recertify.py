@@ -23,7 +23,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
+from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, Trail, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
@@ -86,11 +86,13 @@ class ProvenMotion:
         certificate: The proof of its path or its refusal, with the stretches on which pairs were not checked and the
             rule that allows each.
         gripper: The gripper's own motion before it, proven too; None if the gripper does not move.
+        trails: What both proofs rest on, if that was asked for.
     """
 
     motion: TaskMotion
     certificate: Certificate
     gripper: GripperMotion | None = None
+    trails: tuple[Trail, ...] = ()
 
     @property
     def name(self) -> str:
@@ -195,6 +197,7 @@ def recertify(
     allowed: Sequence[tuple[str, str]] = (),
     padding: float = 0.0,
     squeeze: float = 0.0,
+    tracing: bool = False,
 ) -> Recertified:
     """Prove a plan or a task again, motion by motion; the list at the top of this module says what is checked.
 
@@ -206,6 +209,7 @@ def recertify(
         padding: Metres that every checked pair has to keep.
         squeeze: Metres by which the gripper is commanded to close beyond the width of what it takes. Closing is proven
             free that far, in case the object gives way or is not there.
+        tracing: Keep what each proof rests on.
 
     Raises:
         InvalidRequest: the plan is a failure, has no world, or was made in another world than that of ``service``; a
@@ -242,17 +246,18 @@ def recertify(
     for before, motion, pace, request in zip([None, *motions], motions, paces, requests, strict=False):
         exempt, refused = _exempt(before, motion, named)
         refused = [*_exceeded_limits(motion, pace), *refused]
+        trails = (Trail(), Trail()) if tracing else ()
         try:
             kept = _constraints(motion, request)
-            certificate = _certificate(motion, exempt, kept, lenient, padding, whole=len(claims) > 1)
+            certificate = _certificate(motion, exempt, kept, lenient, padding, trails, whole=len(claims) > 1)
         except InvalidRequest as error:
             problems += [f"{motion.name}: {text}" for text in (error, *refused)]
             continue
         refused = refused if certificate.refusal is None else [str(certificate.refusal), *refused]
         problems += [f"{motion.name}: {text}" for text in refused]
-        gripper = _gripper_motion(world.robot, before, motion, lenient, squeeze)
+        gripper = _gripper_motion(world.robot, before, motion, lenient, squeeze, trails)
         problems += [f"{motion.name}: {gripper.refused}"] if gripper is not None and gripper.refused else []
-        proven.append(ProvenMotion(motion, certificate, gripper))
+        proven.append(ProvenMotion(motion, certificate, gripper, trails))
     return Recertified(world, tuple(proven), lenient, tuple(problems))
 
 
@@ -448,6 +453,7 @@ def _gripper_motion(
     motion: TaskMotion,
     allowed: Sequence[tuple[str, str]],
     squeeze: float = 0.0,
+    trails: Sequence[Trail] = (),
 ) -> GripperMotion | None:
     """The gripper's own motion before one of the arm, proven where the arm stands then; None if it does not move."""
     robot = first if before is None else before.robot
@@ -462,7 +468,8 @@ def _gripper_motion(
         reason = "fingers may touch what they take or leave"
     if before is not None and before.taken is not None:
         widths = widths[0], squeezed(motion.robot, widths[1], squeeze)
-    return certify_gripper(robot, scene, q, widths, allowed=allowed, touching=touching, reason=reason)
+    trail = trails[1] if trails else None
+    return certify_gripper(robot, scene, q, widths, allowed=allowed, touching=touching, reason=reason, trail=trail)
 
 
 def _certificate(
@@ -471,6 +478,7 @@ def _certificate(
     constraints: Sequence[Constraint],
     allowed: Sequence[tuple[str, str]],
     padding: float,
+    trails: Sequence[Trail],
     *,
     whole: bool,
 ) -> Certificate:
@@ -482,4 +490,7 @@ def _certificate(
         begin = min(trajectory.begin, had[0]) if had is not None else trajectory.begin
         part = begin, trajectory.end
     certifier = Certifier(motion.robot, motion.scene, allowed=allowed)
-    return certifier.certify(trajectory.path, padding=padding, exempt=exempt, constraints=constraints, part=part)
+    trail = trails[0] if trails else None
+    return certifier.certify(
+        trajectory.path, padding=padding, exempt=exempt, constraints=constraints, part=part, trail=trail
+    )

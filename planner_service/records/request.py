@@ -29,8 +29,7 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import METHODS, Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest
-from planner_service.records.constraints import Constraints
-from planner_service.records.pose import PoseRecord
+from planner_service.records.values import Constraints, PoseRecord
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.inertia import Payload
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
@@ -191,6 +190,7 @@ class RequestRecord(GrownRecord):
     constraints: Constraints = Field(default_factory=list)
     payload: PayloadRecord | None = None
     torque_scale: float = 1.0
+    evidence: bool = False
 
     @classmethod
     def find(cls, request: PlanRequest) -> RequestRecord | None:

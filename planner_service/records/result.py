@@ -32,8 +32,8 @@ from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import MotionReport, PlanResult, PolishReport, Stage, StageReport
-from planner_service.records.constraints import Constraints
 from planner_service.records.failure import MAX_PAIRS, FailureRecord, StageName
+from planner_service.records.values import Constraints
 from planner_service.timing.limit_check import LimitPeaks, Peak
 
 __all__ = [

@@ -15,8 +15,8 @@ from planner_service.files import schema
 from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
-from planner_service.records.pose import PoseRecord
 from planner_service.records.scene import ShapeRecord
+from planner_service.records.values import PoseRecord
 from planner_service.robot.gripper import FingerTurn, Gripper
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER, Body, LinkFrame, LinkShape

@@ -20,8 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import MAX_HULL, Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.records.constraints import Constraints
-from planner_service.records.pose import KindRecord, PoseRecord
+from planner_service.records.values import Constraints, KindRecord, PoseRecord
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
 __all__ = ["ObstacleRecord", "PlanReading", "SceneRecord", "ShapeRecord", "WorldRecord"]

@@ -210,7 +210,7 @@ class TaskResult:
             InvalidRequest: Something in it has no place in a file.
             InvalidFile: It cannot be written.
         """
-        from planner_service.records.plan_file import save_plan
+        from planner_service.records.evidence import save_plan
 
         save_plan(self, path)
 

@@ -48,6 +48,7 @@ ANSWERS = frozenset(
         "Optimum",
         "Origin",
         "Terms",
+        "Trail",
         "World",
         "load_solver",
     }

@@ -53,7 +53,8 @@ from planner_service.execute import ExecutionStopped, SimulatedArm, Streaming, T
 from planner_service.execute import simulator as simulator_module
 from planner_service.execute.mjcf import link_of, mjcf_text
 from planner_service.execute.simulator import TCP_PORT, UDP_PORT, arm_file
-from planner_service.records.plan_file import SavedPlan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan
 from tests.support.optional import present
 
 pytestmark = pytest.mark.sim

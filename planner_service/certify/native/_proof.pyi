@@ -57,8 +57,9 @@ class Prover:
         roots: NDArray[np.int64],
         enough: float,
         charge: Callable[[int], None] | None,
+        tracing: bool,
         /,
-    ) -> tuple[int, int, float, int, int, float, float, float, float]: ...
+    ) -> tuple[int, int, float, int, int, float, float, float, float, bytes]: ...
     def edge(
         self, q1: NDArray[np.float64], q2: NDArray[np.float64], enough: float, nearer: float, slack: float, /
     ) -> EdgeAnswer: ...

@@ -122,6 +122,17 @@ struct EdgeAnswer {
     EdgeResult result;
 };
 
+// Rows of nine doubles: pair and numbers of each leaf.
+nb::bytes bytes_of(const std::vector<Leaf>& trail) {
+    std::vector<double> rows;
+    rows.reserve(9 * trail.size());
+    for (const Leaf& leaf : trail) {
+        rows.push_back(leaf.pair);
+        rows.insert(rows.end(), std::begin(leaf.numbers), std::end(leaf.numbers));
+    }
+    return nb::bytes(static_cast<const void*>(rows.data()), rows.size() * sizeof(double));
+}
+
 class Prover {
   public:
     Prover(const std::vector<double>& terms, std::int64_t dof, const Rows& bodies, const Rows& pieces, std::int64_t riding,
@@ -144,7 +155,8 @@ class Prover {
     const char* variant() const { return variant_->name; }
 
     nb::tuple prove(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
-                    const Wholes& lines, const Wholes& blends, const Rows& corners, const Rows& spans, const WholeRows& roots, double enough, nb::handle charge) const {
+                    const Wholes& lines, const Wholes& blends, const Rows& corners, const Rows& spans, const WholeRows& roots,
+                    double enough, nb::handle charge, bool tracing) const {
         const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, corners);
         require(spans.shape(1) == 2 && roots.shape(1) == 2, "two numbers for each span and root");
         require_finite(spans);
@@ -162,13 +174,14 @@ class Prover {
                                                            "no such span"))});
         PythonCharge told(charge);
         Outcome out;
+        std::vector<Leaf> trail;
         {
             nb::gil_scoped_release release;
-            out = Tree(model_, *variant_, curve, enough, told).run(stretches, std::move(rows));
+            out = Tree(model_, *variant_, curve, enough, told, tracing ? &trail : nullptr).run(stretches, std::move(rows));
         }
         told.tell();
         return nb::make_tuple(out.asked, out.most, out.proven, static_cast<int>(out.end), out.pair, out.span.start,
-                              out.span.end, out.s, out.gap);
+                              out.span.end, out.s, out.gap, bytes_of(trail));
     }
 
     // The verdict on the straight edge between two configurations; none if one is no array of n doubles within the limits.
@@ -415,7 +428,7 @@ NB_MODULE(_proof, m) {
         .def_prop_ro("variant", &Prover::variant)
         .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
              nb::arg("lines"), nb::arg("blends"), nb::arg("corners"), nb::arg("spans"),
-             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none())
+             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none(), nb::arg("tracing"))
         .def("edge", &Prover::edge)
         .def("clearances", &Prover::clearances);
 }

@@ -1,6 +1,7 @@
 #include "tree.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace proof {
@@ -12,13 +13,15 @@ constexpr std::size_t FEW = 64;  // nodes that are not worth forgetting
 
 }  // namespace
 
-Tree::Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge)
+Tree::Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge,
+           std::vector<Leaf>* trail)
     : model_(model),
       variant_(variant),
       curve_(curve),
       terms_(model.terms),
       enough_(enough),
       charge_(charge),
+      trail_(trail),
       places_(model, variant),
       smallest_(INFINITE),
       q_(static_cast<std::size_t>(model.dof)),
@@ -48,6 +51,14 @@ Outcome Tree::run(const std::vector<Span>& spans, std::vector<Root> roots) {
 
 double Tree::close() const { return terms_.close * std::max(smallest_, enough_); }
 
+void Tree::note(int pair, double start, double end, const double* before, const double* after) {
+    if (trail_ == nullptr) return;
+    Leaf leaf{pair, {start, end}};
+    std::copy(before, before + 3, leaf.numbers + 2);
+    std::copy(after, after + 3, leaf.numbers + 5);
+    trail_->push_back(leaf);
+}
+
 std::size_t Tree::place(double s) {
     curve_.at(s, q_.data(), travel_.data());
     return places_.add(s, q_.data(), travel_.data());
@@ -70,10 +81,18 @@ void Tree::drop_far(const std::vector<Span>& spans, std::vector<Root>& roots) {
         const double apart = places_.spheres_apart(pair, middle);
         const double one = places_.pair_motion(pair, k, k, middle);
         const double two = places_.pair_motion(pair, count + k, middle, 2 * count + k);
-        if (apart - one >= wanted && apart - two >= wanted)  // both: what is no number proves nothing
+        if (apart - one >= wanted && apart - two >= wanted) {  // both: what is no number proves nothing
             out_.proven = std::min(out_.proven, apart - std::max(one, two));
-        else
+            if (trail_ == nullptr) continue;
+            const Facing facing = places_.facing(pair, middle);
+            const double* x = facing.x;
+            const double length = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), none[3] = {};
+            const double n[3] = {x[0] / length, x[1] / length, x[2] / length};
+            note(root.pair, spans[k].start, places_.s(middle), none, n);
+            note(root.pair, places_.s(middle), spans[k].end, n, none);
+        } else {
             roots[left++] = root;
+        }
     }
     roots.resize(left);
     places_.clear();
@@ -272,6 +291,7 @@ void Tree::keep() {
         const double bound = std::min(0.5 * (one + two - motion), std::min(one, two));
         if (bound >= wanted) {
             out_.proven = std::min(out_.proven, bound);
+            note(row.pair, places_.s(stretch.left), places_.s(stretch.right), row.before.n, row.after.n);
             continue;
         }
         number[row.stretch] = 0;

@@ -37,9 +37,18 @@ struct Outcome {
     double s = 0.0, gap = 0.0;
 };
 
+// A pair proven on a stretch: from where to where in s, and directions at both ends, from the second piece towards the
+// first in the second's axes; zero where none was needed.
+struct Leaf {
+    int pair;
+    double numbers[8];
+};
+
 class Tree {
   public:
-    Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge);
+    // What is proven is added to ``trail``, if one is given.
+    Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge,
+         std::vector<Leaf>* trail = nullptr);
 
     // Prove the roots; run it once.
     Outcome run(const std::vector<Span>& spans, std::vector<Root> roots);
@@ -69,6 +78,7 @@ class Tree {
     const Terms& terms_;
     double enough_;
     Charge& charge_;
+    std::vector<Leaf>* trail_;
     Places places_;
     Outcome out_;
     double smallest_;
@@ -79,6 +89,7 @@ class Tree {
     const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
     double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }
     double close() const;
+    void note(int pair, double start, double end, const double* before, const double* after);
     std::size_t place(double s);
     void drop_far(const std::vector<Span>& spans, std::vector<Root>& roots);
     bool root(const std::vector<Span>& spans, const std::vector<Root>& roots);

@@ -39,7 +39,8 @@ from planner_service.execute import (
     taken,
 )
 from planner_service.geometry.arrays import FloatArray
-from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.tasks import Segment
 from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, back, raising, robot, service, stopped, there
 from tests.support.command import refused

@@ -11,7 +11,8 @@ import pytest
 from planner_service.certify import certify
 from planner_service.geometry.mesh import Mesh
 from planner_service.planning.request import PlanRequest
-from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.service import PlannerService
 from tests.laws.test_certify_laws import COAL, anywhere, samples

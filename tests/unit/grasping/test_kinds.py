@@ -16,7 +16,8 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping import top_grasps
-from planner_service.records.plan_file import load_task, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import load_task
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import load_scene

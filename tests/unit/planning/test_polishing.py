@@ -47,7 +47,8 @@ from planner_service.optimize.problem import CurveProblem
 from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import BENT, judged, lines
 from planner_service.planning.timing_stage import timed
-from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.view.still.motion_plot import plot_svg
 from tests.integration.test_pins import OTHER_CPU
 from tests.support.optional import present

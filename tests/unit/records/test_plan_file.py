@@ -25,7 +25,8 @@ from planner_service.planners import PLANNERS, RRT, BalancedRRTConnect
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.world import World
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene

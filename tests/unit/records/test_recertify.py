@@ -44,7 +44,8 @@ from planner_service.kinematics.inverse import straight_tool_line
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace
 from planner_service.planning.world import World
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import AllowedContact
 from planner_service.tasks import Segment

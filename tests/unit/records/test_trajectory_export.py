@@ -16,7 +16,8 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
-from planner_service.records.plan_file import SavedPlan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan
 from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place

@@ -40,7 +40,8 @@ from planner_service.certify import Certifier
 from planner_service.cli.commands import app
 from planner_service.collision import Known
 from planner_service.planning import AllowedStretch, Pace
-from planner_service.records.plan_file import SavedPlan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan
 from planner_service.records.result import ResultRecord, result_record
 from planner_service.replanning import Outcome, Replanned
 from planner_service.replanning.splice import HOLD, Underway

@@ -11,7 +11,8 @@ import pytest
 
 from planner_service import InvalidRequest, PlannerService, PlanRequest, PlanResult, Reason, RRTConnect, Stage
 from planner_service.planners import PLANNERS, BITstar
-from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.records.result import result_record
 from planner_service.search.trace import Trace
 from tests.support.optional import present

@@ -29,7 +29,8 @@ from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
 from planner_service.constraints import JointRange, KeepUpright, ToolRegion
 from planner_service.planning.result import Reason
-from planner_service.records.plan_file import SavedTask, load_plan_or_task, load_task, save_plan
+from planner_service.records.evidence import save_plan
+from planner_service.records.plan_file import SavedTask, load_plan_or_task, load_task
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place

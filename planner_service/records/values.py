@@ -1,4 +1,4 @@
-"""Constraints as JSON objects."""
+"""Poses and constraints as JSON objects, and records that say by their kind what they are."""
 
 from __future__ import annotations
 
@@ -7,15 +7,32 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, ValidationInfo
+from pydantic import BeforeValidator, Discriminator, Field, ValidationInfo
 
 from planner_service.constraints.values import MAX_CONSTRAINTS, JointRange, ToolRegion
-from planner_service.files.schema import Reading, Record, Text, at_most, of_length
-from planner_service.records.pose import KindRecord, PoseRecord
+from planner_service.files.schema import Reading, Record, Text, Vector3, Vector4, at_most, of_length
+from planner_service.geometry.shapes import Pose
 
-__all__ = ["Constraints"]
+__all__ = ["Constraints", "KindRecord", "PoseRecord"]
 
 Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no bound")]
+
+
+class PoseRecord(Record):
+    """A ``Pose``."""
+
+    makes = Pose
+
+    position: Vector3
+    quaternion: Vector4 = Field(alias="quaternion_wxyz")
+
+
+class KindRecord(Record):
+    """One of several kinds of value; ``kind`` says which."""
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        return {name: value for name, value in super().arguments.items() if name != "kind"}
 
 
 class RegionRecord(KindRecord):

@@ -1,0 +1,180 @@
+"""Plan files with evidence: the trail of each proof, for a verifier that shares no code with this package.
+
+The section ``evidence`` of a file says for each motion, and for each opening and closing of the gripper, on which
+stretches of its curve which pieces are apart, and along which directions one sees it. ``auditor/verify.py`` checks that
+with arithmetic of its own and searches for nothing; ``docs/reference/evidence.md`` describes the format.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import zlib
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.certify import Certificate, Trail
+from planner_service.certify.motion_bounds import Motion
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.composite import HeightField, PointCloud
+from planner_service.geometry.shapes import Box
+from planner_service.planning.result import PlanResult
+from planner_service.records.plan_file import SavedPlan, SavedTask
+from planner_service.records.recertify import ProvenMotion, Recertified, recertify
+from planner_service.records.result import certificate_record
+from planner_service.tasks.result import TaskResult
+
+__all__ = ["EVIDENCE", "save_plan", "with_evidence"]
+
+EVIDENCE = "evidence"
+"""The section's name."""
+
+VERSION = 1
+
+UNIT = 2**30
+"""Directions are written in whole parts of this: a bound changes by some nanometres."""
+
+
+def with_evidence(plan: SavedPlan | SavedTask) -> SavedPlan | SavedTask:
+    """The same plan or task, proven anew, with these proofs as its certificates and their trails as evidence.
+
+    Raises:
+        NotProven: it cannot be proven; pairs that it was made with as ``allowed`` are allowed.
+        InvalidRequest: it is no plan but a failure.
+    """
+    proven = recertify(plan, allowed=plan.allowed, padding=_padding(plan), tracing=True).required()
+    certificates = [motion.certificate for motion in proven.motions]
+    if isinstance(plan, SavedPlan):
+        plan = replace(plan, result=replace(plan.result, certificate=certificates[0]))
+    else:
+        results = [replace(s.result, certificate=c) for s, c in zip(plan.segments, certificates, strict=True)]
+        segments = [replace(s, result=result) for s, result in zip(plan.segments, results, strict=True)]
+        plan = replace(plan, segments=tuple(segments))
+    document = plan.document()
+    section = {
+        "version": VERSION,
+        "robot": _digest(document["robot"]),
+        "scene": _digest(document["scene"]),
+        "boxes": dict(_boxes(proven)),
+        "proofs": [proof for k, motion in enumerate(proven.motions) for proof in _proofs(k, motion)],
+    }
+    return replace(plan, sections={**plan.sections, EVIDENCE: section})
+
+
+def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str | os.PathLike[str]) -> None:
+    """Write a plan or a task, or the failure that is in their place; the file is there whole or not at all.
+
+    If its request says so and it has no evidence yet, it gets some.
+
+    Raises:
+        InvalidRequest: a result from a file or another process, which does not know its world, or a value that
+            cannot be written.
+        NotProven: it should get evidence and cannot be proven.
+        InvalidFile: it cannot be written.
+    """
+    if isinstance(plan, PlanResult):
+        plan = SavedPlan.of(plan)
+    elif isinstance(plan, TaskResult):
+        plan = SavedTask.of(plan)
+    elif not isinstance(plan, SavedPlan | SavedTask):
+        raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
+    if plan.request is not None and plan.request.evidence and EVIDENCE not in plan.sections and _ok(plan):
+        plan = with_evidence(plan)
+    plan.save(path)
+
+
+def _ok(plan: SavedPlan | SavedTask) -> bool:
+    return plan.failure is None if isinstance(plan, SavedTask) else plan.result.ok
+
+
+def _padding(plan: SavedPlan | SavedTask) -> float:
+    """The padding with which all of it was proven."""
+    results = [plan.result] if isinstance(plan, SavedPlan) else [segment.result for segment in plan.segments]
+    return min((result.certificate.padding for result in results if result.certificate is not None), default=0.0)
+
+
+def _digest(record: dict[str, Any]) -> str:
+    """SHA-256 of a record, in hex."""
+    return hashlib.sha256(json.dumps(record, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _proofs(number: int, proven: ProvenMotion) -> Iterator[dict[str, Any]]:
+    """The trails of the gripper's motion before a motion, if there is one, and of the motion."""
+    motion, trails = proven.motion, proven.trails
+    if proven.gripper is not None:
+        gripper = proven.gripper
+        yield {"motion": number, "gripper": [gripper.start, gripper.end], **_trail(trails[1], gripper.certificate)}
+    width = motion.robot.gripper_width
+    yield {"motion": number, "gripper": [width, width], **_trail(trails[0], proven.certificate)}
+
+
+def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
+    """What a proof rests on: its claim, and the table of stretches.
+
+    A row is a pair, the numbers of the places where its stretch begins and ends, and the directions there.
+    """
+    if trail.motion is None or trail.path is None:
+        raise AssertionError("a proof fills in its trail")
+    motion, leaves = trail.motion, trail.leaves
+    s, ends = np.unique(leaves[:, 1:3], return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    used, pair = np.unique(leaves[:, 0].astype(np.int64), return_inverse=True)
+    rotations = _rotations(motion, trail.path(s))
+    second = motion.second[leaves[:, 0].astype(np.int64)]
+    directions = [_in_base(leaves[:, 3 * k + 3 : 3 * k + 6], rotations, second, ends[:, k]) for k in (0, 1)]
+    rows = np.column_stack([pair, ends, *(np.rint(n * UNIT).astype(np.int64) for n in directions)])
+    claim = certificate_record(certificate)
+    return {
+        **{name: claim[name] for name in ("clearance", "padding", "exempt", "part")},
+        "s": _packed(s, "<f8"),
+        "pairs": _packed(np.array([_pieces(motion, k) for k in used.tolist()]).reshape(-1, 3), "<i4"),
+        "rows": _packed(rows, "<i4"),
+    }
+
+
+def _rotations(motion: Motion, Q: FloatArray) -> FloatArray:
+    """Which way the pieces that ride stand at configurations Q (m, n), (m, riding, 3, 3); then those that do not."""
+    poses, _ = motion.nodes(Q)
+    riding = poses[:, :3].reshape(3, 3, len(Q), motion.riding).transpose(2, 3, 0, 1)
+    fixed = np.broadcast_to(motion.fixed[:, :3].transpose(2, 0, 1), (len(Q), motion.fixed.shape[2], 3, 3))
+    return np.concatenate([riding, fixed], axis=1)
+
+
+def _in_base(n: FloatArray, rotations: FloatArray, piece: NDArray[np.intp], node: NDArray[np.intp]) -> FloatArray:
+    """Directions (k, 3) in the axes of pieces at nodes, in those of the base."""
+    return np.asarray(np.einsum("kij,kj->ki", rotations[node, piece], n))
+
+
+def _pieces(motion: Motion, pair: int) -> tuple[int, int, int]:
+    """The pieces of a pair: the first, and where those of the second begin and how many follow each other."""
+    low = high = pair
+    while motion.children[low, 1]:
+        low = int(motion.children[low, 0])
+    while motion.children[high, 1]:
+        high = int(motion.children[high].sum()) - 1
+    begin = int(motion.second[low])
+    return int(motion.first[pair]), begin, int(motion.second[high]) - begin + 1
+
+
+def _boxes(proven: Recertified) -> Iterator[tuple[str, str]]:
+    """The boxes that make up each cloud and height field, lower corners and upper ones in its own axes."""
+    for motion in proven.motions:
+        scene = motion.motion.scene
+        for name, solid in [(item.name, item.shape) for items in (scene.obstacles, scene.attached) for item in items]:
+            if isinstance(solid, PointCloud | HeightField):
+                parts = solid.pieces
+                half = np.array([box.half for box in parts.shapes if isinstance(box, Box)])
+                centre = parts.frames[:, :3, 3]
+                yield name, _packed(np.column_stack([centre - half, centre + half]), "<f8")
+
+
+def _packed(array: NDArray[Any], kind: str) -> str:
+    """The bytes of an array, compressed, as base64."""
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(array).astype(kind).tobytes(), 9)).decode("ascii")

@@ -1,0 +1,332 @@
+"""Evidence in plan files, judged by ``auditor/verify.py``: nothing else of the package, nor any library but numpy."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auditor.verify import Invalid, verify
+from planner_service import (
+    Box,
+    HeightField,
+    InvalidRequest,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    PointCloud,
+    Pose,
+    Scene,
+    load_robot,
+    load_scene,
+)
+from planner_service.certify import Certifier, Trail
+from planner_service.constraints import KeepUpright
+from planner_service.records.evidence import with_evidence
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan
+from planner_service.tasks.pick_place import plan_pick_place
+
+Document = dict[str, Any]
+
+WALL = Obstacle("wall", Box((0.02, 0.3, 0.3)), Pose((0.35, 0.25, 0.2)))
+
+
+def planned(scene: Scene, robot: str = "wxai", start: str = "home", goal: str = "ready", **asked: Any) -> SavedPlan:
+    arm = load_robot(robot)
+    poses = dict(arm.named_poses)
+    result = PlannerService(arm, scene).plan(PlanRequest(poses[start], poses[goal], time_limit=None, **asked))
+    return SavedPlan.of(result)
+
+
+def document(plan: SavedPlan | SavedTask) -> Document:
+    """What a file of it with evidence holds, as one that only knows JSON sees it."""
+    content: Document = json.loads(with_evidence(plan).file_text())
+    return content
+
+
+@pytest.fixture(scope="module")
+def plain() -> Document:
+    return document(planned(Scene((WALL,))))
+
+
+@pytest.fixture(scope="module")
+def task() -> SavedTask:
+    service = PlannerService("wxai", load_scene("bin"))
+    home = service.robot.home
+    return SavedTask.of(plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home), upright=0.3))
+
+
+def shown(document: Document) -> list[str]:
+    return list(verify(document))
+
+
+def test_the_clearance_that_the_trail_shows_is_the_one_of_the_certificate(plain: Document) -> None:
+    claimed = plain["result"]["certificate"]["clearance"]
+    (line,) = [line for line in shown(plain) if line.startswith("motion")]
+    assert float(line.split()[1]) == pytest.approx(1e3 * claimed, abs=2e-4)
+
+
+@pytest.mark.slow
+def test_a_whole_task_is_shown_with_what_it_carries_keeps_and_opens(task: SavedTask) -> None:
+    lines = shown(document(task))
+    assert sum(line.startswith("gripper before") for line in lines) == 3
+    assert sum("2 constraints kept" in line for line in lines) == 3
+    assert any("not judged" in line and "blue_block" in line for line in lines)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["ur5", "panda", "kinova_gripper", "wxai_dual", "planar2"])
+def test_other_arms_are_shown_too(robot: str) -> None:
+    arm = load_robot(robot)
+    far = Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((0.0, 0.0, 3.0)))
+    service = PlannerService(arm, Scene((far,)))
+    generator, ends = np.random.default_rng(5), list[Any]()
+    while len(ends) < 2:
+        q = generator.uniform(arm.limits.lower, arm.limits.upper)
+        if service.checker.state_is_free(q):
+            ends.append(q)
+    shown(document(SavedPlan.of(service.plan(PlanRequest(ends[0], ends[1], time_limit=None)))))
+
+
+@pytest.mark.parametrize("solid", ["cloud", "heights"])
+def test_clouds_and_height_fields_are_shown_by_boxes_that_hold_them(solid: str) -> None:
+    generator = np.random.default_rng(2)
+    shape = (
+        PointCloud(generator.uniform(-0.1, 0.1, (2_000, 3)), 0.01)
+        if solid == "cloud"
+        else HeightField(generator.uniform(0.05, 0.15, (20, 20)), 0.02)
+    )
+    found = document(planned(Scene((Obstacle("thing", shape, Pose((0.4, -0.4, 0.1))),))))
+    shown(found)
+    boxes = array(found["sections"]["evidence"]["boxes"]["thing"], "<f8", 6)
+    found["sections"]["evidence"]["boxes"]["thing"] = packed(boxes[1:], "<f8")
+    with pytest.raises(Invalid, match="leave some of it out"):
+        shown(found)
+
+
+def test_it_runs_with_numpy_alone(plain: Document, tmp_path: Path) -> None:
+    """Whatever else is installed cannot be imported: the file is run by itself, and all others are refused."""
+    (tmp_path / "plan.json").write_text(json.dumps(plain))
+    code = f"""
+import runpy, sys
+class Refused:
+    def find_spec(self, name, path=None, target=None):
+        own = name.partition(".")[0]
+        if own != "numpy" and own not in sys.stdlib_module_names:
+            raise ImportError(name)
+sys.meta_path.insert(0, Refused())
+sys.argv[1:] = [{str(tmp_path / "plan.json")!r}]
+runpy.run_path({str(Path(__file__).parents[3] / "auditor" / "verify.py")!r}, run_name="__main__")
+"""
+    done = subprocess.run([sys.executable, "-I", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "VALID"
+
+
+def test_a_plan_that_was_asked_for_with_evidence_is_saved_with_it(tmp_path: Path) -> None:
+    plan = planned(Scene((WALL,)), evidence=True)
+    plan.result.save(tmp_path / "plan.json")
+    found = json.loads((tmp_path / "plan.json").read_text())
+    assert shown(found)
+    read = load_plan(tmp_path / "plan.json")
+    assert read.request is not None
+    assert read.request.evidence
+    read.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "plan.json").read_bytes()
+    with pytest.raises(InvalidRequest, match="evidence"):
+        planned(Scene(), evidence=1)
+
+
+def test_both_provers_leave_the_same_trail() -> None:
+    robot = load_robot("wxai")
+    cloud = Obstacle("cloud", PointCloud(np.random.default_rng(1).uniform(0.2, 0.4, (900, 3)), 0.02))
+    path = planned(Scene((WALL, cloud))).result.unwrap()[0]
+    trails = []
+    for backend in ("native", "numpy"):
+        trails.append(Trail())
+        try:
+            certifier = Certifier(robot, Scene((WALL, cloud)), backend=backend)
+        except InvalidRequest:
+            pytest.skip("the compiled proof was not built")
+        assert certifier.certify(path, trail=trails[-1]).certified
+    assert trails[0].leaves.tobytes() == trails[1].leaves.tobytes()
+
+
+# Forgeries: their author works out every digest anew.
+
+
+def array(text: str, kind: str, columns: int) -> Any:
+    return np.frombuffer(zlib.decompress(base64.b64decode(text)), kind).reshape(-1, columns).copy()
+
+
+def packed(table: Any, kind: str) -> str:
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(table).astype(kind).tobytes())).decode()
+
+
+def forged(plain: Document, change: Callable[[Document, Document], None]) -> Document:
+    """A copy that is changed, file and proof, with its digests made right."""
+    copy = deepcopy(plain)
+    section = copy["sections"]["evidence"]
+    change(copy, section["proofs"][0])
+    for part in ("robot", "scene"):
+        text = json.dumps(copy[part], sort_keys=True, separators=(",", ":"))
+        section[part] = hashlib.sha256(text.encode()).hexdigest()
+    return copy
+
+
+def rows(proof: Document, change: Callable[[Any], Any]) -> None:
+    proof["rows"] = packed(change(array(proof["rows"], "<i4", 9)), "<i4")
+
+
+def at_wall(copy: Document, proof: Document) -> None:
+    copy["scene"]["obstacles"][0]["shape"]["size"] = [0.2, 0.3, 0.8]
+
+
+def nearer(copy: Document, proof: Document) -> None:
+    copy["scene"]["obstacles"][0]["pose"]["position"][0] -= 0.1
+
+
+def through(copy: Document, proof: Document) -> None:
+    copy["result"]["path"]["waypoints"][-1][0] += 0.5
+
+
+def raised(copy: Document, proof: Document) -> None:
+    for claim in (proof, copy["result"]["certificate"]):
+        claim["clearance"] += 2e-5
+
+
+def only_in_the_certificate(copy: Document, proof: Document) -> None:
+    copy["result"]["certificate"]["clearance"] += 1e-3
+
+
+def dropped(copy: Document, proof: Document) -> None:
+    rows(proof, lambda table: table[table[:, 0] != table[5, 0]])
+
+
+def shortened(copy: Document, proof: Document) -> None:
+    def cut(table: Any) -> Any:
+        table[table[:, 2] > 0, 2] -= 1
+        return table[table[:, 1] < table[:, 2]]
+
+    rows(proof, cut)
+
+
+def stretched(copy: Document, proof: Document) -> None:
+    def whole(table: Any) -> Any:
+        last = table[:, 1:3].max()
+        table[:, 1], table[:, 2] = 0, last
+        return table
+
+    rows(proof, whole)
+
+
+def long_directions(copy: Document, proof: Document) -> None:
+    def doubled(table: Any) -> Any:
+        table[:, 3:] = np.clip(table[:, 3:] * 1.5, -(2**31), 2**31 - 1)
+        return table
+
+    rows(proof, doubled)
+
+
+def turned_directions(copy: Document, proof: Document) -> None:
+    rows(proof, lambda table: np.column_stack([table[:, :3], -table[:, 3:]]))
+
+
+def beyond_a_limit(copy: Document, proof: Document) -> None:
+    copy["robot"]["limits"]["upper"][1] = max(point[1] for point in copy["result"]["path"]["waypoints"]) - 0.01
+
+
+def larger_link(copy: Document, proof: Document) -> None:
+    for shape in copy["robot"]["shapes"]:
+        if shape["shape"]["kind"] == "box":
+            shape["shape"]["size"] = [3 * x for x in shape["shape"]["size"]]
+        elif "radius" in shape["shape"]:
+            shape["shape"]["radius"] *= 3
+
+
+def another_wall(copy: Document, proof: Document) -> None:
+    copy["scene"]["obstacles"].append({**deepcopy(copy["scene"]["obstacles"][0]), "name": "second"})
+
+
+def hung_elsewhere(copy: Document, proof: Document) -> None:
+    copy["robot"]["bodies"][3]["parent"] = -1
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (at_wall, "wall"),
+        (nearer, "wall"),
+        (through, "s ="),
+        (raised, "claimed"),
+        (only_in_the_certificate, "claims something else"),
+        (dropped, "nothing is shown|does not reach"),
+        (shortened, "nothing is shown|does not reach"),
+        (stretched, "are shown"),
+        (long_directions, "unit vector"),
+        (turned_directions, "are shown"),
+        (beyond_a_limit, "limits"),
+        (larger_link, "x"),
+        (another_wall, "second"),
+        (hung_elsewhere, "parent"),
+    ],
+)
+def test_a_forgery_is_refused(plain: Document, change: Callable[[Document, Document], None], why: str) -> None:
+    with pytest.raises(Invalid, match=why):
+        shown(forged(plain, change))
+
+
+def test_an_exemption_that_is_added_is_told(plain: Document) -> None:
+    def exempt(copy: Document, proof: Document) -> None:
+        for claim in (proof, copy["result"]["certificate"]):
+            claim["exempt"].append({"s_start": 0.0, "s_end": 9.0, "pairs": [["link_5", "wall"]], "reason": "trust me"})
+        at_wall(copy, proof)
+        dropped(copy, proof)
+
+    with pytest.raises(Invalid):
+        shown(forged(plain, exempt))
+
+    def alone(copy: Document, proof: Document) -> None:
+        for claim in (proof, copy["result"]["certificate"]):
+            claim["exempt"].append({"s_start": 0.0, "s_end": 9.0, "pairs": [["link_5", "wall"]], "reason": "trust me"})
+
+    assert any("trust me" in line for line in shown(forged(plain, alone)))
+
+
+def test_a_constraint_that_is_not_kept_is_refused() -> None:
+    plan = planned(Scene((WALL,)))
+    robot = plan.robot
+    tilted = KeepUpright((0.0, 0.0, 1.0), 1e-3)
+    ask = present(plan.request)
+    copy = document(plan)
+    copy["request"] = json.loads(SavedPlan(plan.begin, replace(ask, constraints=(tilted,)), plan.result).file_text())[
+        "request"
+    ]
+    assert robot.n == 6
+    with pytest.raises(Invalid, match="not kept"):
+        shown(copy)
+
+
+def present(request: PlanRequest | None) -> PlanRequest:
+    assert request is not None
+    return request
+
+
+def test_a_file_without_evidence_proves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from auditor.verify import main
+
+    planned(Scene((WALL,))).save(tmp_path / "plan.json")
+    for name in ("plan.json", "none.json"):
+        assert main([str(tmp_path / name)]) == 1
+        assert capsys.readouterr().out.startswith("INVALID: not a plan file with evidence")
