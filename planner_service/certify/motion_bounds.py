@@ -105,8 +105,15 @@ class _Arm:
             from the axes that move it, its own body's first, then inwards, (m, depth, riding).
         """
         bodies = self._body_poses(q)
-        poses = _composed(bodies[..., self.body], self.local)
+        poses = self._poses(bodies)
         return poses.reshape(3, 4, -1), self._radii(bodies, poses)
+
+    def poses(self, q: FloatArray) -> FloatArray:
+        """World poses of the riding pieces at configurations q (m, n), (3, 4, m, riding)."""
+        return self._poses(self._body_poses(q))
+
+    def _poses(self, bodies: FloatArray) -> FloatArray:
+        return _composed(bodies[..., self.body], self.local)
 
     def _body_poses(self, q: FloatArray) -> FloatArray:
         """World poses (3, 4, m, bodies)."""
@@ -236,6 +243,10 @@ class Motion:
         corners = [] if every.hulls is None else every.hulls.clouds()
         bodies, links = arm.tables
         return self.n, bodies, pieces, self.riding, links, pairs, corners, self.limits
+
+    def poses(self, q: FloatArray) -> FloatArray:
+        """As ``_Arm.poses``."""
+        return self._arm.poses(q)
 
     def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``_Arm.nodes``."""

@@ -31,12 +31,15 @@ from planner_service.records.recertify import ProvenMotion, Recertified, recerti
 from planner_service.records.result import certificate_record
 from planner_service.tasks.result import TaskResult
 
-__all__ = ["EVIDENCE", "save_plan", "with_evidence"]
+__all__ = ["EVIDENCE", "packed", "save_plan", "with_evidence"]
 
 EVIDENCE = "evidence"
 """The section's name."""
 
 VERSION = 1
+
+FASTEST = 1
+"""Of zlib's levels: the best makes a trail a tenth smaller and takes longer than the proof."""
 
 UNIT = 2**30
 """Directions are written in whole parts of this: a bound changes by some nanometres."""
@@ -133,16 +136,15 @@ def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
     claim = certificate_record(certificate)
     return {
         **{name: claim[name] for name in ("clearance", "padding", "exempt", "part")},
-        "s": _packed(s, "<f8"),
-        "pairs": _packed(np.array([_pieces(motion, k) for k in used.tolist()]).reshape(-1, 3), "<i4"),
-        "rows": _packed(rows, "<i4"),
+        "s": packed(s, "<f8"),
+        "pairs": packed(np.array([_pieces(motion, k) for k in used.tolist()]).reshape(-1, 3), "<i4"),
+        "rows": packed(rows, "<i4"),
     }
 
 
 def _rotations(motion: Motion, Q: FloatArray) -> FloatArray:
     """Which way the pieces that ride stand at configurations Q (m, n), (m, riding, 3, 3); then those that do not."""
-    poses, _ = motion.nodes(Q)
-    riding = poses[:, :3].reshape(3, 3, len(Q), motion.riding).transpose(2, 3, 0, 1)
+    riding = motion.poses(Q)[:, :3].transpose(2, 3, 0, 1)
     fixed = np.broadcast_to(motion.fixed[:, :3].transpose(2, 0, 1), (len(Q), motion.fixed.shape[2], 3, 3))
     return np.concatenate([riding, fixed], axis=1)
 
@@ -172,9 +174,9 @@ def _boxes(proven: Recertified) -> Iterator[tuple[str, str]]:
                 parts = solid.pieces
                 half = np.array([box.half for box in parts.shapes if isinstance(box, Box)])
                 centre = parts.frames[:, :3, 3]
-                yield name, _packed(np.column_stack([centre - half, centre + half]), "<f8")
+                yield name, packed(np.column_stack([centre - half, centre + half]), "<f8")
 
 
-def _packed(array: NDArray[Any], kind: str) -> str:
+def packed(array: NDArray[Any], kind: str) -> str:
     """The bytes of an array, compressed, as base64."""
-    return base64.b64encode(zlib.compress(np.ascontiguousarray(array).astype(kind).tobytes(), 9)).decode("ascii")
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(array).astype(kind).tobytes(), FASTEST)).decode("ascii")

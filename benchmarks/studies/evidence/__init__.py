@@ -1,0 +1,23 @@
+"""Proofs that others can check: trails, forgeries of them, and answers where there is no plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from benchmarks.harness.report import Report, merged
+from benchmarks.studies.evidence import forgeries, trails
+
+__all__ = ["run"]
+
+PARTS: dict[str, Callable[[int | None, int], Report]] = {"trails": trails.run, "forgeries": forgeries.run}
+
+
+def run(part: str | None = None, queries: int | None = None, seed: int = 0) -> Report:
+    """Measure a part, or all.
+
+    Args:
+        part: ``trails`` or ``forgeries``.
+        queries: How many plans or forgeries; as many as the part promises if None.
+        seed: Of what is drawn.
+    """
+    return merged("evidence", [PARTS[name](queries, seed) for name in PARTS if part in (None, name)])

@@ -1,0 +1,282 @@
+"""Forged evidence: plan files whose author changed them and worked out every digest anew.
+
+A forgery says something false if a sample of its curve contradicts it: FCL finds a collision there, or a joint is
+outside its limits. Such a one must be refused, and for what was changed. Where one is accepted Coal looks, too, for
+anything that is nearer than the clearance that it claims.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from auditor.verify import Invalid, digest, unpacked, verify
+from benchmarks.harness.audit import independent
+from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
+from benchmarks.studies.evidence.worlds import plans
+from planner_service import Box, CollisionChecker, Cylinder, Obstacle, PlannerService, Pose, Scene, Sphere
+from planner_service.errors import InvalidRequest
+from planner_service.path.joint_path import JointPath
+from planner_service.records.evidence import EVIDENCE, packed, with_evidence
+from planner_service.records.plan_file import SavedPlan
+from planner_service.records.scene import SceneRecord
+
+__all__ = ["run"]
+
+FORGERIES = 10_000
+PLANS = 50
+"""That are forged."""
+
+MOST_CLEARANCE = 0.05
+"""Metres: what is worth forging."""
+
+SAMPLES, AUDITED = 4_000, 200
+"""Along a curve: by the compiled checker, and by Coal of forgeries that were accepted."""
+
+MARGIN = 5e-6
+"""Metres by which one of Coal's gaps must be smaller than what is claimed to contradict it: these err by micrometres."""
+
+Document = dict[str, Any]
+
+
+class _Forger:
+    """Changes to one plan with evidence; ``scene`` and ``path`` are what the changed file says."""
+
+    def __init__(self, service: PlannerService, plan: SavedPlan, chance: random.Random) -> None:
+        self.service, self.chance = service, chance
+        self.document: Document = json.loads(with_evidence(plan).file_text())
+        self.scene, self.path = service.scene, plan.result.unwrap()[0]
+        self.section: Document = self.document["sections"][EVIDENCE]
+        (self.proof,) = self.section["proofs"]
+        self.changed = ""  # the object that was changed, if one was
+
+    @property
+    def claimed(self) -> float:
+        clearance = self.proof["clearance"]
+        return math.inf if clearance is None else float(clearance)
+
+    def sealed(self) -> Document:
+        """The file with its digests made right."""
+        for part in ("robot", "scene"):
+            self.section[part] = digest(self.document[part])
+        return self.document
+
+    def put(self, scene: Scene) -> None:
+        self.scene = scene
+        self.document["scene"] = SceneRecord.of(scene).document()
+
+    def rows(self) -> Any:
+        return unpacked(self.proof["rows"], "<i4", 9).copy()
+
+    def put_rows(self, rows: Any) -> None:
+        self.proof["rows"] = packed(rows, "<i4")
+
+    def claim(self, **values: Any) -> None:
+        for record in (self.proof, self.document["result"]["certificate"]):
+            record.update(values)
+
+    # Kinds of forgeries.
+
+    def moved_obstacle(self) -> None:
+        one = self.chance.choice(self.scene.obstacles)
+        x, y, z = (p + self.chance.gauss(0.0, 0.05) for p in one.pose.position)
+        self.changed = one.name
+        moved = replace(one, pose=Pose((x, y, z), one.pose.quaternion))
+        self.put(replace(self.scene, obstacles=tuple(moved if o is one else o for o in self.scene.obstacles)))
+
+    def larger_obstacle(self) -> None:
+        one, more = self.chance.choice(self.scene.obstacles), 1.0 + abs(self.chance.gauss(0.0, 0.5))
+        shape: Any = one.shape
+        if isinstance(shape, Box):
+            shape = Box(tuple(more * x for x in shape.size))  # type: ignore[arg-type]
+        elif isinstance(shape, Sphere):
+            shape = Sphere(more * shape.radius)
+        else:
+            shape = replace(shape, radius=more * shape.radius)
+        self.changed = one.name
+        grown = replace(one, shape=shape)
+        self.put(replace(self.scene, obstacles=tuple(grown if o is one else o for o in self.scene.obstacles)))
+
+    def added_obstacle(self) -> None:
+        s = self.chance.uniform(0.0, self.path.length)
+        at = self.service.robot.tool_pose(self.path(s))[:3, 3].tolist()
+        x, y, z = (v + self.chance.gauss(0.0, 0.15) for v in at)
+        shape = self.chance.choice((Box((0.04, 0.04, 0.04)), Sphere(0.03), Cylinder(0.02, 0.05)))
+        self.changed = "another"
+        self.put(self.scene.with_obstacle(Obstacle("another", shape, Pose((x, y, z)))))
+
+    def dropped_obstacle(self) -> None:
+        """What is in the trail is renumbered by that: the rest of it belongs to other pieces."""
+        one = self.chance.choice(self.scene.obstacles)
+        self.put(replace(self.scene, obstacles=tuple(o for o in self.scene.obstacles if o is not one)))
+
+    def moved_waypoint(self) -> None:
+        points, k = self.path.waypoints.copy(), self.chance.randrange(len(self.path.waypoints))
+        points[k] += np.array([self.chance.gauss(0.0, 0.1) for _ in points[k]])
+        self.put_path(points)
+
+    def cut_corner(self) -> None:
+        points = self.path.waypoints
+        keep = np.ones(len(points), dtype=bool)
+        if len(points) > 2:
+            keep[self.chance.randrange(1, len(points) - 1)] = False
+        self.put_path(points[keep])
+
+    def put_path(self, points: Any) -> None:
+        try:
+            self.path = JointPath(points)
+        except InvalidRequest:
+            return
+        record = {"length": self.path.length, "waypoints": points.tolist(), "blends": [0.0] * len(points)}
+        self.document["result"]["path"] = record
+        s = unpacked(self.proof["s"], "<f8", 1)[:, 0]
+        self.proof["s"] = packed(s * (self.path.length / s[-1]) if s[-1] > 0.0 else s, "<f8")
+
+    def raised_claim(self) -> None:
+        if math.isfinite(self.claimed):
+            self.claim(clearance=self.claimed + 10.0 ** self.chance.uniform(-7.0, -2.0))
+
+    def raised_certificate(self) -> None:
+        """In the certificate alone."""
+        certificate = self.document["result"]["certificate"]
+        certificate["clearance"] = self.claimed + 10.0 ** self.chance.uniform(-7.0, -2.0)
+
+    def narrowed_limits(self) -> None:
+        limits, joint = self.document["robot"]["limits"], self.chance.randrange(self.path.n)
+        values = self.path.waypoints[:, joint]
+        limits["upper"][joint] = float(self.chance.uniform(values.min(), values.max() + 0.1))
+
+    def dropped_rows(self) -> None:
+        rows = self.rows()
+        keep = np.array([self.chance.random() > 0.02 for _ in rows])
+        self.put_rows(rows[keep])
+
+    def dropped_pair(self) -> None:
+        rows = self.rows()
+        self.put_rows(rows[rows[:, 0] != self.chance.choice(rows[:, 0].tolist())])
+
+    def stretched(self) -> None:
+        rows = self.rows()
+        k = self.chance.randrange(len(rows))
+        rows[k, 2] = min(rows[k, 2] + self.chance.randint(1, 9), rows[:, 2].max())
+        others = (rows[:, 0] == rows[k, 0]) & (rows[:, 1] < rows[k, 2]) & (rows[:, 1] >= rows[k, 1])
+        others[k] = False
+        self.put_rows(rows[~others])
+
+    def turned_direction(self) -> None:
+        rows = self.rows()
+        k = self.chance.randrange(len(rows))
+        off = np.array([self.chance.gauss(0.0, 0.5) for _ in range(6)])
+        n = (rows[k, 3:] / 2.0**30 + off).reshape(2, 3)
+        rows[k, 3:] = np.rint(n / np.linalg.norm(n, axis=1)[:, None] * 2**30).ravel()
+        self.put_rows(rows)
+
+    def long_direction(self) -> None:
+        rows = self.rows()
+        k = self.chance.randrange(len(rows))
+        rows[k, 3:] = np.clip(rows[k, 3:] * self.chance.uniform(1.001, 1.9), -(2**31), 2**31 - 1)
+        self.put_rows(rows)
+
+    def other_pair(self) -> None:
+        pairs = unpacked(self.proof["pairs"], "<i4", 3).copy()
+        k, column = self.chance.randrange(len(pairs)), self.chance.randrange(3)
+        pairs[k, column] += self.chance.choice((-1, 1))
+        self.proof["pairs"] = packed(pairs, "<i4")
+
+    def moved_places(self) -> None:
+        s = unpacked(self.proof["s"], "<f8", 1)[:, 0].copy()
+        k = self.chance.randrange(len(s))
+        s[k] += self.chance.gauss(0.0, 0.02)
+        self.proof["s"] = packed(np.sort(np.clip(s, 0.0, s.max())), "<f8")
+
+
+KINDS: tuple[Callable[[_Forger], None], ...] = (
+    *(_Forger.moved_obstacle, _Forger.larger_obstacle, _Forger.added_obstacle, _Forger.dropped_obstacle),
+    *(_Forger.moved_waypoint, _Forger.cut_corner, _Forger.raised_claim, _Forger.raised_certificate),
+    *(_Forger.narrowed_limits, _Forger.dropped_rows, _Forger.dropped_pair, _Forger.stretched),
+    *(_Forger.turned_direction, _Forger.long_direction, _Forger.other_pair, _Forger.moved_places),
+)
+
+
+def run(queries: int | None, seed: int) -> Report:
+    """Judge so many forgeries, of all kinds in turn."""
+    rows = tuple(_forged(queries or FORGERIES, seed))
+    accepted_false = [row for row in rows if row["accepted"] and row["false"]]
+    false = [row for row in rows if row["false"]]
+    elsewhere = [row for row in false if not row["accepted"] and not row["concerned"]]
+    promises = (
+        Promise(f"no false claim of {len(false):,} is accepted", f"{len(accepted_false)} are", not accepted_false),
+        Promise("each is refused where it is false", f"{len(elsewhere)} elsewhere", not elsewhere),
+    )
+    return Report("evidence", rows, (_table(rows),), promises)
+
+
+def _forged(count: int, seed: int) -> Iterator[Row]:
+    chance = random.Random(f"forgeries {seed}")
+    found = ((name, service, plan) for name, service, plan in plans(10 * PLANS, seed) if _usable(plan))
+    bases = list(islice(found, PLANS))
+    for number in range(count):
+        _, service, plan = bases[number % len(bases)]
+        kind = KINDS[(number // len(bases)) % len(KINDS)]
+        forger = _Forger(service, plan, chance)
+        kind(forger)
+        yield _judged(kind.__name__, forger)
+
+
+def _usable(plan: SavedPlan) -> bool:
+    certificate = plan.result.certificate
+    return certificate is not None and certificate.clearance < MOST_CLEARANCE and not certificate.kept
+
+
+def _judged(kind: str, forger: _Forger) -> Row:
+    document = forger.sealed()
+    try:
+        list(verify(document))
+        why = ""
+    except Invalid as refused:
+        why = str(refused)
+    contradiction = _contradiction(forger, audited=not why)
+    concerned = forger.changed in why or "joint leaves" in why
+    return {"kind": kind, "accepted": not why, "false": contradiction, "concerned": concerned, "why": why[:120]}
+
+
+def _contradiction(forger: _Forger, *, audited: bool) -> bool:
+    """Whether a sample of the curve contradicts what is claimed."""
+    robot, limits, path = forger.service.robot, forger.document["robot"]["limits"], forger.path
+    points, bounds = path.waypoints, np.array([limits["lower"], limits["upper"]])
+    if not ((points >= bounds[0] - 1e-9) & (points <= bounds[1] + 1e-9)).all():
+        return True
+    checker = CollisionChecker(robot, forger.scene)
+    if not checker.states_are_free(path(np.linspace(0.0, path.length, SAMPLES))).all():
+        return True
+    claimed = forger.document["result"]["certificate"]["clearance"]
+    if not audited or claimed is None:
+        return False
+    second = independent(robot.name, forger.scene)
+    at = path(np.linspace(0.0, path.length, AUDITED))
+    return any(min(second.gaps(q).values(), default=math.inf) < float(claimed) - MARGIN for q in at)
+
+
+def _table(rows: tuple[Row, ...]) -> Table:
+    lines = [
+        {
+            "forgery": kind.replace("_", " "),
+            "count": f"{len(group):,}",
+            "false": f"{sum(row['false'] for row in group):,}",
+            "false and refused": f"{sum(row['false'] and not row['accepted'] for row in group):,}",
+            "false and accepted": str(sum(row["false"] and row["accepted"] for row in group)),
+            "true and refused": f"{sum(not row['false'] and not row['accepted'] for row in group):,}",
+            "true and accepted": f"{sum(not row['false'] and row['accepted'] for row in group):,}",
+        }
+        for kind, group in grouped(rows, "kind").items()
+    ]
+    caption = "false: samples of the curve contradict the file; what is true but not shown by the trail is refused, too"
+    return table_of("Forged evidence", lines, caption=caption)
