@@ -42,7 +42,7 @@ SAMPLES, AUDITED = 4_000, 200
 """Along a curve: by the compiled checker, and by Coal of forgeries that were accepted."""
 
 MARGIN = 5e-6
-"""Metres by which one of Coal's gaps must be smaller than what is claimed to contradict it: these err by micrometres."""
+"""Metres by which one of Coal's gaps must be smaller than what is claimed to contradict it: these err."""
 
 Document = dict[str, Any]
 
