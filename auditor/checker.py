@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -160,7 +160,7 @@ class IndependentChecker:
         x = self._whole(values)
         if not pin.computeCollisions(self.model, self._data, self._manager, x, True):
             return True
-        return min(self._distances(x)) > 0.0
+        return all(distance > 0.0 for distance in self._near(x))
 
     def touch(self, q: ArrayLike) -> Touch | None:
         """A pair that touches at q (n,), None when q is free."""
@@ -304,6 +304,13 @@ class IndependentChecker:
                     self.geometry.addCollisionPair(pin.CollisionPair(i, j))
         for pair in self.geometry.collisionPairs:
             self.pairs.append((self.owners[pair.first], self.owners[pair.second]))
+
+    def _near(self, x: FloatArray) -> Iterator[float]:
+        """Signed distances of the pairs that are nearer than ``NEAR``."""
+        pin.updateGeometryPlacements(self.model, self._data, self.geometry, self._geometry_data, x)
+        for k in range(len(self.pairs)):
+            if pin.computeCollision(self.geometry, self._geometry_data, k):
+                yield float(pin.computeDistance(self.geometry, self._geometry_data, k).min_distance)
 
     def _distances(self, x: FloatArray) -> list[float]:
         pin.computeDistances(self.model, self._data, self.geometry, self._geometry_data, x)

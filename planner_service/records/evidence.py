@@ -2,7 +2,7 @@
 
 The section ``evidence`` of a file says for each motion, and for each opening and closing of the gripper, on which
 stretches of its curve which pieces are apart, and along which directions one sees it. ``auditor/verify.py`` checks that
-with arithmetic of its own and searches for nothing; ``docs/reference/evidence.md`` describes the format.
+with arithmetic of its own and searches for nothing; ``docs/guides/proofs-for-others.md`` describes the format.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import os
 import zlib
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,9 @@ from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.recertify import ProvenMotion, Recertified, recertify
 from planner_service.records.result import certificate_record
+from planner_service.records.robot import RobotRecord
+from planner_service.records.scene import SceneRecord
+from planner_service.robot.model import Robot
 from planner_service.tasks.result import TaskResult
 
 __all__ = ["EVIDENCE", "packed", "save_plan", "with_evidence"]
@@ -60,11 +64,10 @@ def with_evidence(plan: SavedPlan | SavedTask) -> SavedPlan | SavedTask:
         results = [replace(s.result, certificate=c) for s, c in zip(plan.segments, certificates, strict=True)]
         segments = [replace(s, result=result) for s, result in zip(plan.segments, results, strict=True)]
         plan = replace(plan, segments=tuple(segments))
-    document = plan.document()
     section = {
         "version": VERSION,
-        "robot": _digest(document["robot"]),
-        "scene": _digest(document["scene"]),
+        "robot": _robot_digest(plan.robot),
+        "scene": _digest(SceneRecord.of(plan.scene).document()),
         "boxes": dict(_boxes(proven)),
         "proofs": [proof for k, motion in enumerate(proven.motions) for proof in _proofs(k, motion)],
     }
@@ -101,6 +104,11 @@ def _padding(plan: SavedPlan | SavedTask) -> float:
     """The padding with which all of it was proven."""
     results = [plan.result] if isinstance(plan, SavedPlan) else [segment.result for segment in plan.segments]
     return min((result.certificate.padding for result in results if result.certificate is not None), default=0.0)
+
+
+@lru_cache(maxsize=16)
+def _robot_digest(robot: Robot) -> str:
+    return _digest(RobotRecord.of(robot).document())
 
 
 def _digest(record: dict[str, Any]) -> str:

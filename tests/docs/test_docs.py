@@ -54,6 +54,7 @@ RUN_HERE = (
     "docs/guides/constraints.md",
     "docs/guides/replanning.md",
     "docs/guides/when-there-is-no-plan.md",
+    "docs/guides/proofs-for-others.md",
     "docs/reference/command-line.md",
     "docs/explanation/concepts.md",
     "docs/explanation/counting.md",
