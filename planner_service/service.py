@@ -28,7 +28,11 @@ from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.validation import flag, instance, number
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import flag, instance, number, whole
+from planner_service.infeasibility.no_path import prove_no_path
+from planner_service.infeasibility.remedies import SEARCHED, Explanation, find_remedies
+from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, held_to
@@ -177,6 +181,43 @@ class PlannerService:
         checker, certifier = self._window(request.start if not isinstance(request.planner, Roadmap) else None)
         result = plan(request, checker, certifier, cancel=cancel, tracer=tracer)
         return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
+
+    def explain(self, request: PlanRequest, *, plans: int = 60, remedies: int = 3) -> Explanation:
+        """Why a request has no plan, whether that is proven, and which small changes would give one.
+
+        Each change that is suggested was planned, with its proof. It takes as long as so many plans; how many are
+        tried does not depend on a clock.
+
+        Args:
+            request: As for ``plan``.
+            plans: Plans that may be tried.
+            remedies: How many are looked for.
+
+        Raises:
+            InvalidRequest: As ``plan``, or a number is none from 1 to 1,000.
+        """
+        plans, remedies = whole("plans", plans, 1, 1000), whole("remedies", remedies, 1, 1000)
+        result = self.plan(request)
+        if result.failure is None:
+            return Explanation(result, None, (), 0)
+        no_path = None
+        goals = [goal for goal in request.goals(self.robot) if not isinstance(goal, Pose | PoseGoal)]
+        if result.failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
+            no_path = prove_no_path(self.robot, self.scene, np.asarray(request.start), goals, allowed=self._allowed)
+
+        def planned(changed: PlanRequest, scene: Scene) -> PlanResult:
+            return self.with_scene(scene).plan(changed)
+
+        found, tried = find_remedies(
+            request,
+            self.scene,
+            result.failure,
+            planned,
+            plans=plans,
+            enough=remedies,
+            hopeless=no_path is not None,
+        )
+        return Explanation(result, no_path, found, tried)
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None

@@ -35,6 +35,7 @@ from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
+from planner_service.records.result import result_record
 from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
 from planner_service.robot.model import length_unit, load_robot, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
@@ -123,6 +124,55 @@ def plan(
     title = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     table = CostTable(title, plan_rows(result), length_unit(service.robot))
     finish(saved.document(), table, lines, result.failure, as_json=as_json)
+
+
+def explain(
+    start: options.Start,
+    goal: options.Goals,
+    scene: options.SceneName,
+    robot: options.RobotName = "wxai",
+    seed: options.Seed = options.DEFAULT.seed,
+    max_checks: options.MaxChecks = options.DEFAULT.max_checks,
+    time_limit: options.TimeLimit = options.SECONDS,
+    padding: options.Padding = options.DEFAULT.padding,
+    upright: options.Upright = None,
+    region: options.Region = None,
+    plans: Annotated[int, typer.Option(metavar="N", help="Plans that may be tried.")] = 60,
+    as_json: options.AsJson = False,
+) -> None:
+    """Explain why there is no plan, whether that is proven, and what would help.
+
+    Every change that is suggested was planned and gives a proven plan: an end moved out of a collision, the tool
+    turned, a constraint relaxed, an object moved by as little as suffices, or taken away.
+    """
+    with bad_input_exits():
+        service = arguments.service_for(robot, scene)
+        q_start = arguments.configuration("--start", start, service.robot)
+        constraints, _ = arguments.constraints(upright, region, service.robot, q_start)
+        request = PlanRequest(
+            q_start,
+            arguments.goals(goal, service.robot),
+            seed=seed,
+            max_checks=max_checks,
+            time_limit=arguments.time_limit_of(time_limit),
+            padding=padding,
+            constraints=constraints,
+        )
+        explained = service.explain(request, plans=plans)
+    failure = explained.result.failure
+    if as_json:
+        document = {
+            "ok": failure is None,
+            "failure": result_record(explained.result)["failure"],
+            "proven": explained.proven,
+            "no_path": None if explained.no_path is None else str(explained.no_path),
+            "remedies": [remedy.text for remedy in explained.remedies],
+            "plans": explained.plans,
+        }
+        emit(json_text(document))
+    else:
+        emit(render(*str(explained).splitlines()))
+    raise typer.Exit(0 if failure is None else NO_PLAN)
 
 
 def pick_place(
@@ -413,6 +463,7 @@ _add(robots, "List the robots, or show one.", "robots wxai")
 _add(scenes, "List the scenes, or show one.", "scenes bin")
 _add(check, "Check one configuration for collisions.", "check --scene table --q ready")
 _add(plan, "Plan a motion to a goal.", "plan --scene table --start home --goal ready --out plan.json")
+_add(explain, "Say why there is no plan, and what helps.", "explain --scene bin --start home --goal ready")
 _add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray", name="pick-place")
 _add(view, "Show robot, scene and plan in the browser.", "view plan.json")
 _add(certify, "Prove a saved plan again.", "certify plan.json")

@@ -1,5 +1,6 @@
-"""Proofs that there is no path: cells of configuration space in which the robot collides wherever it is."""
+"""Answers where there is no plan: proofs that there is no path, and changes that give one."""
 
 from planner_service.infeasibility.no_path import NoPath, prove_no_path
+from planner_service.infeasibility.remedies import Explanation, Remedy
 
-__all__ = ["NoPath", "prove_no_path"]
+__all__ = ["Explanation", "NoPath", "Remedy", "prove_no_path"]

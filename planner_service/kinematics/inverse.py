@@ -36,6 +36,7 @@ __all__ = [
     "ToolLine",
     "closest_configuration",
     "interpolate",
+    "inverse_is_complete",
     "inverse_kinematics",
     "line_deviation",
     "nearest_configuration",
@@ -191,6 +192,11 @@ def inverse_kinematics(
     else:
         solutions = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
     return chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n))
+
+
+def inverse_is_complete(robot: Robot, pose: Pose) -> bool:
+    """Whether ``inverse_kinematics`` returns every solution that there is: a closed form, and no angle left free."""
+    return robot.inverse == "wxai" and WxaiInverse.of(robot).determined(pose)
 
 
 def _numeric_solutions(

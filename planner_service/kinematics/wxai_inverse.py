@@ -116,6 +116,15 @@ class WxaiInverse:
                     solutions.append(q)
         return solutions
 
+    def determined(self, pose: Pose) -> bool:
+        """Whether ``pose`` leaves no angle free: then ``solve`` returns every solution there is."""
+        (x, _, _), wrist = self._target(pose)
+        reach = math.hypot(wrist[0], wrist[1])
+        if reach < SINGULAR:
+            return False
+        along = (wrist[0] * x[0] + wrist[1] * x[1]) / reach
+        return math.hypot(along, x[2]) >= SINGULAR
+
     def _angles(self, pose: Pose, near: Sequence[Sequence[float]]) -> Iterator[Configuration]:
         """Joint angles of all candidates, signs not yet applied; the limits only save work here."""
         (x, y, z), wrist = self._target(pose)

@@ -17,7 +17,7 @@ from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import inverse_kinematics
+from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.planning.accounting import NoPlan, PlanContext
@@ -137,6 +137,7 @@ def _ends(context: PlanContext) -> Ends:
         raise NoPlan(_with_nearest_free(context, no_plan.failure, start)) from no_plan
     goals: list[GoalState] = []
     failures: list[Failure] = []
+    every = True  # end that was asked for is known
     colliding: FloatArray | None = None
     arrived_at: int | None = None
     requested = request.goals(robot)
@@ -148,6 +149,7 @@ def _ends(context: PlanContext) -> Ends:
         except NoPlan as no_plan:
             failures.append(no_plan.failure)
             continue
+        every = every and (not isinstance(given, Pose | PoseGoal) or _all_known(robot, given))
         before = len(goals)
         for q in candidates:
             if isinstance(given, PoseGoal) and len(goals) - before == MAX_GOALS:
@@ -165,9 +167,19 @@ def _ends(context: PlanContext) -> Ends:
                     colliding = goal
                 failures.append(no_plan.failure)
     if not goals:
-        raise NoPlan(_explained(context, failures[0], requested[0], colliding, begin))
+        first = replace(failures[0], proven=every and all(failure.proven for failure in failures))
+        if first.proven and len(failures) > 1:
+            pairs = {f"{failure.contacts[0].a} x {failure.contacts[0].b}" for failure in failures if failure.contacts}
+            words = f"all {len(failures)} ends that would do are refused ({', '.join(sorted(pairs))})"
+            first = replace(first, detail=f"{first.detail}; {words}")
+        raise NoPlan(_explained(context, first, requested[0], colliding, begin))
     goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
     return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
+
+
+def _all_known(robot: Robot, given: Pose | PoseGoal) -> bool:
+    """Whether no configuration for a goal was left out."""
+    return isinstance(given, Pose) and inverse_is_complete(robot, given)
 
 
 def _outside(q: FloatArray, robot: Robot) -> int | None:
@@ -199,7 +211,7 @@ def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
     words = f"start: {_outside_in_words(q, joint, robot)}"
     inside = np.minimum(np.maximum(q, robot.limits.lower), robot.limits.upper)
     if abs(float(inside[joint] - q[joint])) > context.request.start_tolerance:
-        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_OUTSIDE_LIMITS, words))
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_OUTSIDE_LIMITS, words, proven=True))
     context.accounting.notes.append(f"{words}; it was clamped to the limit")
     return read_only(inside)
 
@@ -222,7 +234,7 @@ def _configurations(
         joint = _outside(given, robot)
         if joint is not None:
             detail = f"{name}: {_outside_in_words(given, joint, robot)}"
-            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
+            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail, proven=True))
         return [given]
     poses = (given,) if isinstance(given, Pose) else given.poses()
     solutions = list[FloatArray]()
@@ -234,7 +246,7 @@ def _configurations(
         x, y, z = (given if isinstance(given, Pose) else given.pose).position
         tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
         detail = f"{name}: the arm cannot reach {tried} ({x:.4f}, {y:.4f}, {z:.4f}) within its joint limits"
-        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail, proven=_all_known(robot, given)))
     if isinstance(given, PoseGoal):
         solutions.sort(key=lambda q: joint_distance(begin, q))
     return solutions
@@ -318,7 +330,7 @@ def _in_collision(context: PlanContext, name: str, q: FloatArray) -> Failure:
         if _farthest(q, robot.pose(retreat.pose)) <= NEAR_POSE:
             detail += f"; the pose {retreat.pose!r} itself has a way out, to within {SAME_POSE:g} of it"
     reason = Reason.START_IN_COLLISION if name == "start" else Reason.GOAL_IN_COLLISION
-    return Failure(Stage.ENDPOINTS, reason, detail, contacts)
+    return Failure(Stage.ENDPOINTS, reason, detail, contacts, proven=True)
 
 
 def _explained(

@@ -125,6 +125,7 @@ class Failure:
         nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
         unreachable: For a pose without a configuration, how near the tool comes and what is in the way.
         blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
+        proven: Whether it is certain that no plan exists for the request, rather than that none was found.
     """
 
     stage: Stage
@@ -134,6 +135,7 @@ class Failure:
     nearest_free: FloatArray | None = None
     blocked_by: tuple[tuple[str, str, float], ...] = ()
     unreachable: Unreachable | None = None
+    proven: bool = False
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -421,4 +423,6 @@ def plan_lines(plan: PlanResult) -> list[str]:
         free = f"proof: {proof_text(plan.certificate.clearance, plan.certificate.distances)}"
         lines.append("; ".join([free, *map(str, plan.certificate.kept)]))
     lines += [] if plan.polish is None else [f"optimised: {plan.polish}"]
+    if plan.failure is not None and plan.failure.proven:
+        lines.append("proven: no plan exists for this request")
     return [*lines, *(f"note: {note}" for note in (*plan.notes, *map(str, plan.exempt)))]

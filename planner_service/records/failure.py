@@ -107,6 +107,7 @@ class FailureRecord(schema.GrownRecord):
     nearest_free: schema.Joints | None
     blocked_by: Annotated[list[BlockedRecord], schema.at_most(MAX_PAIRS)]
     unreachable: UnreachableRecord | None = None
+    proven: bool = False
 
     @cached_property
     def value(self) -> Failure:

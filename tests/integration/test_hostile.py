@@ -37,6 +37,7 @@ PACKAGES = (
 ANSWERS = frozenset(
     {
         "Built",
+        "Explanation",
         "Figures",
         "InWorker",
         "Kept",
@@ -47,6 +48,7 @@ ANSWERS = frozenset(
         "NoPath",
         "Optimum",
         "Origin",
+        "Remedy",
         "Terms",
         "Trail",
         "World",

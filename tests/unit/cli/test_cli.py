@@ -589,11 +589,23 @@ def test_a_task_keeps_the_padding_that_is_asked_for(tmp_path: Path) -> None:
 def test_commands_are_listed_in_the_order_a_person_meets_them() -> None:
     commands = run("--help").stdout.partition("Commands:\n")[2].partition("\n\n")[0]
     first, *rest = [line.split()[0] for line in commands.splitlines()]
-    assert [first, *rest[:5]] == ["robots", "scenes", "check", "plan", "pick-place", "view"]
-    assert {*rest[5:]} == {"certify", "export", "run", "import-robot", "episodes", "doctor", "roadmap", "robot"}
+    assert [first, *rest[:6]] == ["robots", "scenes", "check", "plan", "explain", "pick-place", "view"]
+    assert {*rest[6:]} == {"certify", "export", "run", "import-robot", "episodes", "doctor", "roadmap", "robot"}
 
 
-COMMANDS = ["robots", "scenes", "check", "plan", "pick-place", "view", "certify", "export", "run", "import-robot"]
+COMMANDS = [
+    "robots",
+    "scenes",
+    "check",
+    "plan",
+    "explain",
+    "pick-place",
+    "view",
+    "certify",
+    "export",
+    "run",
+    "import-robot",
+]
 COMMANDS += ["episodes", "doctor", "roadmap build", "roadmap query", "roadmap info", "roadmap update"]
 
 

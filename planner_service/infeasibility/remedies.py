@@ -1,0 +1,306 @@
+"""What would help where there is no plan: small changes, each of which was tried and gives a proven plan.
+
+Candidates come cheapest first: an end that touches something is moved out of it, the tool is turned, a constraint is
+relaxed, an object is moved by as little as suffices, and last an object is taken away. A candidate whose ends still
+collide is not planned. What is spent is a number of plans, so the answer is the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from functools import partial
+
+import numpy as np
+
+from planner_service.constraints.values import Constraint, ToolRegion
+from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.shapes import Pose
+from planner_service.infeasibility.no_path import NoPath
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, PlanResult, Reason, Stage
+from planner_service.scene.scene import Obstacle, Scene
+
+__all__ = ["SEARCHED", "Explanation", "Remedy", "find_remedies"]
+
+MOVES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+"""Metres by which an object is moved; between the last that fails and the first that helps it is halved."""
+
+HALVINGS = 4
+
+DIRECTIONS = {
+    "up": (0.0, 0.0, 1.0),
+    "along +x": (1.0, 0.0, 0.0),
+    "along -x": (-1.0, 0.0, 0.0),
+    "along +y": (0.0, 1.0, 0.0),
+    "along -y": (0.0, -1.0, 0.0),
+    "down": (0.0, 0.0, -1.0),
+}
+
+TURNS = (0.1, 0.2, 0.4, 0.8)
+"""Radians by which the tool is turned at its goal, about each of its own axes."""
+
+RELAXED = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""Radians to which a tilt is relaxed."""
+
+BLAMED = 4
+"""Objects that are moved or taken away."""
+
+TRY_CHECKS, MORE_CHECKS = 20_000, 200_000
+"""States that a try may check, if the request does not allow fewer; and where more of them are the remedy."""
+
+SEARCHED = (Reason.PLANNING_FAILED, Reason.TIMED_OUT, Reason.CHECK_BUDGET_EXHAUSTED)
+
+Planned = Callable[[PlanRequest, Scene], PlanResult]
+
+
+@dataclass(frozen=True, eq=False)
+class Remedy:
+    """A change that gives a plan.
+
+    Attributes:
+        text: What to do, such as "move wine_glass up by 21 mm".
+        request: The request with it.
+        scene: The scene with it.
+        result: The plan that it gives, proven as any.
+    """
+
+    text: str
+    request: PlanRequest
+    scene: Scene
+    result: PlanResult
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Why there is no plan, and what helps.
+
+    Attributes:
+        result: What came of the request as it is.
+        no_path: The proof that there is no path at all, if one was found.
+        remedies: Changes that give a plan, cheapest first; none if there is a plan, or nothing that was tried helps.
+        plans: How many plans were tried.
+    """
+
+    result: PlanResult
+    no_path: NoPath | None
+    remedies: tuple[Remedy, ...]
+    plans: int
+
+    @property
+    def proven(self) -> bool:
+        """Whether it is certain that no plan exists."""
+        return self.no_path is not None or (self.result.failure is not None and self.result.failure.proven)
+
+    def __str__(self) -> str:
+        if self.result.failure is None:
+            return "there is a plan"
+        lines = [f"no plan: {self.result.failure}"]
+        lines += [] if self.no_path is None else [str(self.no_path)]
+        lines += ["proven: no plan exists for this request"] if self.proven else []
+        lines += [f"this helps: {remedy}" for remedy in self.remedies]
+        return "\n".join(lines if self.remedies else [*lines, f"nothing that was tried helps ({self.plans} plans)"])
+
+
+class _Spent(Exception):
+    """The plans that may be tried are used up, or enough was found."""
+
+
+class _Trials:
+    """Plans tried, and what helped."""
+
+    def __init__(self, planned: Planned, plans: int, enough: int) -> None:
+        self._planned, self._left, self._enough = planned, plans, enough
+        self.plans = 0
+        self.found: list[Remedy] = []
+
+    def gives(self, request: PlanRequest, scene: Scene, checks: int = TRY_CHECKS) -> PlanResult | None:
+        """The plan that a change gives, if it gives one."""
+        if self.plans == self._left:
+            raise _Spent
+        self.plans += 1
+        checks = min(request.max_checks, checks)
+        result = self._planned(replace(request, max_checks=checks, time_limit=None), scene)
+        return result if result.ok else None
+
+    def keep(self, text: str, request: PlanRequest, scene: Scene, result: PlanResult) -> None:
+        self.found.append(Remedy(text, request, scene, result))
+        if len(self.found) == self._enough:
+            raise _Spent
+
+    def offer(self, text: str, request: PlanRequest, scene: Scene) -> bool:
+        """Try a change and keep it if it helps."""
+        result = self.gives(request, scene)
+        if result is not None:
+            self.keep(text, request, scene, result)
+        return result is not None
+
+
+def find_remedies(
+    request: PlanRequest,
+    scene: Scene,
+    failure: Failure,
+    planned: Planned,
+    *,
+    plans: int,
+    enough: int,
+    hopeless: bool,
+) -> tuple[tuple[Remedy, ...], int]:
+    """Changes to a request or its scene that give a plan, and how many plans were tried.
+
+    Args:
+        planned: Plans a request in a scene.
+        plans: How many plans may be tried.
+        enough: How many remedies are looked for.
+        hopeless: Whether it is proven that no path exists, so that searching on is no use.
+    """
+    trials = _Trials(planned, plans, enough)
+    steps = [_searched_longer] if failure.reason in SEARCHED and not hopeless else []
+    steps += [_moved_end, _turned, _relaxed]
+    steps += [_moved_objects, _without_objects] if failure.reason is not Reason.NO_IK_SOLUTION else []
+    try:
+        for step in steps:
+            step(request, scene, failure, trials)
+    except _Spent:
+        pass
+    return tuple(trials.found), trials.plans
+
+
+def _searched_longer(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """The same request with more checks and no clock."""
+    longer = replace(request, max_checks=max(request.max_checks, MORE_CHECKS), time_limit=None)
+    result = trials.gives(longer, scene, MORE_CHECKS)
+    if result is not None:
+        trials.keep(f"search on: {result.counts.states:,} states without a time limit suffice", longer, scene, result)
+
+
+def _moved_end(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """The end that collides, moved to the nearest free configuration."""
+    if failure.nearest_free is None:
+        return
+    near, start = failure.nearest_free, failure.reason is Reason.START_IN_COLLISION
+    text = f"{'start from' if start else 'go to'} {np.round(near, 4).tolist()}, the nearest free configuration found"
+    trials.offer(text, replace(request, start=near) if start else replace(request, goal=near), scene)
+
+
+def _turned(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """The tool turned at its goal."""
+    if not isinstance(request.goal, Pose):
+        return
+    why = failure.unreachable
+    if why is not None and why.suggestion is not None:
+        trials.offer(f"the goal {why.suggestion}", replace(request, goal=why.suggestion.pose), scene)
+    if why is not None:
+        near = np.round(why.nearest, 4).tolist()
+        trials.offer(f"go to {near}, which comes nearest", replace(request, goal=why.nearest), scene)
+    T = request.goal.matrix
+    for angle in TURNS:
+        for axis, name in enumerate("xyz"):
+            for sign in (1.0, -1.0):
+                goal = Pose.from_matrix(product(T, _about(axis, sign * angle)))
+                text = f"turn the tool by {sign * angle:g} rad about its {name}"
+                if trials.offer(text, replace(request, goal=goal), scene):
+                    return
+
+
+def _about(axis: int, angle: float) -> FloatArray:
+    T, (i, j) = np.eye(4), [(1, 2), (2, 0), (0, 1)][axis]
+    T[i, i] = T[j, j] = math.cos(angle)
+    T[j, i] = math.sin(angle)
+    T[i, j] = -T[j, i]
+    return T
+
+
+def _relaxed(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """Each constraint on a tilt relaxed; each constraint left out."""
+    for k, constraint in enumerate(request.constraints):
+        rest = request.constraints[:k], request.constraints[k + 1 :]
+        if isinstance(constraint, ToolRegion) and constraint.tilt is not None:
+            for tilt in (angle for angle in RELAXED if angle > 1.2 * constraint.tilt):
+                turn = constraint.turn if tilt <= math.pi / 2 else None
+                wider = (*rest[0], _region(constraint, tilt=tilt, turn=turn), *rest[1])
+                if trials.offer(f"relax {constraint.name} to {tilt:g} rad", replace(request, constraints=wider), scene):
+                    break
+    for k, constraint in enumerate(request.constraints):
+        fewer = (*request.constraints[:k], *request.constraints[k + 1 :])
+        trials.offer(f"leave out {_called(constraint)}", replace(request, constraints=fewer), scene)
+
+
+def _region(region: ToolRegion, **changes: object) -> ToolRegion:
+    return ToolRegion(**{item.name: getattr(region, item.name) for item in fields(ToolRegion)} | changes)
+
+
+def _called(constraint: Constraint) -> str:
+    return constraint.name if isinstance(constraint, ToolRegion) else f"the range of {constraint.joint}"
+
+
+def _moved_objects(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """Objects in the way moved by as little as helps, the least first, one of each direction at most."""
+    blamed = list(_blamed(scene, failure))
+    helped = set[str]()
+    for before, distance in zip((0.0, *MOVES), MOVES, strict=False):
+        for direction, axis in DIRECTIONS.items():
+            for one in blamed:
+                if one.name in helped:
+                    continue
+                result = trials.gives(request, _with_moved(scene, one, axis, distance))
+                if result is not None:
+                    helped.add(one.name)
+                    shift = partial(_with_moved, scene, one, axis)
+                    least, result = _least(request, trials, shift, before, distance, result)
+                    text = f"move {one.name} {direction} by {least * 1e3:.0f} mm"
+                    trials.keep(text, request, shift(least), result)
+
+
+def _least(
+    request: PlanRequest,
+    trials: _Trials,
+    moved: Callable[[float], Scene],
+    low: float,
+    high: float,
+    result: PlanResult,
+) -> tuple[float, PlanResult]:
+    """The least distance that helps, in whole millimetres, between one that does not and one that does."""
+    for _ in range(HALVINGS):
+        middle = math.ceil(500.0 * (low + high)) / 1e3
+        if not low < middle < high:
+            break
+        try:
+            better = trials.gives(request, moved(middle))
+        except _Spent:
+            break
+        low, high, result = (low, middle, better) if better is not None else (middle, high, result)
+    return high, result
+
+
+def _with_moved(scene: Scene, one: Obstacle, axis: tuple[float, float, float], distance: float) -> Scene:
+    x, y, z = (p + distance * d for p, d in zip(one.pose.position, axis, strict=True))
+    moved = replace(one, pose=Pose((x, y, z), one.pose.quaternion))
+    return replace(scene, obstacles=tuple(moved if other is one else other for other in scene.obstacles))
+
+
+def _without_objects(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """Objects in the way taken away, one at a time, then all of them."""
+    blamed = list(_blamed(scene, failure))
+    for one in blamed:
+        rest = tuple(other for other in scene.obstacles if other is not one)
+        trials.offer(f"remove {one.name}", request, replace(scene, obstacles=rest))
+    if len(blamed) > 1 and not trials.found:
+        rest = tuple(other for other in scene.obstacles if other not in blamed)
+        names = ", ".join(one.name for one in blamed)
+        trials.offer(f"remove {names}", request, replace(scene, obstacles=rest))
+
+
+def _blamed(scene: Scene, failure: Failure) -> Iterator[Obstacle]:
+    """The obstacles that are in the way, the most so first; all, if nothing is known of them."""
+    named = [name for contact in failure.contacts for name in (contact.a, contact.b)]
+    named += [name for a, b, _ in failure.blocked_by for name in (a, b)]
+    order = list(dict.fromkeys(name.removesuffix(" (object)") for name in named))
+    known = [obstacle for name in order for obstacle in scene.obstacles if obstacle.name == name]
+    rest = [obstacle for obstacle in scene.obstacles if obstacle not in known]
+    search = failure.stage is not Stage.ENDPOINTS
+    yield from (known + rest if search or not known else known)[:BLAMED]

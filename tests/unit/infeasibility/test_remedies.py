@@ -1,0 +1,120 @@
+"""``PlannerService.explain``: what it suggests gives plans, and what it calls proven has none."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service import Box, Cylinder, InvalidRequest, Obstacle, PlannerService, PlanRequest, Pose, Reason, Scene
+from planner_service.constraints import ToolRegion
+from planner_service.infeasibility import Explanation
+from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
+from planner_service.robot.model import load_robot
+from tests.support.command import run
+
+ARM = load_robot("wxai")
+HOME, READY = ARM.home, dict(ARM.named_poses)["ready"] + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0]
+AT = ARM.tool_pose(READY)
+
+CAGE = Obstacle("cage", Box((0.3, 0.3, 0.3)), Pose((float(AT[0, 3]), float(AT[1, 3]), float(AT[2, 3]))))
+
+
+def explained(scene: Scene, goal: Any, **settings: Any) -> Explanation:
+    service = PlannerService(ARM, scene)
+    return service.explain(PlanRequest(HOME, goal, time_limit=None), **settings)
+
+
+def applied(explanation: Explanation) -> None:
+    """Fail unless each remedy, asked for anew, gives the plan that it promises."""
+    assert explanation.remedies
+    for remedy in explanation.remedies:
+        again = PlannerService(ARM, remedy.scene).plan(remedy.request)
+        assert again.unwrap()[0].waypoints.tobytes() == remedy.result.unwrap()[0].waypoints.tobytes(), remedy.text
+
+
+def test_an_object_at_the_goal_is_moved_by_as_little_as_helps_or_taken_away() -> None:
+    found = explained(Scene((CAGE,)), READY)
+    applied(found)
+    assert found.proven
+    texts = [remedy.text for remedy in found.remedies]
+    moved = [text for text in texts if text.startswith("move cage")]
+    assert moved
+    distance = float(moved[0].split()[-2]) / 1e3
+    place = found.remedies[texts.index(moved[0])].scene.obstacle("cage").pose.position
+    assert np.linalg.norm(np.array(place) - CAGE.pose.position) == pytest.approx(distance)
+
+
+def test_a_pose_of_which_every_solution_collides_is_proven_to_have_no_plan() -> None:
+    pose = Pose.from_matrix(AT)
+    assert inverse_is_complete(ARM, pose)
+    count = len(inverse_kinematics(ARM, pose))
+    result = PlannerService(ARM, Scene((CAGE,))).plan(PlanRequest(HOME, pose))
+    assert result.failure is not None
+    assert result.failure.reason is Reason.GOAL_IN_COLLISION
+    assert result.failure.proven
+    assert count == 1 or f"all {count} ends" in result.failure.detail
+    assert "proven: no plan exists for this request" in str(result)
+
+
+def test_a_pose_that_leaves_an_angle_free_proves_nothing() -> None:
+    above = Pose((0.0, 0.0, 0.6), (float(np.sqrt(0.5)), 0.0, float(-np.sqrt(0.5)), 0.0))  # straight up, over the waist
+    assert not inverse_is_complete(ARM, above)
+    assert not inverse_is_complete(load_robot("ur5"), Pose.from_matrix(AT))
+
+
+def test_a_pose_out_of_reach_is_replaced_by_the_nearest_configuration() -> None:
+    found = explained(Scene(), Pose((2.0, 0.0, 0.3)))
+    assert found.proven
+    assert "comes nearest" in found.remedies[0].text
+    applied(found)
+
+
+def test_a_tilt_is_relaxed_by_as_little_as_helps() -> None:
+    up = ToolRegion(frame=Pose.from_matrix(ARM.tool_pose(HOME)), tilt=0.05, name="upright")
+    lean = READY.copy()
+    lean[3] += 0.15
+    service = PlannerService(ARM, Scene())
+    found = service.explain(PlanRequest(HOME, lean, constraints=(up,), time_limit=None))
+    assert found.result.failure is not None
+    assert found.result.failure.reason is Reason.GOAL_VIOLATES_CONSTRAINT
+    assert any(remedy.text.startswith("relax upright to") for remedy in found.remedies)
+    applied(found)
+
+
+def test_walls_between_start_and_goal_are_proven_and_moved_away() -> None:
+    arm = load_robot("planar2")
+    discs = [Obstacle(name, Cylinder(0.1, 0.2), Pose((0.5, y, 0.0))) for name, y in (("left", 0.5), ("right", -0.5))]
+    service = PlannerService(arm, Scene(tuple(discs)))
+    found = service.explain(PlanRequest([0.0, 0.0], [3.0, 0.0], max_checks=5_000, time_limit=None), remedies=1)
+    assert found.no_path is not None
+    assert found.proven
+    assert "no path exists" in str(found)
+    assert found.remedies[0].text.startswith("move left")
+
+
+def test_where_there_is_a_plan_nothing_is_tried() -> None:
+    found = explained(Scene(), READY)
+    assert (str(found), found.plans, found.remedies, found.proven) == ("there is a plan", 0, (), False)
+
+
+def test_no_more_plans_are_tried_than_allowed() -> None:
+    found = explained(Scene((CAGE,)), READY, plans=3)
+    assert found.plans <= 3
+    with pytest.raises(InvalidRequest, match="plans"):
+        explained(Scene((CAGE,)), READY, plans=0)
+    with pytest.raises(InvalidRequest, match="remedies"):
+        explained(Scene((CAGE,)), READY, remedies=1.5)
+
+
+def test_the_command_says_what_helps() -> None:
+    goal = "pose:0.35,0.0,0.005,0.7071,0,0.7071,0"
+    told = run("explain", "--scene", "bin", "--start", "home", "--goal", goal)
+    assert told.exit_code == 1
+    assert "this helps: " in told.output
+    document = json.loads(run("explain", "--scene", "bin", "--start", "home", "--goal", goal, "--json").output)
+    assert document["proven"]
+    assert len(document["remedies"]) == 3
+    assert run("explain", "--scene", "table", "--start", "home", "--goal", "ready").exit_code == 0
