@@ -67,7 +67,7 @@ PARTS = {
     "roadmaps": ("warm", "lazy", "moved", "large"),
     "many": ("same", "speed", "growth", "faults"),
     "constrained": ("panda", "wxai", "regions", "others"),
-    "evidence": ("trails", "forgeries"),
+    "evidence": ("trails", "forgeries", "no-path", "explain"),
 }
 """What ``--part`` may be for measures that have parts."""
 
@@ -120,8 +120,9 @@ robots    26 robots out of packages on PyPI, as a new user meets them: from the 
           queries, judged by Coal; half an hour, not among all; --robot NAME, --queries N, --states N, --seed S
 differential  a million states and 20,000 edges of six robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
-evidence  500 trails of proofs, checked by a program that shares no code with them, and 10,000 forgeries;
-          not among all; --part trails or forgeries, --queries N (plans or forgeries), --seed N
+evidence  500 trails of proofs, checked by a program that shares no code with them, 10,000 forgeries, 1,000 worlds of
+          discs planned or proven impossible, 50 failures explained; not among all; --part trails, forgeries, no-path
+          or explain, --queries N (of these), --seed N
 bits      500 plans with every instruction set, without compiled code and from 1 to 8 threads: the same to the last bit;
           not among all
 law       2,000 random paths timed: toppra's durations, no limit exceeded, the reference's bits; not among all;

@@ -5,19 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.evidence import forgeries, trails
+from benchmarks.studies.evidence import explain, forgeries, no_path, trails
 
 __all__ = ["run"]
 
-PARTS: dict[str, Callable[[int | None, int], Report]] = {"trails": trails.run, "forgeries": forgeries.run}
+PARTS: dict[str, Callable[[int | None, int], Report]] = {
+    "trails": trails.run,
+    "forgeries": forgeries.run,
+    "no-path": no_path.run,
+    "explain": explain.run,
+}
 
 
 def run(part: str | None = None, queries: int | None = None, seed: int = 0) -> Report:
     """Measure a part, or all.
 
     Args:
-        part: ``trails`` or ``forgeries``.
-        queries: How many plans or forgeries; as many as the part promises if None.
+        part: ``trails``, ``forgeries``, ``no-path`` or ``explain``.
+        queries: How many plans, forgeries, worlds or failures; as many as the part promises if None.
         seed: Of what is drawn.
     """
     return merged("evidence", [PARTS[name](queries, seed) for name in PARTS if part in (None, name)])

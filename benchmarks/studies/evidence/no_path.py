@@ -1,0 +1,152 @@
+"""Is a proof that there is no plan right, and is there one where there should be?
+
+- ``planar2`` among random discs: each query planned or proven impossible. A flood fill of joint space looks at every
+  tenth: start and goal are connected by states that keep what a cell can move by, or not even by states that are just
+  free, corners included; in between it decides nothing.
+- Tool poses of the WidowX AI, of which every configuration collides: all to be proven.
+- Queries with a known path, three robots: none may be proven impossible.
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from rich.table import Table
+from scipy.ndimage import label
+
+from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table_of
+from benchmarks.studies.evidence.worlds import plans
+from planner_service import Box, CollisionChecker, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
+from planner_service.geometry.arrays import BoolArray, FloatArray
+from planner_service.infeasibility import prove_no_path
+from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
+from planner_service.records.plan_file import SavedPlan
+from planner_service.robot.model import load_robot
+
+__all__ = ["run"]
+
+WORLDS = 1_000
+FLOODED = 10
+"""Of so many worlds one is filled: that takes a second."""
+
+CELL = 0.01
+"""Radians."""
+
+DRAWS = 200
+"""Configurations among which two have to be free."""
+
+POSES, KNOWN = 0.1, 2.0
+"""Poses and queries with a known path, as parts of the number of worlds."""
+
+BOXES = 3_000
+"""For each query with a known path."""
+
+
+def run(queries: int | None, seed: int) -> Report:
+    """Measure so many worlds."""
+    count = queries or WORLDS
+    worlds = [_planar(seed, number) for number in range(count)]
+    poses = list(itertools.islice(_poses(seed), max(1, round(POSES * count))))
+    known = [_known(plan) for plan in plans(max(1, round(KNOWN * count)), seed + 1)]
+    rows = (*worlds, *poses, *known)
+    open_ = [row for row in worlds if row["planned"] == row["proven"]]
+    against = [row for row in worlds if row["flood"] is not None and row["flood"] != row["planned"]]
+    flooded = sum(row["flood"] is not None for row in worlds)
+    unproven, false = sum(not row["proven"] for row in poses), sum(row["proven"] for row in known)
+    promises = (
+        Promise(f"each of {count:,} disc worlds is planned or proven impossible", f"{len(open_)} are not", not open_),
+        Promise("a flood fill agrees wherever it decides", f"{len(against)} of {flooded} differ", not against),
+        Promise(
+            f"all of {len(poses)} poses that collide in every configuration are proven",
+            f"{unproven} are not",
+            not unproven,
+        ),
+        Promise(f"none of {len(known):,} queries with a known path is proven impossible", f"{false} are", not false),
+    )
+    return Report("evidence", rows, (_table(worlds),), promises)
+
+
+def _planar(seed: int, number: int) -> Row:
+    chance = random.Random(f"discs {seed} {number}")
+    service, ends = _discs(chance), list[FloatArray]()
+    while len(ends) < 2:
+        drawn = [np.array([chance.uniform(-3.14159, 3.14159) for _ in range(2)]) for _ in range(DRAWS)]
+        ends = [q for q in drawn if service.checker.state_is_free(q)][:2]
+        service = service if len(ends) == 2 else _discs(chance)  # a disc on the base leaves nothing free
+    planned = service.plan(PlanRequest(ends[0], ends[1], seed=number, time_limit=None, max_checks=20_000)).ok
+    clock = time.process_time()
+    proven = prove_no_path(service.robot, service.scene, ends[0], [ends[1]]) is not None
+    seconds = time.process_time() - clock
+    flood = _flooded(service, ends) if number % FLOODED == 0 else None
+    return {"world": number, "planned": planned, "proven": proven, "ms": seconds * 1e3, "flood": flood}
+
+
+def _discs(chance: random.Random) -> PlannerService:
+    obstacles = []
+    for k in range(chance.randrange(3, 9)):
+        x, y, radius = chance.uniform(-1.5, 1.5), chance.uniform(-1.5, 1.5), chance.uniform(0.05, 0.25)
+        obstacles.append(Obstacle(f"disc_{k}", Cylinder(radius, 0.2), Pose((x, y, 0.0))))
+    return PlannerService("planar2", Scene(tuple(obstacles)))
+
+
+def _flooded(service: PlannerService, ends: list[FloatArray]) -> bool | None:
+    """Whether a path exists, as far as a grid can tell."""
+    low, high = service.robot.limits.lower, service.robot.limits.upper
+    axes = [np.linspace(a, b, int((b - a) / CELL) + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
+    Q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    cells = [tuple(int(np.abs(axis - q).argmin()) for axis, q in zip(axes, end, strict=True)) for end in ends]
+    step = max(float(axis[1] - axis[0]) for axis in axes)
+    shape = tuple(map(len, axes))
+    free = service.checker.states_are_free(Q).reshape(shape)
+    if not _joined(free, cells, np.ones((3, 3))):
+        return False
+    moved = float(np.sum(service.checker.reach)) * step
+    kept = CollisionChecker(service.robot, service.scene, padding=min(0.1, moved)).states_are_free(Q).reshape(shape)
+    return True if _joined(kept, cells, None) else None
+
+
+def _joined(free: BoolArray, cells: list[tuple[int, ...]], around: FloatArray | None) -> bool:
+    names, _ = label(free, structure=around)
+    first, second = (int(names[cell]) for cell in cells)
+    return first == second != 0
+
+
+def _poses(seed: int) -> Iterator[Row]:
+    """Poses with a closed form, each of whose configurations has its tool in a block."""
+    robot, chance = load_robot("wxai"), random.Random(f"poses {seed}")
+    limits = list(zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True))
+    while True:
+        pose = Pose.from_matrix(robot.tool_pose([chance.uniform(*limit) for limit in limits]))
+        block = Obstacle("block", Box((0.3, 0.3, 0.3)), pose)
+        service = PlannerService(robot, Scene((block,)))
+        free = [service.checker.state_is_free(q) for q in inverse_kinematics(robot, pose)]
+        if any(free) or not service.checker.state_is_free(robot.home) or not inverse_is_complete(robot, pose):
+            continue
+        failure = service.plan(PlanRequest(robot.home, pose)).failure
+        yield {"pose": pose.position, "solutions": len(free), "proven": failure is not None and failure.proven}
+
+
+def _known(found: tuple[str, PlannerService, SavedPlan]) -> Row:
+    """A query that has a path, asked whether it has none."""
+    name, service, plan = found
+    path = plan.result.unwrap()[0]
+    begin, goals = path.waypoints[0], [path.waypoints[-1]]
+    proof = prove_no_path(service.robot, service.scene, begin, goals, max_boxes=BOXES)
+    return {"robot": name, "proven": proof is not None}
+
+
+def _table(worlds: list[Row]) -> Table:
+    proven, none = ([row["ms"] for row in worlds if row["proven"] is which] for which in (True, False))
+    line = {
+        "worlds": f"{len(worlds):,}",
+        "planned": f"{sum(row['planned'] for row in worlds):,}",
+        "proven": f"{len(proven):,}",
+        "flooded": sum(row["flood"] is not None for row in worlds),
+        "proof ms": spread(proven) if proven else "-",
+        "no proof ms": f"{p50(none):.0f} / {p95(none):.0f}" if none else "-",
+    }
+    return table_of("planar2 among random discs", [line], caption="p50 / p95 of CPU time")
