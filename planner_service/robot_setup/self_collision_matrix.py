@@ -39,6 +39,8 @@ SWEPT, MAX_SWEPT_JOINTS = 4000, 3
 """Points of the sweep behind "always"; over more joints, so many points are too few."""
 FIRST = 20
 """Configurations looked at before the rest: most pairs come apart in some of them."""
+MOST_KEPT = 64
+"""Robots of which it is kept which links always overlap."""
 DRAWN = "configurations drawn at random, which is no proof"
 ADJACENT = "adjacent"
 
@@ -150,17 +152,24 @@ class _Findings:
         return _found(LinkPair(self.robot, links), Q, self.given.get(frozenset(links)), self.max_bounds)
 
 
+_worked_out = dict[str, tuple[AllowedContact, ...]]()
+"""By the hash of a robot."""
+
+
 def always_overlapping(robot: Robot, *, progress: bool | None = None) -> tuple[AllowedContact, ...]:
     """The checked pairs that overlap wherever they were looked at, so that the robot would never be free.
 
     They overlap at home and in each of 1,000 configurations drawn over the whole joint box. Where at most three joints
     lie between them, they also overlap all over a dense sweep of these, as ``ContactKind.ALWAYS`` says. A pair that was
-    ever seen apart is not among them. The same in every run.
+    ever seen apart is not among them. The same in every run; for a robot of the same content it is worked out once in a
+    process. It is not kept on disk, where somebody could add a pair.
 
     Args:
         progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
     """
-    instance("robot", robot, Robot, "a Robot")
+    key = instance("robot", robot, Robot, "a Robot").hash
+    if key in _worked_out:
+        return _worked_out[key]
     at_home = _touching(robot)
     touching = [links for links in robot.link_pairs if frozenset(links) in at_home]
     Q = _draws(robot, SAMPLES)
@@ -173,7 +182,9 @@ def always_overlapping(robot: Robot, *, progress: bool | None = None) -> tuple[A
                 found += [AllowedContact(links, reason)] if reason else []
             if tell is not None:
                 tell(done, len(touching))
-    return tuple(found)
+    if len(_worked_out) == MOST_KEPT:
+        _worked_out.clear()
+    return _worked_out.setdefault(key, tuple(found))
 
 
 def _touching(robot: Robot) -> set[frozenset[str]]:
