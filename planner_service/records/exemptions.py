@@ -59,12 +59,17 @@ def ruled(before: TaskMotion | None, motion: TaskMotion, stretch: ExemptInterval
                 if begin - ROUNDING <= stretch.s_start and stretch.s_end <= end + ROUNDING:
                     return Ruling(reason=retreat.reason)
             return Ruling(objection=f"only on the straight way between {retreat.pose!r} and where its way out ends")
-    fingers = {names.link(link) for link in fingers_of(motion.robot)}
+    fingers, gripper = {names.link(link) for link in fingers_of(motion.robot)}, motion.robot.gripper
     obstacles = {names.object(obstacle.name) for obstacle in motion.scene.obstacles}
-    if motion.taken is not None and _are(both, fingers, thing := names.object(motion.taken.name)):
-        return _touching(motion, stretch, pair, f"fingers may touch {thing}, which they take", at_end=True)
-    if before is not None and before.left is not None and _are(both, fingers, thing := names.object(before.left.name)):
-        return _touching(motion, stretch, pair, f"fingers may touch {thing}, which they leave", at_end=False)
+    if (
+        gripper is not None
+        and motion.taken is not None
+        and _are(both, fingers, thing := names.object(motion.taken.name))
+    ):
+        return _touching(motion, stretch, pair, gripper.touching(thing, "take"), at_end=True)
+    left = None if before is None else before.left
+    if gripper is not None and left is not None and _are(both, fingers, thing := names.object(left.name)):
+        return _touching(motion, stretch, pair, gripper.touching(thing, "leave"), at_end=False)
     if (
         before is not None
         and before.taken is not None

@@ -84,6 +84,12 @@ class Gripper:
     positions: tuple[float, float] = (0.0, 0.0)
     radius: float = 0.0
 
+    def touching(self, what: str, verb: str) -> str:
+        """That it may touch something, and why, in words."""
+        if self.kind == "vacuum":
+            return f"the cup may touch {what}, which it {verb}s"
+        return f"fingers may touch {what}, which they {verb}"
+
     def shapes(self, width: float) -> tuple[LinkShape, ...]:
         """The finger shapes at ``width``, in the order of ``closed``."""
         if self.kind == "vacuum":

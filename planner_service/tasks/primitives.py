@@ -181,7 +181,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
         return grasp_objection(target, grasp, gripper) or unwanted(checker, q, pairs)
 
-    touch = _Touch(pairs, None, "the fingers may touch what they take")
+    touch = _Touch(pairs, None, gripper.touching(target.name, "take"))
     lifting = _standing(service, target.name, handling)
     return _Contact(grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"))
 
@@ -203,7 +203,8 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
             return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
         return unwanted(checker, q, (pair,))
 
-    touch = _Touch(_touching(service, _fingers(service), held.name), None, "the fingers may touch what they leave")
+    reason = "" if service.robot.gripper is None else service.robot.gripper.touching(held.name, "leave")
+    touch = _Touch(_touching(service, _fingers(service), held.name), None, reason)
     lowering = _standing(service, held.name, handling)
     return _Contact(
         pose @ held.pose.inverse(), services, objection, lowering, (touch,), touch, ("transfer", "lower", "retreat")
