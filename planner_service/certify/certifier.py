@@ -242,8 +242,9 @@ class Certifier:
         roots = self._roots(judged, stretches)
         proof = self.prover.prove(curve, padding + MARGIN, roots, charge, tracing=trail is not None)
         if trail is not None:
-            order = np.lexsort((proof.leaves[:, 1], proof.leaves[:, 0]))
-            trail.path, trail.motion, trail.leaves = curve, self.motion, proof.leaves[order]
+            leaves = np.frombuffer(proof.leaves).reshape(-1, 9)
+            order = np.lexsort((leaves[:, 1], leaves[:, 0]))
+            trail.path, trail.motion, trail.leaves = curve, self.motion, leaves[order]
         obstruction, refusal, clearance = proof.obstruction, None, _floored(proof.proven)
         if obstruction is not None:
             names, clearance = self.listed.names(obstruction.pair), -math.inf

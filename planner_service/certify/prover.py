@@ -20,7 +20,7 @@ from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion
 from planner_service.certify.clearance import smallest_gaps
 from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
-from planner_service.certify.interval_proof import NO_LEAVES, Obstruction, ProofTree, Roots
+from planner_service.certify.interval_proof import Obstruction, ProofTree, Roots
 from planner_service.certify.motion_bounds import Motion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
@@ -38,13 +38,13 @@ FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
 class Proof(NamedTuple):
     """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so.
 
-    ``leaves`` is what was proven, if that was asked for: see ``ProofTree``.
+    ``leaves`` is what was proven, if that was asked for: float64 numbers of ``ProofTree``.
     """
 
     bounds: int
     proven: float
     obstruction: Obstruction | None
-    leaves: FloatArray = NO_LEAVES
+    leaves: bytes = b""
 
 
 class Prover(Protocol):
@@ -73,7 +73,7 @@ class NumpyProver:
     ) -> Proof:
         proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None), tracing=tracing)
         obstruction = proof.run(roots)
-        return Proof(proof.bounds, proof.proven, obstruction, proof.leaves)
+        return Proof(proof.bounds, proof.proven, obstruction, proof.leaves.tobytes())
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
         lower, upper = self._motion.limits
@@ -106,7 +106,7 @@ class _Native:
         outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, tracing)
         bounds, most, proven, end, pair, start, stop, s, gap, leaves = outcome
         if end == PROVEN:
-            return Proof(bounds, proven, None, np.frombuffer(leaves).reshape(-1, 9))
+            return Proof(bounds, proven, None, leaves)
         detail = tree.too_close(s, gap, enough) if end == CLOSE else tree.no_end(most if end == SPENT else None)
         return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
 

@@ -196,7 +196,7 @@ def inverse_kinematics(
 
 def inverse_is_complete(robot: Robot, pose: Pose) -> bool:
     """Whether ``inverse_kinematics`` returns every solution that there is: a closed form, and no angle left free."""
-    return robot.inverse == "wxai" and WxaiInverse.of(robot).determined(pose)
+    return robot.inverse == "wxai" and WxaiInverse.of(ToolChain.of(robot, robot.home).robot).determined(pose)
 
 
 def _numeric_solutions(

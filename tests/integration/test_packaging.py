@@ -51,7 +51,7 @@ def scripts(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_wheel_puts_nothing_but_the_package_into_site_packages(wheel: Path) -> None:
     top = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-    assert {name for name in top if not name.endswith(".dist-info")} == {"planner_service"}
+    assert {name for name in top if not name.endswith(".dist-info")} == {"auditor", "planner_service"}
 
 
 def test_the_wheel_carries_the_template_of_the_data_card_and_every_robot_and_scene(wheel: Path) -> None:

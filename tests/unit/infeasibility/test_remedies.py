@@ -63,6 +63,8 @@ def test_a_pose_that_leaves_an_angle_free_proves_nothing() -> None:
     above = Pose((0.0, 0.0, 0.6), (float(np.sqrt(0.5)), 0.0, float(-np.sqrt(0.5)), 0.0))  # straight up, over the waist
     assert not inverse_is_complete(ARM, above)
     assert not inverse_is_complete(load_robot("ur5"), Pose.from_matrix(AT))
+    pair = load_robot("wxai_dual")
+    assert inverse_is_complete(pair, Pose.from_matrix(pair.tool_pose(pair.home)))
 
 
 def test_a_pose_out_of_reach_is_replaced_by_the_nearest_configuration() -> None:
