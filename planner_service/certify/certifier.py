@@ -145,7 +145,7 @@ class Certificate:
 
 @dataclass(eq=False)
 class Trail:
-    """What a proof rests on; whoever proves with one given fills it in.
+    """The steps of a proof, recorded by the certifier that it is passed to.
 
     Attributes:
         path: The curve that was judged.

@@ -1,4 +1,4 @@
-"""Does what ``explain`` suggests help? Failures made on purpose, and each first suggestion applied and judged anew."""
+"""Does what ``explain`` suggests help? Deliberate failures; the first suggestion for each is applied and checked again."""
 
 from __future__ import annotations
 
