@@ -1,4 +1,4 @@
-"""Does what ``explain`` suggests help? Deliberate failures; the first suggestion for each is applied and checked again."""
+"""Does what ``explain`` suggests help? Deliberate failures; the first suggestion for each is applied and checked."""
 
 from __future__ import annotations
 
