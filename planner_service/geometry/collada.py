@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from planner_service.files.numerals import plain_float, plain_int
+from planner_service.files.numerals import plain_floats, plain_ints
 from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
 from planner_service.geometry.arrays import FloatArray, IntArray, along, axis_matrix, product
 
@@ -312,13 +312,13 @@ def _count(element: Element, key: str, default: str = "") -> int:
 
 def _floats(text: str | None) -> FloatArray:
     try:
-        return np.array([plain_float(word) for word in (text or "").split()], dtype=np.float64)
+        return np.array(plain_floats(text or ""), dtype=np.float64)
     except ValueError as error:
         raise Malformed(f"{error} is not a number") from None
 
 
 def _integers(text: str | None) -> IntArray:
     try:
-        return np.array([plain_int(word) for word in (text or "").split()], dtype=np.int64)
+        return np.array(plain_ints(text or ""), dtype=np.int64)
     except ValueError as error:
         raise Malformed(f"{error} is not an index") from None
