@@ -361,6 +361,9 @@ def import_robot_(
     joint: Annotated[
         list[str] | None, typer.Option(metavar="JOINT", help="A joint that moves; all others are fixed. Repeatable.")
     ] = None,
+    visual_as_collision: Annotated[
+        bool, typer.Option("--visual-as-collision", help="Check links without collision elements as they look.")
+    ] = False,
     prove: Annotated[
         bool, typer.Option("--prove", help="Look for proofs that pairs of links never touch: they need no checks then.")
     ] = False,
@@ -376,7 +379,7 @@ def import_robot_(
     with bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
         srdf_file, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
-        source = Source(Path(urdf), srdf_file, tool_frame, folders, locks(lock or ()), joints)
+        source = Source(Path(urdf), srdf_file, tool_frame, folders, locks(lock or ()), joints, visual_as_collision)
         engine = engine_named("processes", workers)
         imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=None)
     if as_json:

@@ -20,6 +20,7 @@ from planner_service.geometry.arrays import vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
+from planner_service.presentation.progress import bar
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
 from planner_service.robot.macros.expansion import expanded_xml, robot_folders
 from planner_service.robot.urdf_model import (
@@ -139,7 +140,7 @@ class _Reader:
                 self.problems.append(f"{len(elements)} {tag}; at most {MAX_ELEMENTS}")
                 return Urdf("", "", (), ())
         name = self.text(root, "name", "robot")
-        links = tuple(self.link(element) for element in link_elements)
+        links = self.links(link_elements)
         shaped = {each.get("name") for each in link_elements if self.checked(each)[1]}
         for link in sorted(map(str, self.decompose.keys() - shaped)):
             self.problems.append(f"decompose: {link!r} is not a link with a collision shape")
@@ -148,6 +149,16 @@ class _Reader:
         top = self.tree(links, joints)
         top = top if len(self.problems) == before else ""
         return Urdf(name, top, links, joints, tuple(self.unread_visuals), tuple(self.remarks))
+
+    def links(self, elements: Sequence[ElementTree.Element]) -> tuple[UrdfLink, ...]:
+        """The links; where there are meshes, whose hulls take time, a bar on a terminal shows how many are read."""
+        found = []
+        with bar("links", None if any(each.find(".//mesh") is not None for each in elements) else False) as report:
+            for element in elements:
+                found.append(self.link(element))
+                if report is not None:
+                    report(len(found), len(elements))
+        return tuple(found)
 
     def checked(self, link: ElementTree.Element) -> tuple[str, list[ElementTree.Element]]:
         """The elements of a link that say what is checked, and their tag."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -49,6 +50,8 @@ MESHES = "meshes"
 class Source:
     """Where a robot comes from; as ``Robot.from_urdf`` takes it.
 
+    With ``visual_as_collision`` the copy of the URDF has collision elements where only visual ones were.
+
     Raises:
         InvalidRequest: a path is none.
     """
@@ -59,9 +62,11 @@ class Source:
     package_dirs: tuple[Path, ...] = ()
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] | None = None
+    visual_as_collision: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "urdf", as_path("urdf", self.urdf))
+        flag("visual_as_collision", self.visual_as_collision)
         if self.srdf is not None:
             object.__setattr__(self, "srdf", as_path("srdf", self.srdf))
         folders = items("package_dirs", self.package_dirs, object, "folders")
@@ -151,10 +156,12 @@ def import_robot(
     folder = as_path("out", out)
     text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
     root = expanded_xml(source.urdf, source.folders)
+    if source.visual_as_collision:
+        _check_as_seen(root)
     if _serialised(root) != _serialised(read_xml(source.urdf, "robot")):
-        text = f"<!-- expanded from {source.urdf.name} -->\n{_serialised(root)}\n"
+        text = f"<!-- worked out from {source.urdf.name} -->\n{_serialised(root)}\n"
     toml, copy = folder / ROBOT_FILE, folder / source.copy_name
-    urdf = read_urdf(source.urdf, source.folders)
+    urdf = read_urdf(source.urdf, source.folders, visual_as_collision=source.visual_as_collision)
     srdf = Srdf() if source.srdf is None else read_srdf(source.srdf, urdf)
     hand = find_gripper(urdf, srdf, source.tool_frame) if source.joints is None else None
     if hand is not None and not source.locked_joints.keys().isdisjoint(hand.table.joints):
@@ -163,6 +170,8 @@ def import_robot(
     robot = robot_of(source.urdf, urdf, selection, srdf)  # its fingers are joints, so that pairs with them are known
     agreement = compare_with_yourdfpy(robot, source.urdf, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
+    if in_place and source.visual_as_collision:
+        raise InvalidRequest("out", str(folder), "another folder than the URDF's own, which is left as it is")
     meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
     if meshes and not in_place:
         text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
@@ -185,6 +194,15 @@ def _standing_open(finding: PairFinding, robot: Robot) -> PairFinding:
     """What holds of a pair when the gripper is open: its fingers meet at a home at which they are closed."""
     links = () if robot.gripper is None else robot.gripper.links
     return replace(finding, at_home=finding.at_home and not set(finding.links) <= set(links))
+
+
+def _check_as_seen(root: ElementTree.Element) -> None:
+    """Give links that have visual elements alone the same as collision elements."""
+    for link in root.findall("link"):
+        if link.find("collision") is None:
+            for visual in link.findall("visual"):
+                collision = ElementTree.SubElement(link, "collision")
+                collision.extend(deepcopy(child) for child in visual if child.tag in ("origin", "geometry"))
 
 
 def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:

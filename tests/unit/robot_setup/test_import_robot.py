@@ -99,6 +99,23 @@ def test_a_urdf_in_place_whose_meshes_lie_elsewhere_is_refused(tmp_path: Path) -
     assert [path.name for path in (tmp_path / "robot").iterdir()] == ["meshed.urdf"]
 
 
+def test_links_that_are_only_seen_are_imported_as_they_look(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_text(solid(0.05))
+    mesh = '<origin xyz="0 0 0.2"/><geometry><mesh filename="part.stl"/></geometry>'
+    seen = f'<link name="hand"><visual>{mesh}</visual></link>'
+    base = link("base", ball("sphere", 'radius="0.1"'))
+    text = urdf("seen", base, seen, joint("turn", "revolute base hand -1 1", xyz="0 0 0.3"))
+    (tmp_path / "arm.urdf").write_text(text)
+    source = Source(tmp_path / "arm.urdf", visual_as_collision=True)
+    imported = import_robot(source, tmp_path / "out")
+    assert [item.link for item in import_robot(Source(source.urdf), tmp_path / "bare").robot.shapes] == ["base"]
+    assert [item.link for item in imported.robot.shapes] == ["base", "hand"]
+    asked = Robot.from_urdf(source.urdf, visual_as_collision=True)
+    assert replace(imported.robot, allowed_contacts=asked.allowed_contacts).hash == asked.hash
+    with pytest.raises(InvalidRequest, match="another folder than the URDF's own, which is left as it is"):
+        import_robot(source, tmp_path)
+
+
 def test_meshes_that_are_there_are_replaced_only_on_demand(tmp_path: Path) -> None:
     source, mesh = meshed(tmp_path), tmp_path / "out" / "meshes" / "part.stl"
     mesh.parent.mkdir(parents=True)
