@@ -42,6 +42,9 @@ ENDS = (Reason.START_IN_COLLISION, Reason.GOAL_IN_COLLISION, Reason.NOT_CERTIFIE
 CURVE_STEP = 0.002
 """Metres that any point of the robot moves at most from one audited configuration to the next."""
 
+LOOKS = 10_000
+"""Configurations audited on a plan, about: of a robot of 48 joints they would be many more, and are farther apart."""
+
 
 def main(source: str, queries: int, states: int, seed: int) -> None:
     """Print a row about the robot of ``source``."""
@@ -153,10 +156,13 @@ def _judged(service: PlannerService, source: str, results: list[PlanResult], sta
     Q = random_states(service.robot, states, np.random.default_rng(seed))
     row = compared(service.checker, second, Q)
     paths = [result.path for result in results if result.path is not None]
-    touched = [touch for path in paths if (touch := touch_on_curve(second, path, CURVE_STEP)) is not None]
+    looks = [len(second.along(path, path.length, CURVE_STEP)) for path in paths]
+    step = CURVE_STEP * max(1.0, max(looks, default=0) / LOOKS)
+    touched = [touch for path in paths if (touch := touch_on_curve(second, path, step)) is not None]
     larger = max(getattr(item.shape, "growth", 0.0) for item in service.robot.shapes)
     return {"states": len(Q), "differ": row["disagreements"], "apart": row["apart"], "deep": row["deep"]} | {
         "larger": larger,
+        "curve step": step,
         "judged plans": len(paths),
         "touched": touched,
     }

@@ -80,6 +80,7 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
             "states": row.get("states", "-"),
             "differ": row.get("differ", "-"),
             "plans judged": row.get("judged plans", "-"),
+            "step mm": f"{row['curve step'] * 1e3:.0f}" if "curve step" in row else "-",
             "touch": len(row["touched"]) if "touched" in row else "-",
         }
         for row in rows
@@ -89,7 +90,8 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
         "From the start of a process to the robot, and to its first proven plan, from home to a random configuration. "
         "Ends: not free in 20 draws, which the answer proves. No path: proven. "
         "ms: p50 / p95 of all queries. Differ: verdicts of random "
-        "states from Coal's. Touch: plans along which Coal finds a contact."
+        "states from Coal's. Touch: plans along which Coal finds a contact, no point moving more than the step "
+        "between two looks."
     )
     if lines:
         yield table_of("Robots that nobody here drew", lines, caption=caption)
