@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.geometry.validation import whole
@@ -18,6 +18,9 @@ from planner_service.service import PlannerService
 from planner_service.view.page import Page
 from planner_service.view.state import ViewState
 
+if TYPE_CHECKING:
+    from planner_service.view.server import PageServer
+
 __all__ = ["HOST", "PORT", "Viewer", "interactive", "open_viewer", "show"]
 
 HOST, PORT = "127.0.0.1", 8080
@@ -25,21 +28,23 @@ HOST, PORT = "127.0.0.1", 8080
 GRACE = 3.0
 """Seconds to wait after the last window closed before ending: a reload closes the window, too."""
 
+LOADING = 60.0
+"""Seconds that a window may take from asking for the page to showing it."""
+
 
 class Viewer(contextlib.AbstractContextManager["Viewer"]):
     """A page served from this process until its last window is closed.
 
     Attributes:
-        url: The page's address.
+        url: The page's address. It ends with a token, without which nothing is answered.
         page: The page itself.
     """
 
-    def __init__(self, server: Any, page: Page, *, keep: bool) -> None:
-        self._server, self.page, self._keep = server, page, keep
-        self.url = f"http://{server.get_host()}:{server.get_port()}"
+    def __init__(self, server: PageServer, page: Page, *, keep: bool) -> None:
+        self._server, self.page, self.url, self._keep = server, page, server.url, keep
         self._ended, self._lock = threading.Event(), threading.Lock()
         self._seen, self._empty_since = False, time.monotonic()
-        server.on_client_connect(self._on_connect)
+        server.viser.on_client_connect(self._on_connect)
         threading.Thread(target=self._watch, name="planner-service view: watch", daemon=True).start()
 
     def _on_connect(self, _: Any) -> None:
@@ -47,9 +52,10 @@ class Viewer(contextlib.AbstractContextManager["Viewer"]):
 
     def _watch(self) -> None:
         while not self._ended.wait(0.2):
-            if self._server.get_clients() or not self._seen:
-                self._empty_since = time.monotonic()
-            elif not self._keep and time.monotonic() - self._empty_since > GRACE:
+            now, loading = time.monotonic(), self._server.loading_since
+            if self._server.viser.get_clients() or not self._seen or (loading and now - loading < LOADING):
+                self._empty_since = now
+            elif not self._keep and now - self._empty_since > GRACE:
                 self.close()
 
     @property
@@ -72,7 +78,7 @@ class Viewer(contextlib.AbstractContextManager["Viewer"]):
                 return
             self.page.close()
             with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it stopped
-                self._server.stop()
+                self._server.viser.stop()
             self._ended.set()
 
     def __exit__(self, *_: object) -> None:
@@ -115,7 +121,7 @@ def open_viewer(
     if not host:  # an empty host means every address of the machine
         raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
     try:
-        import viser
+        from planner_service.view.server import PageServer
     except ImportError:
         raise MissingDependency("viser", "view") from None
     try:
@@ -124,13 +130,8 @@ def open_viewer(
     except OSError as error:
         raise InvalidRequest("host", host, f"an address of this machine ({error})") from None
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints its addresses
-        server = viser.ViserServer(host, port, label="planner-service", verbose=False)
-    server.request_share_url = _not_shared  # any web page could ask for it
-    return Viewer(server, Page(server, state), keep=keep)
-
-
-def _not_shared(*_: object, **__: object) -> None:
-    """Replaces viser's function that publishes the page on the internet."""
+        server = PageServer(host, port)
+    return Viewer(server, Page(server.viser, state), keep=keep)
 
 
 def interactive() -> bool:

@@ -1,0 +1,325 @@
+"""Who may use the page and what a window may send: everything else is refused, dropped or slowed down."""
+
+from __future__ import annotations
+
+import contextlib
+import http.server
+import os
+import random
+import resource
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import msgspec
+import pytest
+import viser
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+
+from planner_service import PlannerService
+from planner_service.view import Viewer, open_viewer
+from planner_service.view import viewer as viewer_module
+from planner_service.view.client_messages import MAX_BYTES, PageMessages
+from planner_service.view.server import MAX_CONNECTIONS, MAX_WINDOWS
+from tests.support.chromium import executable, headless
+
+needs_chromium = pytest.mark.skipif(executable() is None, reason="no Chromium; set PLANNER_SERVICE_CHROMIUM")
+
+PROTOCOL: Any = f"viser-v{viser.__version__}"
+SEED = int(os.environ.get("PLANNER_SERVICE_FUZZ_SEED", "24"))
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[Viewer]:
+    with open_viewer(PlannerService("planar2", "discs"), None, port=0, keep=True) as found:
+        yield found
+
+
+def status(url: str, **headers: str) -> int:
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10) as response:
+            return int(response.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def window(viewer: Viewer, *, url: str | None = None, origin: str | None = None) -> Connection:
+    """A window of the page, without a browser."""
+    address = (url or viewer.url).replace("http://", "ws://")
+    return connect(address, origin=origin, subprotocols=[PROTOCOL], max_size=None, proxy=None)  # type: ignore[arg-type]
+
+
+def update(handle: Any, value: Any, name: str = "value") -> bytes:
+    uuid = handle._impl.uuid
+    return msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {name: value}})
+
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1, 0, 0, 0), "position": (1, 1, 1.5), "fov": 0.7, "near": 0.01, "far": 100,
+    "image_height": 500, "image_width": 800, "look_at": (0, 0, 0), "up_direction": (0, 0, 1),
+}  # fmt: skip
+
+
+def reaches_the_page(viewer: Viewer, connection: Connection) -> bool:
+    """Whether a joint's slider moved in this window moves the robot."""
+    slider = viewer.page._joints[0]
+    wanted = 0.5 if abs(viewer.page.state.q[0] - 0.5) > 0.1 else -0.5
+    connection.send(msgspec.msgpack.encode(CAMERA))
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end:
+        connection.send(update(slider, wanted))
+        time.sleep(0.05)
+        if abs(viewer.page.state.q[0] - wanted) < 0.01:
+            return True
+        slider.value = 0.0
+    return False
+
+
+# Who may use it
+
+
+def test_the_page_is_served_to_who_knows_its_token(viewer: Viewer) -> None:
+    assert status(viewer.url) == 200
+    with window(viewer) as connection:
+        assert reaches_the_page(viewer, connection)
+
+
+@pytest.mark.parametrize("path", ["", "/", "/index.html", "/0123456789abcdef0123456789abcdef", "/%00", "/\u00e9"])
+def test_nothing_is_answered_without_the_token(viewer: Viewer, path: str) -> None:
+    origin = viewer.url.rpartition("/")[0]
+    assert status(origin + urllib.request.quote(path, safe="/%")) == 403  # type: ignore[attr-defined]
+    with pytest.raises(InvalidHandshake):
+        window(viewer, url=origin + path)
+
+
+def test_the_token_is_new_with_each_page(viewer: Viewer) -> None:
+    with open_viewer(PlannerService("planar2", "discs"), None, port=0) as second:
+        assert urlsplit(second.url).path != urlsplit(viewer.url).path
+        assert len(urlsplit(second.url).path) == 33
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"])
+def test_pages_of_other_origins_are_refused_even_with_the_token(viewer: Viewer, origin: str) -> None:
+    assert status(viewer.url, Origin=origin) == 403
+    with pytest.raises(InvalidHandshake):
+        window(viewer, origin=origin)
+
+
+def test_a_host_name_that_points_here_is_refused_and_a_forwarded_port_is_not(viewer: Viewer) -> None:
+    assert status(viewer.url, Host="rebound.example") == 403
+    assert status(viewer.url, Host="localhost:12345", Origin="http://localhost:12345") == 200
+    assert status(viewer.url, Host="[::1]:8080") == 200
+
+
+def test_the_browser_tells_nobody_the_address(viewer: Viewer) -> None:
+    with urllib.request.urlopen(viewer.url) as response:
+        assert response.headers["Referrer-Policy"] == "no-referrer"
+        assert response.headers["Cache-Control"] == "no-store"
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+@needs_chromium
+def test_a_page_of_another_origin_in_the_browser_cannot_use_the_page(viewer: Viewer, tmp_path: Path) -> None:
+    """It knows the port and even the token; a window that is open in the same browser does not help it."""
+    (tmp_path / "index.html").write_text("<p>another site</p>")
+
+    class Site(http.server.SimpleHTTPRequestHandler):
+        def __init__(self, *args: Any) -> None:
+            super().__init__(*args, directory=str(tmp_path))
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    attack = """async ([url, protocol, message]) => {
+        const tried = {};
+        for (const address of [url, url.slice(0, url.lastIndexOf("/"))]) {
+            tried[address] = await new Promise((resolve) => {
+                const socket = new WebSocket(address.replace("http", "ws"), [protocol]);
+                socket.onopen = () => { socket.send(new Uint8Array(message)); resolve("open"); };
+                socket.onerror = () => resolve("refused");
+            });
+            tried["GET " + address] = await fetch(address).then(() => "read", () => "refused");
+        }
+        return Object.values(tried);
+    }"""
+    site = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Site)
+    threading.Thread(target=site.serve_forever, daemon=True).start()
+    try:
+        with headless() as browser:
+            open_page = browser.new_page()
+            open_page.goto(viewer.url)
+            open_page.get_by_text("shoulder").first.wait_for()
+            foreign = browser.new_page()
+            foreign.goto(f"http://localhost:{site.server_port}/")
+            before = viewer.page.state
+            message = list(update(viewer.page._joints[0], 0.25))
+            tried = foreign.evaluate(attack, [viewer.url, PROTOCOL, message])
+            assert tried == ["refused"] * 4
+            assert viewer.page.state is before
+    finally:
+        site.shutdown()
+        site.server_close()
+
+
+def test_the_page_is_served_until_a_window_that_is_loading_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reload closes the window, and on a busy machine the page takes longer than the grace to come back."""
+    monkeypatch.setattr(viewer_module, "GRACE", 0.0)
+    with open_viewer(PlannerService("planar2", "discs"), None, port=0) as reloaded:
+        with window(reloaded) as before:
+            before.send(msgspec.msgpack.encode(CAMERA))
+            wait_for(lambda: reloaded._seen)
+            assert status(reloaded.url) == 200
+        time.sleep(0.5)
+        assert reloaded.open
+        with window(reloaded) as after:
+            after.send(msgspec.msgpack.encode(CAMERA))
+            wait_for(lambda: reloaded._server.loading_since is None)
+        wait_for(lambda: not reloaded.open)
+
+
+# What a window may send
+
+
+def test_controls_take_the_values_they_can_have_and_no_others(viewer: Viewer) -> None:
+    messages, page = PageMessages(viewer._server.viser.gui), viewer.page
+    slider, box, choice, button = page._joints[0], page._show_ends, page._speed, page._play
+    good = [(slider, 0.5), (slider, 1), (box, False), (choice, "0.5"), (button, True), (page._controls._seed, 7)]
+    assert all(messages.allowed(update(handle, value)) for handle, value in good)
+    numbers: list[Any] = [1e9, float("nan"), float("inf"), True, "0.5", None, [0.5], {"a": 1}, 2**63]
+    bad = [(slider, value) for value in numbers] + [(box, 1), (choice, "7"), (choice, ["0.5"]), (button, False)]
+    bad += [(page._controls._seed, -1), (page._controls._seed, 0.5), (page._status, "text")]
+    assert [value for handle, value in bad if messages.allowed(update(handle, value))] == []
+
+
+def test_a_window_sets_no_attribute_but_a_controls_value(viewer: Viewer) -> None:
+    messages, slider = PageMessages(viewer._server.viser.gui), viewer.page._joints[0]
+    assert not messages.allowed(update(slider, [], "update_cb"))
+    assert not messages.allowed(update(slider, True, "removed"))
+    both = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": 0.1, "sync_cb": None}}
+    assert not messages.allowed(msgspec.msgpack.encode(both))
+
+
+@pytest.mark.parametrize(
+    "kind", ["ShareUrlRequest", "FileTransferStartUpload", "RunJavascriptMessage", "ResetGuiMessage", "Message", ""]
+)
+def test_messages_that_the_page_does_not_use_go_nowhere(viewer: Viewer, kind: str) -> None:
+    assert not PageMessages(viewer._server.viser.gui).allowed(msgspec.msgpack.encode({"type": kind}))
+
+
+def test_handles_go_to_finite_poses_only(viewer: Viewer) -> None:
+    messages = PageMessages(viewer._server.viser.gui)
+    pose = {"type": "TransformControlsUpdateMessage", "name": "/aim", "wxyz": (1, 0, 0, 0), "position": (0, 0, 1)}
+    assert messages.allowed(msgspec.msgpack.encode(pose))
+    for wrong in ({"wxyz": (0, 0, 0, 0)}, {"position": (float("nan"), 0, 0)}, {"position": (0, 0)}, {"owner": 7}):
+        assert not messages.allowed(msgspec.msgpack.encode({**pose, **wrong}))
+
+
+def test_a_giant_message_ends_its_window_alone(viewer: Viewer) -> None:
+    with window(viewer) as bystander, window(viewer) as attacker:
+        attacker.send(bytes(MAX_BYTES + 1))
+        with pytest.raises(ConnectionClosed):
+            read_to_the_end(attacker)
+        assert reaches_the_page(viewer, bystander)
+
+
+def read_to_the_end(connection: Connection) -> None:
+    while True:
+        connection.recv(timeout=10)
+
+
+def test_windows_and_connections_are_limited(viewer: Viewer) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in range(MAX_WINDOWS):
+            stack.enter_context(window(viewer))
+        with pytest.raises(InvalidHandshake, match="503"):
+            window(viewer)
+    host, port = present_address(viewer)
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.create_connection((host, port))) for _ in range(MAX_CONNECTIONS + 20)]
+        sockets[-1].settimeout(10)
+        with contextlib.suppress(ConnectionResetError):
+            assert sockets[-1].recv(1) == b""
+    wait_for_page(viewer)
+
+
+@pytest.mark.slow
+def test_nothing_a_window_sends_stops_the_page(viewer: Viewer, capfd: pytest.CaptureFixture[str]) -> None:
+    """Thousands of messages, malformed, mutated and well formed, from several windows, some of which read nothing."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    attackers = [threading.Thread(target=attack, args=(viewer, SEED + k)) for k in range(4)]
+    for thread in attackers:
+        thread.start()
+    for thread in attackers:
+        thread.join(timeout=60)
+        assert not thread.is_alive()
+    wait_for_page(viewer)
+    with window(viewer) as connection:
+        assert reaches_the_page(viewer, connection)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kilobytes
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def attack(viewer: Viewer, seed: int) -> None:
+    draw = random.Random(seed)
+    gui = viewer._server.viser.gui
+    uuids = [*gui._gui_input_handle_from_uuid, *gui._container_handle_from_uuid, "", "x" * 1000]
+    kinds = [*viser._messages.Message._subclass_from_type_string(), "?"]
+    values: list[Any] = [0, 1, -1, 0.5, True, None, "", "a", "1", float("nan"), 1e308, 2**63, [], [[]], {}, b"\xff"]
+    for _ in range(3):
+        with window(viewer) as connection, contextlib.suppress(ConnectionClosed):
+            connection.send(msgspec.msgpack.encode(CAMERA))
+            for _ in range(200):
+                choice = draw.random()
+                if choice < 0.4:
+                    name = draw.choice(["value", "value", "update_cb", "props", "removed", "__class__"])
+                    message: Any = {"type": "GuiUpdateMessage", "uuid": draw.choice(uuids)}
+                    message["updates"] = {name: draw.choice(values)}
+                elif choice < 0.7:
+                    fields = ["uuid", "name", "wxyz", "position", "owner", "part_count", "transfer_uuid", "updates"]
+                    message = {key: draw.choice(values) for key in draw.sample(fields, 3)}
+                    message["type"] = draw.choice(kinds)
+                else:
+                    message = {key: draw.choice([value, *values]) for key, value in CAMERA.items()}
+                raw = bytearray(msgspec.msgpack.encode(message))
+                if draw.random() < 0.3:
+                    raw[draw.randrange(len(raw))] ^= 1 << draw.randrange(8)
+                if draw.random() < 0.1:
+                    raw = raw[: draw.randrange(len(raw))]
+                connection.send(b"\x91" * 60_000 if draw.random() < 0.01 else bytes(raw))
+                if draw.random() < 0.01:
+                    connection.send("text")
+
+
+def present_address(viewer: Viewer) -> tuple[str, int]:
+    parts = urlsplit(viewer.url)
+    assert parts.hostname is not None
+    assert parts.port is not None
+    return parts.hostname, parts.port
+
+
+def wait_for_page(viewer: Viewer) -> None:
+    """Wait until the page answers, which it does once the connections of a test are gone."""
+
+    def answers() -> bool:
+        with contextlib.suppress(OSError):
+            return status(viewer.url) == 200
+        return False
+
+    wait_for(answers)
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + 10.0
+    while not holds():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
