@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["executable", "headless", "pixels"]
+__all__ = ["executable", "headless", "new_window", "pixels"]
 
 ARGUMENTS = (
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--disable-quic", "--disable-background-networking", "--no-first-run"),
 )
 """WebGL without a graphics card, and no word to anybody."""
+
+PATIENCE = 90.0
+"""Seconds that a page may take for anything, on a machine that does other things."""
 
 
 def executable() -> str | None:
@@ -32,11 +35,19 @@ def headless() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable(), args=list(ARGUMENTS))
+        options = {"executable_path": executable(), "args": list(ARGUMENTS), "timeout": PATIENCE * 1e3}
+        browser = playwright.chromium.launch(**options)
         try:
             yield browser
         finally:
             browser.close()
+
+
+def new_window(browser: Any, **options: Any) -> Any:
+    """A new page of a browser, which may take its time."""
+    page = browser.new_page(**options)
+    page.set_default_timeout(PATIENCE * 1e3)
+    return page
 
 
 def pixels(page: Any) -> NDArray[np.uint8]:

@@ -24,7 +24,7 @@ from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as view_module
 from planner_service.view.looks import BOTH, CHECKED, LOOKS
 from planner_service.view.state import Choice, ViewState
-from tests.support.chromium import executable, headless, pixels
+from tests.support.chromium import executable, headless, new_window, pixels
 from tests.support.optional import present
 
 ROOT = Path(__file__).parents[3]
@@ -42,7 +42,7 @@ pytestmark = [
 ]
 
 
-def until(holds: Callable[[], Any], seconds: float = 20.0) -> Any:
+def until(holds: Callable[[], Any], seconds: float = 90.0) -> Any:
     """What comes to hold, waited for."""
     end = time.monotonic() + seconds
     while not (found := holds()):
@@ -80,7 +80,7 @@ def viewer() -> Iterator[Viewer]:
 
 @pytest.fixture(scope="module")
 def page(browser: Any, viewer: Viewer) -> Any:
-    found = browser.new_page(viewport={"width": 800, "height": 500})
+    found = new_window(browser, viewport={"width": 800, "height": 500})
     asked: list[str] = []
     found.on("request", lambda request: asked.append(request.url))
     found.goto(viewer.url)
@@ -184,7 +184,7 @@ def constrained(browser: Any) -> Iterator[tuple[Any, Viewer]]:
         robot.pose("lesson_start"), robot.pose("lesson_goal"), time_limit=None, constraints=[low, ELBOW]
     )
     with open_viewer(service, service.plan(request), port=0, keep=True) as viewer:
-        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page = new_window(browser, viewport={"width": 800, "height": 500})
         page.goto(viewer.url)
         page.get_by_text("shoulder").first.wait_for()
         page.get_by_role("tab", name="show").click()
@@ -252,7 +252,7 @@ def bin_page(browser: Any) -> Iterator[tuple[Any, Viewer]]:
     robot = service.robot
     result = service.plan(PlanRequest(robot.home, robot.pose("ready"), time_limit=None))
     with open_viewer(service, result, port=0, keep=True) as viewer:
-        page = browser.new_page(viewport={"width": 1000, "height": 700})
+        page = new_window(browser, viewport={"width": 1000, "height": 700})
         page.goto(viewer.url)
         page.get_by_role("tab", name="plan").click()
         until(lambda: len(handle(page)) > 10)
@@ -269,7 +269,7 @@ def handle(page: Any) -> Any:
 @pytest.mark.slow
 def test_what_the_robot_looks_like_is_shown_under_the_checked_shapes(browser: Any) -> None:
     with open_viewer(PlannerService("ur5", "empty"), None, port=0, keep=True) as viewer:
-        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page = new_window(browser, viewport={"width": 800, "height": 500})
         page.goto(viewer.url)
         page.get_by_text("shoulder_pan_joint").first.wait_for()
         checked = settled(page)
@@ -396,7 +396,7 @@ def test_what_was_played_while_it_planned_ends_and_its_button_says_so(
     page.get_by_role("tab", name="plan").click()
     page.get_by_role("button", name="plan", exact=True).click()
     until(lambda: finished and shown.state is finished[0])
-    page.get_by_role("button", name="play", exact=True).wait_for(timeout=5_000)
+    page.get_by_role("button", name="play", exact=True).wait_for()
 
 
 @pytest.mark.slow
@@ -404,7 +404,7 @@ def test_a_window_that_is_closed_ends_the_viewer_and_its_threads(browser: Any, m
     monkeypatch.setattr(view_module, "GRACE", 0.5)
     before = set(threading.enumerate())
     viewer = open_viewer(PlannerService("planar2", "discs"), None, port=0)
-    window = browser.new_page()
+    window = new_window(browser)
     window.goto(viewer.url)
     window.get_by_text("shoulder").first.wait_for()
     viewer.page.play()
@@ -413,7 +413,7 @@ def test_a_window_that_is_closed_ends_the_viewer_and_its_threads(browser: Any, m
     assert not viewer.open
     until(lambda: set(threading.enumerate()) <= before)
     with pytest.raises(OSError, match="refused"):
-        urllib.request.urlopen(viewer.url, timeout=5)
+        urllib.request.urlopen(viewer.url, timeout=60)
 
 
 @pytest.fixture
@@ -439,13 +439,13 @@ def test_the_command_ends_when_its_page_is_closed_and_leaves_no_process(
     browser: Any, command: tuple[subprocess.Popen[str], str]
 ) -> None:
     process, url = command
-    window = browser.new_page()
+    window = new_window(browser)
     window.goto(url)
     window.get_by_text("shoulder").first.wait_for()
     window.reload()  # which closes it, too
     window.get_by_text("shoulder").first.wait_for()
     window.close()
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=120)
     assert (process.returncode, out, err) == (0, "", "")
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
@@ -455,7 +455,7 @@ def test_the_command_ends_when_its_page_is_closed_and_leaves_no_process(
 def test_ctrl_c_ends_the_command_with_130(command: tuple[subprocess.Popen[str], str]) -> None:
     process, _ = command
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=120)
     assert (process.returncode, out, err) == (130, "", "")
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
@@ -477,12 +477,12 @@ def test_a_script_waits_for_its_page_and_a_prompt_does_not(browser: Any, monkeyp
     monkeypatch.setattr("builtins.print", lambda text, **_: urls.append(text.split()[1]))
     script = threading.Thread(target=lambda: result.show(port=0))
     script.start()
-    window = browser.new_page()
+    window = new_window(browser)
     window.goto(until(lambda: urls)[0])
     window.get_by_text("shoulder").first.wait_for()
     assert script.is_alive()
     window.close()
-    script.join(timeout=30)
+    script.join(timeout=120)
     assert not script.is_alive()
 
 

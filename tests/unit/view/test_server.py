@@ -29,7 +29,7 @@ from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as viewer_module
 from planner_service.view.client_messages import MAX_BYTES, PageMessages
 from planner_service.view.server import MAX_CONNECTIONS, MAX_WINDOWS
-from tests.support.chromium import executable, headless
+from tests.support.chromium import executable, headless, new_window
 
 needs_chromium = pytest.mark.skipif(executable() is None, reason="no Chromium; set PLANNER_SERVICE_CHROMIUM")
 
@@ -156,10 +156,10 @@ def test_a_page_of_another_origin_in_the_browser_cannot_use_the_page(viewer: Vie
     threading.Thread(target=site.serve_forever, daemon=True).start()
     try:
         with headless() as browser:
-            open_page = browser.new_page()
+            open_page = new_window(browser)
             open_page.goto(viewer.url)
             open_page.get_by_text("shoulder").first.wait_for()
-            foreign = browser.new_page()
+            foreign = new_window(browser)
             foreign.goto(f"http://localhost:{site.server_port}/")
             before = viewer.page.state
             message = list(update(viewer.page._joints[0], 0.25))
