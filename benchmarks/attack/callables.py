@@ -36,7 +36,7 @@ from planner_service.planning import AllowedStretch, Pace
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task
 from planner_service.records.problem_set import read_problems
-from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
+from planner_service.records.trajectory_export import csv_text, joint_trajectory, robot_trajectory, write_csv
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene.moveit_scene import read_moveit_scene
@@ -397,6 +397,7 @@ def _planning(folder: Path) -> Calls:
         _call(certifier.clearances, Q=[q, near]),
         _call(csv_text, motion=result, joint_names=arm.joint_names, dt=0.05),
         _call(joint_trajectory, motion=result, joint_names=arm.joint_names, dt=0.05, frame_id="base"),
+        _call(robot_trajectory, motion=result, joint_names=arm.joint_names, dt=0.05, frame_id="base"),
         _call(write_csv, ("path",), motion=result, path=folder / "out.csv", joint_names=arm.joint_names, dt=0.05),
         _call(save_plan, ("path",), plan=result, path=folder / "out.json"),
         _call(draw_check, ("file",), checker=checker, q=q, file=folder / "out.png"),

@@ -20,6 +20,7 @@ from planner_service.cli.certify import certify
 from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
+from planner_service.cli.exports import FORMATS, exported
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.cli.roadmaps import roadmaps
@@ -36,7 +37,7 @@ from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
 from planner_service.records.result import result_record
-from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
+from planner_service.records.trajectory_export import OURS
 from planner_service.robot.model import length_unit, load_robot, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.kernel_check import Health, examine
@@ -50,7 +51,6 @@ from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]
 
-EXPORTS = ("joint-trajectory", "csv")
 
 app = typer.Typer(
     help="Motion planning for a robot arm on a table, with every collision check counted.",
@@ -258,38 +258,32 @@ def export(
     plan_file: options.PlanFile,
     form: Annotated[
         str,
-        typer.Option("--format", metavar="FORMAT", help="joint-trajectory (JSON like the ROS message) or csv."),
-    ] = EXPORTS[0],
+        typer.Option("--format", metavar="FORMAT", help=f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}."),
+    ] = FORMATS[0],
     dt: Annotated[
         float, typer.Option(metavar="SECONDS", help="Time between points; the exact end is always one.")
     ] = 0.01,
     out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")] = None,
+    as_yaml: Annotated[bool, typer.Option("--yaml", help="Write ROS messages as YAML instead of JSON.")] = False,
     allow: options.Allow = None,
 ) -> None:
     """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
 
     The motions of a task share one clock, which stops while the gripper moves; each motion has its name and the
-    gripper's width.
+    gripper's width. The first three formats are messages of ROS 2 and MoveIt, as JSON.
     """
     with bad_input_exits():
-        if form not in EXPORTS:
-            raise UnknownName("format", form, EXPORTS)
+        if form not in FORMATS:
+            raise UnknownName("format", form, FORMATS)
         if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
             raise InvalidRequest("--out", out, "another file than the plan itself")
         if out is not None:
             require_writable(out, OURS)
         saved = load_plan_or_task(plan_file)
-        names = saved.robot.joint_names
         if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
             raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
         arguments.require_proven(saved, allow)
-        if isinstance(saved, SavedTask):
-            motions, as_csv = saved.segments, form == "csv"
-            text = task_csv_text(motions, names, dt) if as_csv else json_text(task_trajectories(motions, names, dt))
-        elif form == "csv":
-            text = csv_text(saved.result, names, dt)
-        else:
-            text = json_text(joint_trajectory(saved.result, names, dt))
+        text = exported(saved, form, dt, as_yaml=as_yaml)
         if out is not None:
             write_whole(Path(out), text, OURS)
     report_error(f"note: {arguments.from_file(saved)}")
@@ -470,7 +464,7 @@ _add(explain, "Say why there is no plan, and what helps.", "explain --scene bin 
 _add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray", name="pick-place")
 _add(view, "Show robot, scene and plan in the browser.", "view plan.json")
 _add(certify, "Prove a saved plan again.", "certify plan.json")
-_add(export, "Write a saved plan as CSV or as a ROS-like message.", "export plan.json --format csv")
+_add(export, "Write a saved plan or task as ROS messages or CSV.", "export plan.json --format csv")
 _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")

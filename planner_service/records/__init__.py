@@ -5,10 +5,13 @@ from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, l
 from planner_service.records.problem_set import Problem, ProblemSet, read_problems
 from planner_service.records.trajectory_export import (
     csv_text,
+    display_trajectory,
     joint_trajectory,
+    robot_trajectory,
     task_csv_text,
     task_trajectories,
     write_csv,
+    yaml_text,
 )
 
 __all__ = [
@@ -17,13 +20,16 @@ __all__ = [
     "SavedPlan",
     "SavedTask",
     "csv_text",
+    "display_trajectory",
     "joint_trajectory",
     "load_plan",
     "load_plan_or_task",
     "load_task",
     "read_problems",
+    "robot_trajectory",
     "save_plan",
     "task_csv_text",
     "task_trajectories",
     "write_csv",
+    "yaml_text",
 ]

@@ -1,4 +1,4 @@
-"""Trajectories for others: in the shape of a ROS message, and as a table of text."""
+"""Trajectories for others: in the shape of ROS messages, as JSON or YAML, and as a table of text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
 from planner_service.geometry.arrays import FloatArray
@@ -21,9 +21,22 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.tasks.result import Segment
 
-__all__ = ["OURS", "csv_text", "joint_trajectory", "task_csv_text", "task_trajectories", "write_csv"]
+__all__ = [
+    "OURS",
+    "csv_text",
+    "display_trajectory",
+    "joint_trajectory",
+    "robot_trajectory",
+    "task_csv_text",
+    "task_trajectories",
+    "write_csv",
+    "yaml_text",
+]
 
-OURS = re.compile(rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions)\"")
+OURS = re.compile(
+    rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions|joint_trajectory|model_id)\""
+    rb"|(?:header|motions|joint_trajectory|model_id):"
+)
 """How exported trajectories begin."""
 
 SECOND = 1_000_000_000
@@ -54,13 +67,75 @@ def joint_trajectory(
     times, rows = _growing([round(t * SECOND) for t in samples.t.tolist()])
     values = [_plain(part[rows]) for part in samples[1:]]
     return {
-        "header": {"stamp": _time(0), "frame_id": frame_id},
+        "header": _header(frame_id),
         "joint_names": names,
         "points": [
             {"positions": q, "velocities": qd, "accelerations": qdd, "effort": [], "time_from_start": _time(t)}
             for t, q, qd, qdd in zip(times, *values, strict=True)
         ],
     }
+
+
+def robot_trajectory(
+    motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float, *, frame_id: str = ""
+) -> dict[str, Any]:
+    """The same in the shape of MoveIt's moveit_msgs/RobotTrajectory: a ``joint_trajectory`` beside one of no joints.
+
+    Raises:
+        InvalidRequest, PlanningFailed: as of ``joint_trajectory``.
+    """
+    return {
+        "joint_trajectory": joint_trajectory(motion, joint_names, dt, frame_id=frame_id),
+        "multi_dof_joint_trajectory": {"header": _header(frame_id), "joint_names": [], "points": []},
+    }
+
+
+def display_trajectory(
+    segments: Sequence[Segment], joint_names: Sequence[str], dt: float, *, model_id: str, frame_id: str = ""
+) -> dict[str, Any]:
+    """Motions, one after another, in the shape of MoveIt's moveit_msgs/DisplayTrajectory, which RViz plays.
+
+    Of plain JSON values: ``model_id``, ``trajectory`` with a ``robot_trajectory`` for each motion, each with its own
+    time 0, and ``trajectory_start``, a RobotState with the first configuration. The message has no place for names of
+    motions and widths of grippers: ``task_trajectories`` has both.
+
+    Args:
+        model_id: The robot's name, as in its URDF.
+
+    Raises:
+        InvalidRequest: as of ``joint_trajectory``, or there is no motion.
+        PlanningFailed: a motion without a plan.
+    """
+    results = [segment.result for segment, _ in _on_one_clock(segments)]
+    trajectories = [robot_trajectory(result, joint_names, dt, frame_id=frame_id) for result in results]
+    first = trajectories[0]["joint_trajectory"]["points"][0]
+    state = {"header": _header(frame_id), "name": list(joint_names), "position": first["positions"]}
+    no_joints: dict[str, Any] = {"joint_names": [], "transforms": [], "twist": [], "wrench": []}
+    return {
+        "model_id": model_id,
+        "trajectory": trajectories,
+        "trajectory_start": {
+            "joint_state": {**state, "velocity": [], "effort": []},
+            "multi_dof_joint_state": {"header": _header(frame_id), **no_joints},
+            "attached_collision_objects": [],
+            "is_diff": False,
+        },
+    }
+
+
+def yaml_text(message: dict[str, Any]) -> str:
+    """A message as YAML that ``ros2 topic pub`` reads back as the same bits; lists of numbers stand on one line.
+
+    Raises:
+        MissingDependency: PyYAML is not installed.
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise MissingDependency("yaml", "yaml") from None
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    text: str = yaml.dump(message, Dumper=dumper, sort_keys=False, default_flow_style=None, width=2**30)
+    return text
 
 
 def csv_text(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float) -> str:
@@ -96,24 +171,30 @@ def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: f
     return _table(["t", "motion", "gripper_width", *_columns(names)], rows)
 
 
-def task_trajectories(segments: Sequence[Segment], joint_names: Sequence[str], dt: float) -> dict[str, Any]:
+def task_trajectories(
+    segments: Sequence[Segment], joint_names: Sequence[str], dt: float, *, moveit: bool = False
+) -> dict[str, Any]:
     """The motions of a task, of plain JSON values: ``motions``, each a ``joint_trajectory`` with its own time 0.
 
     Beside its ``trajectory`` each has ``name``, ``gripper_width`` in metres during it (null without a gripper) and
     ``begin``, seconds of motion before it. After a motion the arm is at rest; a gripper whose width changes is to be
     waited for before the next.
 
+    Args:
+        moveit: Give each as a ``robot_trajectory``.
+
     Raises:
         InvalidRequest: as of ``joint_trajectory``, or there is no motion.
         PlanningFailed: a motion without a plan.
     """
+    message = robot_trajectory if moveit else joint_trajectory
     return {
         "motions": [
             {
                 "name": segment.name,
                 "begin": begin,
                 "gripper_width": _width(segment),
-                "trajectory": joint_trajectory(segment.result, joint_names, dt),
+                "trajectory": message(segment.result, joint_names, dt),
             }
             for segment, begin in _on_one_clock(segments)
         ]
@@ -181,6 +262,10 @@ def _growing(times: list[int]) -> tuple[list[int], list[int]]:
         rows.append(last)
         kept.append(max(times[last], kept[-1] + 1))
     return kept, rows
+
+
+def _header(frame_id: str) -> dict[str, Any]:
+    return {"stamp": _time(0), "frame_id": frame_id}
 
 
 def _time(nanoseconds: int) -> dict[str, int]:

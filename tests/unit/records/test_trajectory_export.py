@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
-from planner_service.errors import InvalidRequest, PlanningFailed
+from planner_service.errors import InvalidRequest, MissingDependency, PlanningFailed
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan
-from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
+from planner_service.records.trajectory_export import (
+    csv_text,
+    display_trajectory,
+    joint_trajectory,
+    robot_trajectory,
+    task_trajectories,
+    write_csv,
+    yaml_text,
+)
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks.result import Segment
 from tests.support.command import run
 from tests.unit.scene.test_worlds import LIFTED, NEWER, write
 
@@ -37,6 +48,13 @@ def planned() -> PlanResult:
 @pytest.fixture(scope="module")
 def trajectory(planned: PlanResult) -> Trajectory:
     return planned.unwrap()[1]
+
+
+def fields(message: Any) -> Any:
+    """The names of a message's fields, of lists those of the first entry."""
+    if isinstance(message, dict):
+        return {name: fields(value) for name, value in message.items()}
+    return [fields(message[0])] if isinstance(message, list) and message else None
 
 
 def nanoseconds(message: dict[str, Any]) -> list[int]:
@@ -62,6 +80,58 @@ def test_a_joint_trajectory_has_the_fields_of_the_message_and_ends_exactly(
     assert nanoseconds(message) == [round(at * 1e9) for at in t.tolist()]
     assert points[-1]["positions"] == trajectory.path.waypoints[-1].tolist()
     assert points[-1]["velocities"] == [0.0, 0.0]
+
+
+HEADER = {"stamp": {"sec": None, "nanosec": None}, "frame_id": None}
+POINT = {"positions": [None], "velocities": [None], "accelerations": [None], "effort": None}
+JOINTS = {
+    "header": HEADER,
+    "joint_names": [None],
+    "points": [{**POINT, "time_from_start": {"sec": None, "nanosec": None}}],
+}
+ROBOT = {
+    "joint_trajectory": JOINTS,
+    "multi_dof_joint_trajectory": {"header": HEADER, "joint_names": None, "points": None},
+}
+
+
+def test_moveits_messages_have_their_fields_and_the_same_trajectory(planned: PlanResult) -> None:
+    joints = joint_trajectory(planned, NAMES, 0.01, frame_id="base")
+    robot = robot_trajectory(planned, NAMES, 0.01, frame_id="base")
+    assert robot["joint_trajectory"] == joints
+    assert fields(robot) == ROBOT
+    segments = [Segment("there", planned, 0.0), Segment("again", planned, 0.0)]
+    shown = display_trajectory(segments, NAMES, 0.01, model_id="planar2", frame_id="base")
+    assert shown["trajectory"] == [robot, robot]
+    assert shown["trajectory_start"]["joint_state"]["position"] == SERVICE.robot.pose("lesson_start").tolist()
+    assert fields(shown) == {
+        "model_id": None,
+        "trajectory": [ROBOT],
+        "trajectory_start": {
+            "joint_state": {"header": HEADER, "name": [None], "position": [None], "velocity": None, "effort": None},
+            "multi_dof_joint_state": {
+                "header": HEADER, "joint_names": None, "transforms": None, "twist": None, "wrench": None,
+            },
+            "attached_collision_objects": None,
+            "is_diff": None,
+        },
+    }  # fmt: skip
+    assert task_trajectories(segments, NAMES, 0.01, moveit=True)["motions"][1]["trajectory"] == robot_trajectory(
+        planned, NAMES, 0.01
+    )
+
+
+def test_yaml_reads_back_as_the_same_bits(planned: PlanResult) -> None:
+    message = robot_trajectory(planned, NAMES, 0.01)
+    message["joint_trajectory"]["points"][0]["positions"] = [1e-05, -1e300]  # YAML 1.1 takes 1e-05 for text
+    message["joint_trajectory"]["joint_names"] = ["on", "1e5"]
+    assert yaml.safe_load(yaml_text(message)) == message
+
+
+def test_without_pyyaml_the_extra_is_named(planned: PlanResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    with pytest.raises(MissingDependency, match=r"planner-service\[yaml\]"):
+        yaml_text(joint_trajectory(planned, NAMES, 0.01))
 
 
 @pytest.mark.parametrize("factor", [1.0, 1e-6, 1e-9, 1e-10])
@@ -137,20 +207,34 @@ def test_export_prints_the_message_or_writes_the_table(plan_file: Path, trajecto
     assert (tmp_path / "motion.csv").read_text() == csv_text(trajectory, NAMES, 0.01)
 
 
+def test_export_writes_messages_of_moveit_as_json_and_yaml(
+    plan_file: Path, trajectory: Trajectory, tmp_path: Path
+) -> None:
+    printed = run("export", plan_file, "--format", "robot-trajectory")
+    assert (printed.exit_code, json.loads(printed.stdout)) == (0, robot_trajectory(trajectory, NAMES, 0.01))
+    for _ in range(2):  # the second time over the first
+        done = run("export", plan_file, "--format", "display-trajectory", "--yaml", "--out", tmp_path / "motion.yaml")
+        assert done.exit_code == 0
+    message = yaml.safe_load((tmp_path / "motion.yaml").read_text())
+    assert message["model_id"] == "planar2"
+    assert message["trajectory"] == [robot_trajectory(trajectory, NAMES, 0.01)]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (("--format", "cvs"), "unknown format 'cvs'; did you mean 'csv'?"),
+        (("--format", "csv", "--yaml"), "--yaml: got 'csv'; expected a --format of joint-trajectory, robot-trajectory"),
         (("--dt", "0"), "dt: got 0.0; expected a positive number of seconds"),
         (("--out", "PLAN"), "--out: got "),
         (("--out", "/no/such/folder/motion.csv"), "cannot be written"),
     ],
 )
 def test_export_refuses_what_it_cannot_do_and_leaves_the_plan(
-    plan_file: Path, options: tuple[str, str], message: str
+    plan_file: Path, options: tuple[str, ...], message: str
 ) -> None:
     before = plan_file.read_bytes()
-    done = run("export", plan_file, options[0], options[1].replace("PLAN", str(plan_file)))
+    done = run("export", plan_file, *(option.replace("PLAN", str(plan_file)) for option in options))
     assert (done.exit_code, done.stdout) == (2, "")
     assert message in done.stderr
     assert plan_file.read_bytes() == before
@@ -176,6 +260,8 @@ def test_export_of_a_task_has_all_motions_on_one_clock(tmp_path: Path) -> None:
     for motion, segment in zip(motions, task.segments, strict=True):
         assert (motion["name"], motion["gripper_width"]) == (segment.name, segment.width)
         assert motion["trajectory"] == joint_trajectory(segment.result, service.robot.joint_names, 0.01)
+    shown = json.loads(run("export", tmp_path / "task.json", "--format", "display-trajectory").stdout)
+    assert [each["joint_trajectory"] for each in shown["trajectory"]] == [motion["trajectory"] for motion in motions]
     assert motions[1]["begin"] == task.segments[0].result.unwrap()[1].duration
 
 
