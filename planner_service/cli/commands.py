@@ -20,7 +20,7 @@ from planner_service.cli.certify import certify
 from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
-from planner_service.cli.exports import FORMATS, exported
+from planner_service.cli.exports import FORMATS, exported, file_kind
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.cli.roadmaps import roadmaps
@@ -37,7 +37,6 @@ from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
 from planner_service.records.result import result_record
-from planner_service.records.trajectory_export import OURS
 from planner_service.robot.model import length_unit, load_robot, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.kernel_check import Health, examine
@@ -270,25 +269,27 @@ def export(
     """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
 
     The motions of a task share one clock, which stops while the gripper moves; each motion has its name and the
-    gripper's width. The first three formats are messages of ROS 2 and MoveIt, as JSON.
+    gripper's width. The first three formats are messages of ROS 2 and MoveIt, as JSON; rrd is a recording for Rerun.
     """
     with bad_input_exits():
         if form not in FORMATS:
             raise UnknownName("format", form, FORMATS)
         if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
             raise InvalidRequest("--out", out, "another file than the plan itself")
+        if out is None and form == "rrd":
+            raise InvalidRequest("--out", out, "a file for the recording")
         if out is not None:
-            require_writable(out, OURS)
+            require_writable(out, file_kind(form))
         saved = load_plan_or_task(plan_file)
         if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
             raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
         arguments.require_proven(saved, allow)
-        text = exported(saved, form, dt, as_yaml=as_yaml)
+        content = exported(saved, form, dt, as_yaml=as_yaml)
         if out is not None:
-            write_whole(Path(out), text, OURS)
+            write_whole(Path(out), content, file_kind(form))
     report_error(f"note: {arguments.from_file(saved)}")
-    if out is None:
-        emit(text)
+    if out is None and isinstance(content, str):
+        emit(content)
 
 
 def robots(name: Name = None, as_json: options.AsJson = False) -> None:
@@ -464,7 +465,9 @@ _add(explain, "Say why there is no plan, and what helps.", "explain --scene bin 
 _add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray", name="pick-place")
 _add(view, "Show robot, scene and plan in the browser.", "view plan.json")
 _add(certify, "Prove a saved plan again.", "certify plan.json")
-_add(export, "Write a saved plan or task as ROS messages or CSV.", "export plan.json --format csv")
+_add(
+    export, "Write a saved plan or task as ROS messages, CSV or a recording for Rerun.", "export plan.json --format csv"
+)
 _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")

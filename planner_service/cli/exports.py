@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from planner_service.cli.output import json_text
 from planner_service.errors import InvalidRequest
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.trajectory_export import (
+    OURS,
     csv_text,
     display_trajectory,
     joint_trajectory,
@@ -16,18 +18,27 @@ from planner_service.records.trajectory_export import (
     task_trajectories,
     yaml_text,
 )
+from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment
+from planner_service.view.rerun_recording import RECORDING, rerun_bytes
 
-__all__ = ["FORMATS", "exported"]
+__all__ = ["FORMATS", "exported", "file_kind"]
 
 MESSAGES = ("joint-trajectory", "robot-trajectory", "display-trajectory")
 """Those of ROS messages."""
 
-FORMATS = (*MESSAGES, "csv")
+RERUN = "rrd"
+
+FORMATS = (*MESSAGES, "csv", RERUN)
 
 
-def exported(saved: SavedPlan | SavedTask, form: str, dt: float, *, as_yaml: bool = False) -> str:
-    """The text of the motions in a file.
+def file_kind(form: str) -> re.Pattern[bytes]:
+    """How files of a format begin."""
+    return RECORDING if form == RERUN else OURS
+
+
+def exported(saved: SavedPlan | SavedTask, form: str, dt: float, *, as_yaml: bool = False) -> str | bytes:
+    """The motions in a file, in another format; a recording of Rerun's is bytes, all else is text.
 
     Args:
         form: One of ``FORMATS``.
@@ -36,10 +47,13 @@ def exported(saved: SavedPlan | SavedTask, form: str, dt: float, *, as_yaml: boo
 
     Raises:
         InvalidRequest: ``dt`` is invalid, or YAML is asked for where there is no message.
-        MissingDependency: PyYAML is not installed.
+        MissingDependency: PyYAML or Rerun is not installed.
     """
     if as_yaml and form not in MESSAGES:
         raise InvalidRequest("--yaml", form, f"a --format of {', '.join(MESSAGES)}")
+    if form == RERUN:
+        shown = saved if isinstance(saved, SavedTask) else saved.result
+        return rerun_bytes(PlannerService.of(saved.begin), shown, dt=dt)
     names = saved.robot.joint_names
     if form == "csv":
         if isinstance(saved, SavedTask):

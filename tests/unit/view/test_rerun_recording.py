@@ -1,0 +1,113 @@
+"""Recordings for Rerun, read back by Rerun itself."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service import PlannerService, PlanRequest, PlanResult, Pose, Sphere
+from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.records.evidence import save_plan
+from planner_service.scene.scene import Attached, Obstacle
+from planner_service.tasks.result import Segment, TaskResult
+from planner_service.view.playback import Playback
+from planner_service.view.rerun_recording import rerun_bytes, write_rerun
+from tests.support.command import run
+from tests.support.optional import present
+
+rerun: Any = pytest.importorskip("rerun", reason="Rerun needs Python 3.11")
+
+SERVICE = PlannerService("planar2", "discs")
+ROBOT = SERVICE.robot
+
+
+@pytest.fixture(scope="module")
+def planned() -> PlanResult:
+    return SERVICE.plan(PlanRequest(ROBOT.pose("lesson_start"), ROBOT.pose("lesson_goal"), time_limit=None))
+
+
+def column(path: Path, entity: str, component: str) -> tuple[Any, Any]:
+    """The seconds and values of one component, as Rerun reads them."""
+    times, values = list[float](), list[Any]()
+    for chunk in rerun.chunk.RrdReader(path).stream().to_chunks():
+        if str(chunk.entity_path) == entity:
+            rows = chunk.to_record_batch().to_pydict()
+            if component in rows:
+                times += [1e-9 * t.value if hasattr(t, "value") else t.total_seconds() for t in rows["time"]]
+                values += [value[0] for value in rows[component]]
+    return np.array(times), np.array(values)
+
+
+def entities(path: Path) -> set[str]:
+    return {str(chunk.entity_path) for chunk in rerun.chunk.RrdReader(path).stream().to_chunks()}
+
+
+def test_a_recording_has_robot_curve_clearance_and_speed_over_time(planned: PlanResult, tmp_path: Path) -> None:
+    path, trajectory = tmp_path / "plan.rrd", planned.unwrap()[1]
+    write_rerun(SERVICE, planned, path, dt=0.02)
+    obstacles = {f"/scene/{obstacle.name}" for obstacle in SERVICE.scene.obstacles}
+    assert {"/robot/forearm", "/tool", "/curve/0\\ plan", "/clearance", "/speed/tool", *obstacles} <= entities(path)
+    t, q, qd, _ = trajectory.sample(0.02)
+    times, values = column(path, "/joint/position/shoulder", "Scalars:scalars")
+    assert values.tolist() == q[:, 0].tolist()
+    assert times == pytest.approx(t, abs=1e-9)
+    _, speed = column(path, "/speed/tool", "Scalars:scalars")
+    first, both, bend = qd[:, 0], qd.sum(axis=1), np.cos(q[:, 1])  # links of 1 and 0.5 m
+    assert speed == pytest.approx(np.sqrt(first**2 + 0.25 * both**2 + first * both * bend), abs=1e-7)
+    samples = present(Playback.of_result(SERVICE, planned)).samples
+    assert column(path, "/clearance", "Scalars:scalars")[1].tolist() == samples.clearance.tolist()
+
+
+def test_what_a_task_takes_away_is_cleared_and_what_it_carries_moves_with_the_tool(tmp_path: Path) -> None:
+    service = PlannerService("planar2", "empty")
+    ball = Obstacle("ball", Sphere(0.05), Pose((0.0, -1.2, 0.0)))
+    full = service.scene.with_obstacle(ball)
+    motion = service.plan(PlanRequest((0.0, 0.0), (0.3, 0.3)))
+    back = service.plan(PlanRequest((0.3, 0.3), (0.0, 0.0)))
+    held = service.scene.with_attached(Attached("ball", Sphere(0.05), Pose()))
+    segments = (
+        Segment("go", replace(motion, origin=None), 0.0, full),
+        Segment("back", replace(back, origin=None), 0.0, held),
+    )
+    task = TaskResult(segments, service.world, np.zeros(2))
+    (tmp_path / "task.rrd").write_bytes(rerun_bytes(PlannerService("planar2", full), task))
+    chunks = rerun.chunk.RrdReader(tmp_path / "task.rrd").stream().to_chunks()
+    cleared = [chunk for chunk in chunks if "Clear:is_recursive" in chunk.to_record_batch().schema.names]
+    assert {str(chunk.entity_path) for chunk in cleared} == {"/scene/ball"}
+    assert {"/scene/ball", "/tool/ball", "/curve/0\\ go", "/curve/1\\ back"} <= entities(tmp_path / "task.rrd")
+
+
+def test_export_writes_a_recording_and_talks_to_nobody(
+    planned: PlanResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(socket.socket, "connect", None)
+    save_plan(planned, tmp_path / "plan.json")
+    for _ in range(2):  # the second time over the first
+        done = run("export", tmp_path / "plan.json", "--format", "rrd", "--out", tmp_path / "plan.rrd")
+        assert (done.exit_code, done.stdout) == (0, "")
+    assert "/clearance" in entities(tmp_path / "plan.rrd")
+
+
+def test_export_asks_for_a_file_for_a_recording(planned: PlanResult, tmp_path: Path) -> None:
+    save_plan(planned, tmp_path / "plan.json")
+    done = run("export", tmp_path / "plan.json", "--format", "rrd")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "--out: got None; expected a file for the recording" in done.stderr
+
+
+def test_what_has_no_motion_is_refused() -> None:
+    blocked = SERVICE.plan(PlanRequest((0.0, 0.0), (0.0, 100.0)))
+    with pytest.raises(InvalidRequest, match="expected a plan or a task with a motion"):
+        rerun_bytes(SERVICE, blocked)
+
+
+def test_without_rerun_the_extra_is_named(planned: PlanResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingDependency, match=r"planner-service\[rerun\]"):
+        rerun_bytes(SERVICE, planned)
