@@ -264,12 +264,16 @@ def export(
     ] = 0.01,
     out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")] = None,
     as_yaml: Annotated[bool, typer.Option("--yaml", help="Write ROS messages as YAML instead of JSON.")] = False,
+    model: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The MJCF model that the keyframes are for (--format mujoco).")
+    ] = None,
     allow: options.Allow = None,
 ) -> None:
     """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
 
     The motions of a task share one clock, which stops while the gripper moves; each motion has its name and the
-    gripper's width. The first three formats are messages of ROS 2 and MoveIt, as JSON; rrd is a recording for Rerun.
+    gripper's width. The first three formats are messages of ROS 2 and MoveIt, as JSON; mujoco is
+    keyframes for a model to include, rrd a recording for Rerun.
     """
     with bad_input_exits():
         if form not in FORMATS:
@@ -284,7 +288,7 @@ def export(
         if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
             raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
         arguments.require_proven(saved, allow)
-        content = exported(saved, form, dt, as_yaml=as_yaml)
+        content = exported(saved, form, dt, as_yaml=as_yaml, model=model)
         if out is not None:
             write_whole(Path(out), content, file_kind(form))
     report_error(f"note: {arguments.from_file(saved)}")
@@ -466,7 +470,9 @@ _add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block
 _add(view, "Show robot, scene and plan in the browser.", "view plan.json")
 _add(certify, "Prove a saved plan again.", "certify plan.json")
 _add(
-    export, "Write a saved plan or task as ROS messages, CSV or a recording for Rerun.", "export plan.json --format csv"
+    export,
+    "Write a saved plan or task as ROS messages, CSV, keyframes or a recording.",
+    "export plan.json --format csv",
 )
 _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from planner_service.cli.output import json_text
 from planner_service.errors import InvalidRequest
+from planner_service.records.mujoco_keyframes import keyframes_text
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.trajectory_export import (
     OURS,
@@ -27,9 +28,11 @@ __all__ = ["FORMATS", "exported", "file_kind"]
 MESSAGES = ("joint-trajectory", "robot-trajectory", "display-trajectory")
 """Those of ROS messages."""
 
+MUJOCO = "mujoco"
+
 RERUN = "rrd"
 
-FORMATS = (*MESSAGES, "csv", RERUN)
+FORMATS = (*MESSAGES, "csv", MUJOCO, RERUN)
 
 
 def file_kind(form: str) -> re.Pattern[bytes]:
@@ -37,24 +40,33 @@ def file_kind(form: str) -> re.Pattern[bytes]:
     return RECORDING if form == RERUN else OURS
 
 
-def exported(saved: SavedPlan | SavedTask, form: str, dt: float, *, as_yaml: bool = False) -> str | bytes:
+def exported(
+    saved: SavedPlan | SavedTask, form: str, dt: float, *, as_yaml: bool = False, model: str | None = None
+) -> str | bytes:
     """The motions in a file, in another format; a recording of Rerun's is bytes, all else is text.
 
     Args:
         form: One of ``FORMATS``.
         dt: Seconds between points.
         as_yaml: Write a message as YAML instead of JSON.
+        model: The MJCF model whose keyframes are written.
 
     Raises:
-        InvalidRequest: ``dt`` is invalid, or YAML is asked for where there is no message.
-        MissingDependency: PyYAML or Rerun is not installed.
+        InvalidRequest: ``dt`` is invalid, YAML is asked for where there is no message, or the model is missing or not
+            the robot's.
+        InvalidFile: The model cannot be read.
+        MissingDependency: PyYAML, Rerun or mujoco is not installed.
     """
+    if (model is None) == (form == MUJOCO):
+        raise InvalidRequest("--model", model, f"an MJCF file with --format {MUJOCO}, and none with another format")
     if as_yaml and form not in MESSAGES:
         raise InvalidRequest("--yaml", form, f"a --format of {', '.join(MESSAGES)}")
     if form == RERUN:
         shown = saved if isinstance(saved, SavedTask) else saved.result
         return rerun_bytes(PlannerService.of(saved.begin), shown, dt=dt)
     names = saved.robot.joint_names
+    if model is not None:
+        return keyframes_text(_motions(saved), names, dt, model=model)
     if form == "csv":
         if isinstance(saved, SavedTask):
             return task_csv_text(saved.segments, names, dt)

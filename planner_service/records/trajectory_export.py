@@ -17,7 +17,7 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
 from planner_service.geometry.arrays import FloatArray
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import Samples, Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.tasks.result import Segment
 
@@ -26,7 +26,9 @@ __all__ = [
     "csv_text",
     "display_trajectory",
     "joint_trajectory",
+    "on_one_clock",
     "robot_trajectory",
+    "sampled",
     "task_csv_text",
     "task_trajectories",
     "write_csv",
@@ -35,7 +37,7 @@ __all__ = [
 
 OURS = re.compile(
     rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions|joint_trajectory|model_id)\""
-    rb"|(?:header|motions|joint_trajectory|model_id):"
+    rb"|<mujoco>\s*<keyframe>|(?:header|motions|joint_trajectory|model_id):"
 )
 """How exported trajectories begin."""
 
@@ -106,7 +108,7 @@ def display_trajectory(
         InvalidRequest: as of ``joint_trajectory``, or there is no motion.
         PlanningFailed: a motion without a plan.
     """
-    results = [segment.result for segment, _ in _on_one_clock(segments)]
+    results = [segment.result for segment, _ in on_one_clock(segments)]
     trajectories = [robot_trajectory(result, joint_names, dt, frame_id=frame_id) for result in results]
     first = trajectories[0]["joint_trajectory"]["points"][0]
     state = {"header": _header(frame_id), "name": list(joint_names), "position": first["positions"]}
@@ -148,8 +150,8 @@ def csv_text(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: fl
         InvalidRequest: not one name for each joint, or ``dt`` is not positive or gives more than a million rows.
         PlanningFailed: a result without a plan.
     """
-    trajectory, names = _checked(motion, joint_names)
-    return _table(["t", *_columns(names)], _plain(np.column_stack(trajectory.sample(dt))))
+    samples = sampled(motion, joint_names, dt)
+    return _table(["t", *_columns(joint_names)], _plain(np.column_stack(samples)))
 
 
 def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: float) -> str:
@@ -164,11 +166,10 @@ def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: f
         PlanningFailed: a motion without a plan.
     """
     rows: list[list[Any]] = []
-    for segment, begin in _on_one_clock(segments):
-        trajectory, names = _checked(segment.result, joint_names)
-        values = _plain(np.column_stack(trajectory.sample(dt)))
+    for segment, begin in on_one_clock(segments):
+        values = _plain(np.column_stack(sampled(segment.result, joint_names, dt)))
         rows += [[begin + t, segment.name, _width(segment), *rest] for t, *rest in values]
-    return _table(["t", "motion", "gripper_width", *_columns(names)], rows)
+    return _table(["t", "motion", "gripper_width", *_columns(joint_names)], rows)
 
 
 def task_trajectories(
@@ -196,12 +197,12 @@ def task_trajectories(
                 "gripper_width": _width(segment),
                 "trajectory": message(segment.result, joint_names, dt),
             }
-            for segment, begin in _on_one_clock(segments)
+            for segment, begin in on_one_clock(segments)
         ]
     }
 
 
-def _on_one_clock(segments: Sequence[Segment]) -> list[tuple[Segment, float]]:
+def on_one_clock(segments: Sequence[Segment]) -> list[tuple[Segment, float]]:
     """The motions with the seconds of motion before each."""
     if not segments:
         raise InvalidRequest("segments", segments, "at least one motion")
@@ -237,6 +238,15 @@ def write_csv(
     """
     target = as_path("path", path)
     write_whole(target, csv_text(motion, joint_names, dt), OURS)
+
+
+def sampled(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float) -> Samples:
+    """A trajectory every ``dt`` seconds and at its exact end.
+
+    Raises:
+        InvalidRequest, PlanningFailed: as of ``csv_text``.
+    """
+    return _checked(motion, joint_names)[0].sample(dt)
 
 
 def _checked(motion: Trajectory | PlanResult, joint_names: Sequence[str]) -> tuple[Trajectory, list[str]]:

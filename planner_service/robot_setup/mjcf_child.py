@@ -1,8 +1,9 @@
 """A script that compiles an MJCF file with mujoco, in a process of its own, and tells what the robot is made of.
 
 Nothing imports it. Its job has ``file``; it answers with JSON: ``problem``, or ``name``, ``bodies``, ``joints``,
-``geoms``, ``meshes`` (vertices), ``excludes``, ``follows`` (equalities of joints), ``loops`` (other equalities) and
-``keys``. Quaternions are wxyz, angles in rad; bodies, joints, meshes and types are numbers, as mujoco has them.
+``geoms``, ``meshes`` (vertices), ``excludes``, ``follows`` (equalities of joints), ``loops`` (other equalities),
+``keys``, ``qpos``, ``velocities`` (how many), and ``places`` (of each joint in both). Quaternions are wxyz, angles in
+rad; bodies, joints, meshes and types are numbers, as mujoco has them.
 """
 
 from __future__ import annotations
@@ -59,4 +60,7 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
         "follows": follows,
         "loops": loops,
         "keys": [[named("key", k), model.key_qpos[k][model.jnt_qposadr].tolist()] for k in range(model.nkey)],
+        "qpos": model.qpos0.tolist(),
+        "velocities": int(model.nv),
+        "places": list(zip(model.jnt_qposadr.tolist(), model.jnt_dofadr.tolist(), strict=True)),
     }

@@ -6,8 +6,8 @@ import json
 import logging
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,7 +28,7 @@ from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, MAX_ELEMENTS, MAX_OFFSET
 
-__all__ = ["read_mjcf"]
+__all__ = ["JointPlaces", "joint_places", "read_mjcf"]
 
 SECONDS = 60
 MEMORY = 8_000_000_000
@@ -69,24 +69,59 @@ def read_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf]:
         InvalidFile: with every problem of the file; ball and free joints are among them, with what to do instead.
         MissingDependency: mujoco is not installed.
     """
+    reader = _Reader(_compiled(path, folders))
+    if reader.problems:
+        raise InvalidFile(path, reader.problems)
+    for note in reader.notes:
+        logger.warning("%s: %s", path, note)
+    return reader.urdf, reader.srdf
+
+
+@dataclass(frozen=True)
+class JointPlaces:
+    """Where the joints of an MJCF model stand in its ``qpos`` and ``qvel``.
+
+    Attributes:
+        qpos: The model's own positions, of all its joints.
+        velocities: How many entries ``qvel`` has.
+        places: By name of each hinge or slide, its entry in ``qpos`` and that in ``qvel``.
+    """
+
+    qpos: tuple[float, ...]
+    velocities: int
+    places: Mapping[str, tuple[int, int]]
+
+
+def joint_places(path: Path, folders: Sequence[Path]) -> JointPlaces:
+    """Where the joints of an MJCF model stand; it need not be a robot's alone.
+
+    Raises:
+        InvalidFile, MissingDependency: as of ``read_mjcf``.
+    """
+    told = _compiled(path, folders)
+    places = {
+        name: (int(position), int(velocity))
+        for (name, _, kind, *_), (position, velocity) in zip(told["joints"], told["places"], strict=True)
+        if JOINTS[kind] in KINDS
+    }
+    return JointPlaces(tuple(told["qpos"]), told["velocities"], places)
+
+
+def _compiled(path: Path, folders: Sequence[Path]) -> dict[str, Any]:
+    """What ``mjcf_child`` tells of a file."""
     _require_inside(path, folders)
     if find_spec("mujoco") is None:
         raise MissingDependency("mujoco", "mjcf")
     script = Path(__file__).with_name("mjcf_child.py")
     try:
         job = {"file": str(path.resolve())}
-        told = json.loads(run_confined(script, job, seconds=SECONDS, memory=MEMORY, bare=True))
+        told: dict[str, Any] = json.loads(run_confined(script, job, seconds=SECONDS, memory=MEMORY, bare=True))
         problem = told.get("problem")
     except ScriptFailed as error:
         problem = str(error)
     if problem is not None:
         raise InvalidFile(path, [f"mujoco cannot compile it: {problem}"])
-    reader = _Reader(told)
-    if reader.problems:
-        raise InvalidFile(path, reader.problems)
-    for note in reader.notes:
-        logger.warning("%s: %s", path, note)
-    return reader.urdf, reader.srdf
+    return told
 
 
 def _require_inside(path: Path, folders: Sequence[Path]) -> None:
