@@ -55,6 +55,7 @@ RUN_HERE = (
     "docs/guides/replanning.md",
     "docs/guides/when-there-is-no-plan.md",
     "docs/guides/proofs-for-others.md",
+    "docs/guides/exporting.md",
     "docs/reference/command-line.md",
     "docs/explanation/concepts.md",
     "docs/explanation/counting.md",
