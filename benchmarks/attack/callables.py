@@ -34,9 +34,9 @@ from planner_service.optimize import Chomp, TrajOpt
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.records.evidence import save_plan
+from planner_service.records.exports.trajectory_export import csv_text, joint_trajectory, robot_trajectory, write_csv
 from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task
 from planner_service.records.problem_set import read_problems
-from planner_service.records.trajectory_export import csv_text, joint_trajectory, robot_trajectory, write_csv
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene.moveit_scene import read_moveit_scene

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -20,22 +19,20 @@ from planner_service.cli.certify import certify
 from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
-from planner_service.cli.exports import FORMATS, exported, file_kind
+from planner_service.cli.export import export
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.output import emit, json_text, render, wrapped
-from planner_service.cli.roadmaps import roadmaps
+from planner_service.cli.roadmap.commands import roadmaps
 from planner_service.cli.run import run
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.files.writing import require_writable, write_whole
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
+from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.result import result_record
 from planner_service.robot.model import length_unit, load_robot, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
@@ -253,49 +250,6 @@ def check(
     raise typer.Exit(NO_PLAN if contacts else 0)
 
 
-def export(
-    plan_file: options.PlanFile,
-    form: Annotated[
-        str,
-        typer.Option("--format", metavar="FORMAT", help=f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}."),
-    ] = FORMATS[0],
-    dt: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time between points; the exact end is always one.")
-    ] = 0.01,
-    out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")] = None,
-    as_yaml: Annotated[bool, typer.Option("--yaml", help="Write ROS messages as YAML instead of JSON.")] = False,
-    model: Annotated[
-        str | None, typer.Option(metavar="FILE", help="The MJCF model that the keyframes are for (--format mujoco).")
-    ] = None,
-    allow: options.Allow = None,
-) -> None:
-    """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
-
-    The motions of a task share one clock, which stops while the gripper moves; each motion has its name and the
-    gripper's width. The first three formats are messages of ROS 2 and MoveIt, as JSON; mujoco is
-    keyframes for a model to include, rrd a recording for Rerun.
-    """
-    with bad_input_exits():
-        if form not in FORMATS:
-            raise UnknownName("format", form, FORMATS)
-        if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
-            raise InvalidRequest("--out", out, "another file than the plan itself")
-        if out is None and form == "rrd":
-            raise InvalidRequest("--out", out, "a file for the recording")
-        if out is not None:
-            require_writable(out, file_kind(form))
-        saved = load_plan_or_task(plan_file)
-        if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
-            raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
-        arguments.require_proven(saved, allow)
-        content = exported(saved, form, dt, as_yaml=as_yaml, model=model)
-        if out is not None:
-            write_whole(Path(out), content, file_kind(form))
-    report_error(f"note: {arguments.from_file(saved)}")
-    if out is None and isinstance(content, str):
-        emit(content)
-
-
 def robots(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with bad_input_exits():
@@ -469,11 +423,7 @@ _add(explain, "Say why there is no plan, and what helps.", "explain --scene bin 
 _add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray", name="pick-place")
 _add(view, "Show robot, scene and plan in the browser.", "view plan.json")
 _add(certify, "Prove a saved plan again.", "certify plan.json")
-_add(
-    export,
-    "Write a saved plan or task as ROS messages, CSV, keyframes or a recording.",
-    "export plan.json --format csv",
-)
+_add(export, "Write a saved plan or task for other tools.", "export plan.json --format csv")
 _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")

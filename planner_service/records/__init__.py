@@ -1,10 +1,8 @@
 """Plans, tasks, problems and trajectories in files; what is read from a file is proven again before it is used."""
 
 from planner_service.records.evidence import save_plan
-from planner_service.records.mujoco_keyframes import keyframes_text
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_plan_or_task, load_task
-from planner_service.records.problem_set import Problem, ProblemSet, read_problems
-from planner_service.records.trajectory_export import (
+from planner_service.records.exports.mujoco_keyframes import keyframes_text
+from planner_service.records.exports.trajectory_export import (
     csv_text,
     display_trajectory,
     joint_trajectory,
@@ -14,6 +12,8 @@ from planner_service.records.trajectory_export import (
     write_csv,
     yaml_text,
 )
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_plan_or_task, load_task
+from planner_service.records.problem_set import Problem, ProblemSet, read_problems
 
 __all__ = [
     "Problem",

@@ -1,5 +1,5 @@
 """Shows robots, scenes and plans: an interactive page in the browser, and PNG pictures."""
 
-from planner_service.view.viewer import HOST, PORT, Viewer, open_viewer, show
+from planner_service.view.serving.viewer import HOST, PORT, Viewer, open_viewer, show
 
 __all__ = ["HOST", "PORT", "Viewer", "open_viewer", "show"]

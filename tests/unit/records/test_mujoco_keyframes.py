@@ -13,7 +13,7 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.evidence import save_plan
-from planner_service.records.mujoco_keyframes import keyframes_text
+from planner_service.records.exports.mujoco_keyframes import keyframes_text
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment
 from tests.support.command import run

@@ -19,8 +19,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.evidence import save_plan
-from planner_service.records.plan_file import SavedPlan
-from planner_service.records.trajectory_export import (
+from planner_service.records.exports.trajectory_export import (
     csv_text,
     display_trajectory,
     joint_trajectory,
@@ -29,6 +28,7 @@ from planner_service.records.trajectory_export import (
     write_csv,
     yaml_text,
 )
+from planner_service.records.plan_file import SavedPlan
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import Segment

@@ -21,8 +21,8 @@ from planner_service import PlannerService, PlanRequest, Pose
 from planner_service.constraints import JointRange, ToolRegion
 from planner_service.records.plan_file import load_plan
 from planner_service.view import Viewer, open_viewer
-from planner_service.view import viewer as view_module
 from planner_service.view.looks import BOTH, CHECKED, LOOKS
+from planner_service.view.serving import viewer as view_module
 from planner_service.view.state import Choice, ViewState
 from tests.support.chromium import executable, headless, new_window, pixels
 from tests.support.optional import present

@@ -26,9 +26,9 @@ from websockets.sync.connection import Connection
 
 from planner_service import PlannerService
 from planner_service.view import Viewer, open_viewer
-from planner_service.view import viewer as viewer_module
-from planner_service.view.client_messages import MAX_BYTES, PageMessages
-from planner_service.view.server import MAX_CONNECTIONS, MAX_WINDOWS
+from planner_service.view.serving import viewer as viewer_module
+from planner_service.view.serving.client_messages import MAX_BYTES, PageMessages
+from planner_service.view.serving.server import MAX_CONNECTIONS, MAX_WINDOWS
 from tests.support.chromium import executable, headless, new_window
 
 needs_chromium = pytest.mark.skipif(executable() is None, reason="no Chromium; set PLANNER_SERVICE_CHROMIUM")

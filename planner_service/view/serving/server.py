@@ -24,7 +24,7 @@ import websockets.asyncio.server
 from websockets.datastructures import MultipleValuesError
 
 from planner_service.errors import BrokenInvariant
-from planner_service.view.client_messages import MAX_BYTES, PageMessages
+from planner_service.view.serving.client_messages import MAX_BYTES, PageMessages
 
 __all__ = ["MAX_CONNECTIONS", "MAX_WINDOWS", "PageServer"]
 

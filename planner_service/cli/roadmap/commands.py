@@ -12,9 +12,10 @@ from typing import Annotated
 
 import typer
 
-from planner_service.cli import arguments, options, roadmap_text
+from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import bad_input_exits, finish
 from planner_service.cli.output import emit, json_text, labelled, render, wrapped
+from planner_service.cli.roadmap import text
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable
@@ -78,15 +79,15 @@ def build(
         roadmap.save(out)
     size = os.path.getsize(out)
     if as_json:
-        emit(json_text({"file": out, "seconds": seconds, **roadmap_text.roadmap_record(roadmap, size)}))
+        emit(json_text({"file": out, "seconds": seconds, **text.roadmap_record(roadmap, size)}))
         return
     counts = CheckCounts() if roadmap.built is None else roadmap.built.counts
     rows = [
-        ("built by", roadmap_text.built_by_text(roadmap)),
-        ("milestones", roadmap_text.milestones_text(roadmap)),
-        ("edges", roadmap_text.edges_text(roadmap)),
+        ("built by", text.built_by_text(roadmap)),
+        ("milestones", text.milestones_text(roadmap)),
+        ("edges", text.edges_text(roadmap)),
         ("cost", f"{counts}, {seconds:.1f} s"),
-        ("size", roadmap_text.size_text(roadmap, size)),
+        ("size", text.size_text(roadmap, size)),
     ]
     rows += [("note", _cut_short(roadmap))] if _cut_short(roadmap) else []
     emit(render(*wrapped([f"built: {robot} in {scene}, written to {out}"]), *labelled(rows)))
@@ -164,7 +165,7 @@ def query(
         "hash": kept.hash,
         "learned_hash": learned.hash,
         "differs": notes,
-        "learned": asdict(roadmap_text.Learned.of(kept, learned)),
+        "learned": asdict(text.Learned.of(kept, learned)),
         "written": written,
     }
     finish({**saved.document(), "roadmap": answer}, table, lines, result.failure, as_json=as_json)
@@ -177,9 +178,9 @@ def info(roadmap_file: File, as_json: options.AsJson = False) -> None:
         roadmap = Roadmap.load(roadmap_file)
     size = os.path.getsize(roadmap_file)
     if as_json:
-        emit(json_text({"file": roadmap_file, **roadmap_text.roadmap_record(roadmap, size)}))
+        emit(json_text({"file": roadmap_file, **text.roadmap_record(roadmap, size)}))
     else:
-        emit(render(f"roadmap: {roadmap_file}", *labelled(roadmap_text.roadmap_facts(roadmap, size))))
+        emit(render(f"roadmap: {roadmap_file}", *labelled(text.roadmap_facts(roadmap, size))))
 
 
 @roadmaps.command(
@@ -211,19 +212,19 @@ def update(
         size = os.path.getsize(target)
         facts = {
             "differs": notes,
-            "update": roadmap_text.update_record(updated),
+            "update": text.update_record(updated),
             "seconds": seconds,
             "written": written,
         }
-        emit(json_text({"file": target, **facts, **roadmap_text.roadmap_record(updated.roadmap, size)}))
+        emit(json_text({"file": target, **facts, **text.roadmap_record(updated.roadmap, size)}))
         return
     title = f"updated: {service.robot.name} in {service.scene.name}, "
     title += f"written to {target}" if written else "nothing to update, the file is unchanged"
     rows = [
         ("update", str(updated)),
         ("cost", f"{updated.counts}, {seconds:.1f} s"),
-        ("milestones", roadmap_text.milestones_text(updated.roadmap)),
-        ("edges", roadmap_text.edges_text(updated.roadmap)),
+        ("milestones", text.milestones_text(updated.roadmap)),
+        ("edges", text.edges_text(updated.roadmap)),
     ]
     emit(render(*wrapped([title]), *labelled(rows), *wrapped([f"note: {note}" for note in notes])))
 
@@ -289,7 +290,7 @@ def _service(
         return _service_for_any(roadmap, robot, scene), []
     service, notes = arguments.service_of_terms(terms, robot, scene)
     require_robot(roadmap, service.robot)
-    differs = roadmap_text.difference(terms, Terms.of(service.checker.variant(padding=padding)))
+    differs = text.difference(terms, Terms.of(service.checker.variant(padding=padding)))
     return service, ["; ".join([*notes, differs])] if differs else notes
 
 
@@ -311,5 +312,5 @@ def _learned_line(kept: Roadmap, learned: Roadmap, written: str | None) -> str:
     """What a query learned, and the file that it was saved in, if any."""
     news, unsaved = "nothing new", ""
     if learned.hash != kept.hash:
-        news, unsaved = str(roadmap_text.Learned.of(kept, learned)), "; not saved, as --learn was not given"
+        news, unsaved = str(text.Learned.of(kept, learned)), "; not saved, as --learn was not given"
     return f"learned: {news}{unsaved if written is None else f'; written to {written}'}"

@@ -19,7 +19,7 @@ from planner_service.view.page import Page
 from planner_service.view.state import ViewState
 
 if TYPE_CHECKING:
-    from planner_service.view.server import PageServer
+    from planner_service.view.serving.server import PageServer
 
 __all__ = ["HOST", "PORT", "Viewer", "interactive", "open_viewer", "show"]
 
@@ -121,7 +121,7 @@ def open_viewer(
     if not host:  # an empty host means every address of the machine
         raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
     try:
-        from planner_service.view.server import PageServer
+        from planner_service.view.serving.server import PageServer
     except ImportError:
         raise MissingDependency("viser", "view") from None
     try:
