@@ -1,0 +1,490 @@
+"""The routes: which address does what. What is behind them is in ``server.py``."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import Any, TypeVar
+
+from fastapi import FastAPI, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.exceptions import HTTPException
+
+from planner_service import __version__
+from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.serve.bodies import BODIES, EditsBody, SceneBody
+from planner_service.serve.documentation import SECURITY, documentation_page, with_models
+from planner_service.serve.jobs import Answer
+from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
+from planner_service.serve.replies import AcceptedReply, JobsReply, SceneReply, ScenesReply, StoredReply
+from planner_service.serve.server import PlanningServer
+
+__all__ = ["create_app"]
+
+JSON = "application/json"
+
+MAX_WAIT = 60
+"""Seconds for which a response is held back until there is an answer."""
+
+PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,;])", re.IGNORECASE)
+ETAG = re.compile(r'"(\d{1,15})"')
+KEY = re.compile(r"[\x21-\x7e]{1,255}")
+
+SUMMARIES: Mapping[str, str] = {
+    "plans": "Plan a motion",
+    "certify": "Prove that a path, or a finished plan or task, is free",
+    "check": "Check configurations and straight edges",
+    "pick": "Plan to take an object",
+    "place": "Plan to set a carried object down",
+    "pick_place": "Plan a whole pick-and-place",
+    "move_linear": "Plan straight motions of the tool",
+    "replan": "Plan a new motion for a robot that is moving",
+    "explain": "Explain why there is no plan, and what would help",
+    "roadmaps": "Grow a roadmap",
+}
+
+T = TypeVar("T")
+
+
+def create_app(server: PlanningServer) -> FastAPI:
+    """The application that answers for a server."""
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        await server.start()
+        try:
+            yield
+        finally:
+            await server.stop()
+
+    app = FastAPI(
+        title="planner-service",
+        version=__version__,
+        description="Motion planning for a robot arm: every returned plan is proven, every collision check is counted.",
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=None,
+        redirect_slashes=False,
+        lifespan=lifespan,
+        exception_handlers={Refused: _refused, HTTPException: _http_error, InvalidRequest: _invalid},
+    )
+    _add_work(app, server)
+    _add_plans(app, server)
+    _add_scenes(app, server)
+    _add_roadmaps(app, server)
+    _add_about(app, server)
+    return app
+
+
+# Errors.
+
+
+def _problem(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
+    return Response(problem.content, problem.status, dict(headers or {}), PROBLEM_JSON)
+
+
+async def _refused(_: Request, error: Exception) -> Response:
+    assert isinstance(error, Refused)
+    return _problem(error.problem, error.headers)
+
+
+async def _invalid(_: Request, error: Exception) -> Response:
+    assert isinstance(error, InvalidRequest | MissingDependency)
+    return _problem(problem_of(error))
+
+
+async def _http_error(request: Request, error: Exception) -> Response:
+    """Of an address or a method that no route has."""
+    assert isinstance(error, HTTPException)
+    if error.status_code == 405:
+        return _problem(Problem("method-not-allowed", f"{request.method} is not for this address"), error.headers)
+    return _problem(Problem("not-found" if error.status_code == 404 else "malformed", str(error.detail)))
+
+
+# Parts of the description.
+
+
+def _reply(description: str, model: type | None = None) -> dict[str, Any]:
+    schema = {"type": "object"} if model is None else {"$ref": f"#/components/schemas/{model.__name__}"}
+    return {"description": description, "content": {JSON: {"schema": schema}}}
+
+
+def _takes(model: type) -> dict[str, Any]:
+    schema = {"$ref": f"#/components/schemas/{model.__name__}"}
+    return {"requestBody": {"required": True, "content": {JSON: {"schema": schema}}}}
+
+
+def _header(name: str, description: str) -> dict[str, Any]:
+    return {"name": name, "in": "header", "required": False, "description": description, "schema": {"type": "string"}}
+
+
+def _problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    content = {PROBLEM_JSON: {"schema": {"$ref": "#/components/schemas/ProblemReply"}}}
+    return {status: {"description": "What is wrong", "content": content} for status in statuses}
+
+
+WAIT = _header("Prefer", f"wait, or wait=SECONDS (at most {MAX_WAIT}): hold the response until there is an answer")
+IF_MATCH = _header("If-Match", 'The version that is to be changed, such as "3"')
+
+# Work.
+
+
+def _add_work(app: FastAPI, server: PlanningServer) -> None:
+    """A route for each kind of work: all of them are jobs."""
+    for kind, body in BODIES.items():
+        key = _header("Idempotency-Key", "Sent again, it gets the same answer; and a closed connection cancels nothing")
+        app.add_api_route(
+            f"/{kind}",
+            _working(server, kind),
+            methods=["POST"],
+            summary=SUMMARIES[kind],
+            operation_id=kind,
+            status_code=202,
+            response_class=Response,
+            responses={
+                200: _reply("The answer; that there is no plan is one"),
+                202: _reply("Accepted", AcceptedReply),
+                **_problems(400, 408, 410, 413, 415, 422, 429, 503),
+            },
+            openapi_extra={**_takes(body), "parameters": [WAIT, key]},
+        )
+
+
+def _working(server: PlanningServer, kind: str) -> Callable[[Request], Awaitable[Response]]:
+    async def work(request: Request) -> Response:
+        key = request.headers.get("idempotency-key")
+        if key is not None and not KEY.fullmatch(key):
+            raise Refused("malformed", "Idempotency-Key: expected 1 to 255 printable ASCII characters without spaces")
+        server.require_room(key)
+        job = await server.accept(kind, await _json_body(request), key)
+        seconds = _seconds_to_wait(request)
+        return await _response(server, request, job, seconds, cancel=key is None)
+
+    work.__doc__ = BODIES[kind].__doc__
+    return work
+
+
+async def _json_body(request: Request) -> bytes:
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != JSON:
+        raise Refused("unsupported-media-type", f"Content-Type: expected {JSON}")
+    return await request.body()
+
+
+def _seconds_to_wait(request: Request) -> int:
+    found = PREFER_WAIT.search(request.headers.get("prefer", ""))
+    return 0 if found is None else min(MAX_WAIT, int(found[1] or MAX_WAIT))
+
+
+async def _response(server: PlanningServer, request: Request, job: str, seconds: int, *, cancel: bool) -> Response:
+    """The answer of a job if there is one within so many seconds, else where it will be."""
+    answer = await server.answer(job)
+    waited = {"Preference-Applied": f"wait={seconds}"} if seconds else {}
+    if answer is None and seconds:
+        if await _connected(request, server.wait(job, seconds), default=False):
+            answer = await server.answer(job)
+        elif await request.is_disconnected():
+            if cancel:
+                await server.cancel(job)
+            return Response(status_code=499)
+    if answer is not None:
+        return _answered(answer, {"Content-Location": f"/plans/{job}", **waited})
+    state = await server.state(job)
+    headers = {"Location": f"/plans/{job}", "Retry-After": str(server.retry_after()), **waited}
+    return Response(json.dumps(state), 202, headers, JSON)
+
+
+def _answered(answer: Answer, headers: Mapping[str, str]) -> Response:
+    if answer.problem is not None:
+        return _problem(answer.problem, headers)
+    return Response(answer.content, 200, dict(headers), JSON)
+
+
+async def _connected(request: Request, waiting: Awaitable[T], *, default: T) -> T:
+    """What comes of waiting, or a default if the client closes its connection first."""
+    task = asyncio.ensure_future(waiting)
+    closed = asyncio.ensure_future(_closed(request))
+    try:
+        await asyncio.wait([task, closed], return_when=asyncio.FIRST_COMPLETED)
+        return task.result() if task.done() else default
+    finally:
+        for each in (task, closed):
+            each.cancel()
+            with suppress(asyncio.CancelledError):
+                await each
+
+
+async def _closed(request: Request) -> None:
+    while not await request.is_disconnected():
+        await asyncio.sleep(0.02)
+
+
+# Plans: what came of a request, of whatever kind.
+
+
+def _add_plans(app: FastAPI, server: PlanningServer) -> None:
+    @app.get(
+        "/plans",
+        summary="List requests, newest first",
+        operation_id="list_plans",
+        responses={200: _reply("The list", JobsReply), **_problems(400)},
+        openapi_extra={
+            "parameters": [
+                _query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}),
+                _query("after", {"type": "string"}),
+            ]
+        },
+    )
+    async def list_plans(request: Request) -> Response:
+        """Requests that are waiting, running or kept, of every kind."""
+        limit = _whole(request, "limit", 100, 1_000)
+        return _json(await server.jobs(limit, request.query_params.get("after")))
+
+    @app.get(
+        "/plans/{plan}",
+        summary="Get the answer of a request",
+        operation_id="get_plan",
+        responses={
+            200: _reply("The plan file, the task file, or the answer of another kind"),
+            202: _reply("It is not finished", AcceptedReply),
+            **_problems(404, 408, 410, 422, 503),
+        },
+        openapi_extra={"parameters": [WAIT]},
+    )
+    async def get_plan(plan: str, request: Request) -> Response:
+        """The file that the library would have saved, byte for byte."""
+        await server.require_job(plan)
+        return await _response(server, request, plan, _seconds_to_wait(request), cancel=False)
+
+    @app.get(
+        "/plans/{plan}/events",
+        summary="Follow a request, stage by stage",
+        operation_id="get_events",
+        response_class=Response,
+        responses={
+            200: {"description": "Server-sent events", "content": {"text/event-stream": {}}},
+            **_problems(404, 503),
+        },
+    )
+    async def get_events(plan: str) -> Response:
+        """Events ``state`` and ``stage``: those that have been, and those to come until it is finished."""
+        events = await server.events(plan)
+        return StreamingResponse(events, media_type="text/event-stream", headers={"Cache-Control": "no-store"})
+
+    @app.get(
+        "/plans/{plan}/view",
+        summary="Open a plan or a task in the viewer",
+        operation_id="view_plan",
+        status_code=303,
+        response_class=Response,
+        responses={303: {"description": "The page is at this address"}, **_problems(404, 409, 422)},
+    )
+    async def view_plan(plan: str) -> Response:
+        """A page of this machine that shows the motions."""
+        return RedirectResponse(await server.view(plan), 303)
+
+    @app.delete(
+        "/plans/{plan}",
+        summary="Cancel a request, or remove its answer",
+        operation_id="delete_plan",
+        status_code=204,
+        responses={202: _reply("It is being cancelled", AcceptedReply), **_problems(404)},
+    )
+    async def delete_plan(plan: str) -> Response:
+        """A request that waits or runs is cancelled, and its answer says so; one that is finished is removed."""
+        await server.require_job(plan)
+        if await server.cancel(plan):
+            return Response(json.dumps(await server.state(plan)), 202, {"Location": f"/plans/{plan}"}, JSON)
+        await server.remove(plan)
+        return Response(status_code=204)
+
+
+def _query(name: str, schema: dict[str, Any]) -> dict[str, Any]:
+    return {"name": name, "in": "query", "required": False, "schema": schema}
+
+
+def _whole(request: Request, name: str, usual: int, most: int) -> int:
+    text = request.query_params.get(name)
+    if text is None:
+        return usual
+    if not re.fullmatch("[0-9]{1,15}", text) or not 1 <= int(text) <= most:
+        raise Refused("malformed", f"{name}: got {text!r:.100}; expected a whole number from 1 to {most:,}")
+    return int(text)
+
+
+def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
+    return Response(json.dumps(value, allow_nan=False), status, dict(headers or {}), JSON)
+
+
+# Scenes.
+
+
+def _add_scenes(app: FastAPI, server: PlanningServer) -> None:
+    @app.get(
+        "/scenes", summary="List scenes", operation_id="list_scenes", responses={200: _reply("Scenes", ScenesReply)}
+    )
+    async def list_scenes() -> Response:
+        """Their names, latest versions and hashes."""
+        return _json(await server.scenes())
+
+    version = _query("version", {"type": "integer", "minimum": 1})
+
+    @app.get(
+        "/scenes/{name}",
+        summary="Get a scene",
+        operation_id="get_scene",
+        responses={200: _reply("The scene", SceneReply), **_problems(400, 404)},
+        openapi_extra={"parameters": [version]},
+    )
+    async def get_scene(name: str, request: Request) -> Response:
+        """Its latest version, or the one that is asked for."""
+        number = None
+        if "version" in request.query_params:
+            number = _whole(request, "version", 1, 10**15)
+        entry = await server.scene(name, number)
+        return Response(entry.document, 200, {"ETag": f'"{entry.version}"'}, JSON)
+
+    changed = {200: _reply("Changed", StoredReply), **_problems(400, 404, 412, 413, 415, 422, 429, 503)}
+
+    @app.put(
+        "/scenes/{name}",
+        summary="Store a scene",
+        operation_id="put_scene",
+        response_class=Response,
+        responses={**changed, 201: _reply("New", StoredReply)},
+        openapi_extra={
+            **_takes(SceneBody),
+            "parameters": [IF_MATCH, _header("If-None-Match", "* for a new scene only")],
+        },
+    )
+    async def put_scene(name: str, request: Request) -> Response:
+        """A new scene, or the next version of one."""
+        server.require_room(None)
+        must_be_new = request.headers.get("if-none-match")
+        if must_be_new not in (None, "*"):
+            raise Refused("malformed", "If-None-Match: expected *")
+        expected = 0 if must_be_new else _version_to_match(request)
+        stored = await server.put_scene(name, await _json_body(request), expected)
+        return _stored(stored, 201 if stored["version"] == 1 else 200)
+
+    @app.patch(
+        "/scenes/{name}",
+        summary="Change a scene",
+        operation_id="edit_scene",
+        response_class=Response,
+        responses=changed,
+        openapi_extra={**_takes(EditsBody), "parameters": [IF_MATCH]},
+    )
+    async def edit_scene(name: str, request: Request) -> Response:
+        """All of the edits, in their order, or none: the next version of the scene."""
+        server.require_room(None)
+        stored = await server.edit_scene(name, await _json_body(request), _version_to_match(request))
+        return _stored(stored, 200)
+
+    @app.delete(
+        "/scenes/{name}",
+        summary="Remove a scene",
+        operation_id="delete_scene",
+        status_code=204,
+        responses=_problems(400, 404, 412),
+        openapi_extra={"parameters": [IF_MATCH]},
+    )
+    async def delete_scene(name: str, request: Request) -> Response:
+        """The scene under this name; plans made in it stay."""
+        await server.delete_scene(name, _version_to_match(request))
+        return Response(status_code=204)
+
+
+def _stored(stored: Mapping[str, Any], status: int) -> Response:
+    return _json(stored, status, {"ETag": f'"{stored["version"]}"'})
+
+
+def _version_to_match(request: Request) -> int | None:
+    text = request.headers.get("if-match")
+    if text is None:
+        return None
+    found = ETAG.fullmatch(text.strip())
+    if found is None:
+        raise Refused("malformed", f'If-Match: got {text!r:.100}; expected the ETag of a version, such as "3"')
+    return int(found[1])
+
+
+# Roadmaps.
+
+
+def _add_roadmaps(app: FastAPI, server: PlanningServer) -> None:
+    @app.get(
+        "/roadmaps/{roadmap}",
+        summary="Get a roadmap",
+        operation_id="get_roadmap",
+        response_class=Response,
+        responses={200: {"description": "Its file", "content": {"application/octet-stream": {}}}, **_problems(404)},
+    )
+    async def get_roadmap(roadmap: str) -> Response:
+        """The npz file of the roadmap with this hash."""
+        return Response(await server.roadmap(roadmap), media_type="application/octet-stream")
+
+    @app.delete(
+        "/roadmaps/{roadmap}",
+        summary="Remove a roadmap",
+        operation_id="delete_roadmap",
+        status_code=204,
+        responses=_problems(404),
+    )
+    async def delete_roadmap(roadmap: str) -> Response:
+        """The roadmap with this hash."""
+        await server.delete_roadmap(roadmap)
+        return Response(status_code=204)
+
+
+# The server itself.
+
+
+def _add_about(app: FastAPI, server: PlanningServer) -> None:
+    described = with_models(app)
+    app.openapi = described  # type: ignore[method-assign]
+
+    @app.get("/robot", summary="Get the robot", operation_id="get_robot", responses={200: _reply("The robot")})
+    async def get_robot() -> Response:
+        """Joints, limits, named poses and gripper, and the whole robot as plan files have it."""
+        return Response(server.robot_document, media_type=JSON)
+
+    @app.get("/health", summary="Whether the server runs", operation_id="get_health", openapi_extra={"security": []})
+    async def get_health() -> Response:
+        """It does if this is answered."""
+        return _json({"ok": True})
+
+    @app.get(
+        "/ready",
+        summary="Whether the server can plan",
+        operation_id="get_ready",
+        responses=_problems(503),
+        openapi_extra={"security": []},
+    )
+    async def get_ready() -> Response:
+        """Once the first worker is ready, until the server stops."""
+        if not server.ready:
+            raise Refused("unavailable", "no worker is ready", headers={"Retry-After": "1"})
+        return _json({"ok": True})
+
+    @app.get(
+        "/metrics",
+        summary="Figures for Prometheus",
+        operation_id="get_metrics",
+        response_class=Response,
+        responses={200: {"description": "Text exposition format", "content": {"text/plain": {}}}},
+    )
+    async def get_metrics() -> Response:
+        """Requests, queue, times of stages, counts, and failures by reason."""
+        content, kind = server.metrics.exposition()
+        return Response(content, headers={"Content-Type": kind})
+
+    @app.get("/openapi.json", include_in_schema=False)
+    async def get_openapi() -> Response:
+        return _json(described())
+
+    @app.get("/docs", include_in_schema=False)
+    async def get_docs() -> Response:
+        return HTMLResponse(documentation_page(described()), headers={"Content-Security-Policy": SECURITY})

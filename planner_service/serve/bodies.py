@@ -1,0 +1,549 @@
+"""What clients send: the bodies of requests, read strictly, with the library's own defaults.
+
+A body never holds a path of a file, and never a robot: the server has one. Where the world of a request is asked for,
+it is a stored scene, one version of it, or what a finished task has left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BeforeValidator, Discriminator, Field, JsonValue, Tag, ValidationInfo, WithJsonSchema
+
+from planner_service.certify import ExemptInterval
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.files.json_reader import parse_json
+from planner_service.files.schema import (
+    ONE_PER_JOINT,
+    Count,
+    Numbers,
+    Record,
+    Rows,
+    Text,
+    Vector2,
+    Vector3,
+    at_most,
+    of_length,
+    read_record,
+)
+from planner_service.geometry.shapes import Pose
+from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.planning.request import Pace, PlanRequest
+from planner_service.records.request import (
+    MAX_GOALS,
+    JointGoal,
+    PayloadRecord,
+    PlannerRecord,
+    RoomRecord,
+    TimingRecord,
+    ToolGoal,
+)
+from planner_service.records.result import ExemptRecord
+from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanReading
+from planner_service.records.values import Constraints, PoseRecord
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import MAX_OBJECTS, Scene
+from planner_service.tasks.result import MAX_SUPPORT_GAP, Handling
+from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE
+from planner_service.timing.laws import Trapezoidal
+
+__all__ = [
+    "BODIES",
+    "AfterTask",
+    "Body",
+    "CertifyBody",
+    "CheckBody",
+    "EditsBody",
+    "ExplainBody",
+    "MoveLinearBody",
+    "PickBody",
+    "PickPlaceBody",
+    "PlaceBody",
+    "PlanBody",
+    "ReplanBody",
+    "RoadmapBody",
+    "SceneBody",
+    "SceneVersion",
+    "read_body",
+]
+
+MAX_TIME_LIMIT = 600.0
+"""Seconds; a request without a time limit ends at its deadline."""
+
+MIN_DEADLINE, MAX_DEADLINE = 1e-3, 3_600.0
+"""Seconds from when a request is accepted to its end, whatever it does."""
+
+MAX_STATES = 10_000
+"""Of one check; so many of its edges, too."""
+
+MAX_POSES = 1_000
+
+DEFAULT = PlanRequest((), ())
+
+B = TypeVar("B", bound="Record")
+
+
+@dataclass
+class BodyReading(PlanReading):
+    """What is known while a body is read.
+
+    Attributes:
+        robot: The server's, whose named poses may stand for joint values; None where there are none.
+    """
+
+    robot: Robot | None = None
+
+
+def read_body(model: type[B], data: bytes, robot: Robot) -> B:
+    """The body that the bytes of a request are.
+
+    Raises:
+        InvalidFile: They are no JSON, or do not fit; it lists the problems.
+    """
+    place = Path("body")
+    return read_record(model, parse_json(place, data), place, BodyReading(joints=robot.n, robot=robot))
+
+
+# Kinds of values.
+
+
+def _joints_of(value: Any, info: ValidationInfo) -> Any:
+    """The joint values of a pose that is given by its name."""
+    if not isinstance(value, str) or not isinstance(info.context, BodyReading) or info.context.robot is None:
+        return value
+    poses = dict(info.context.robot.named_poses)
+    if value not in poses:
+        raise UnknownName("pose", value, poses)
+    return poses[value].tolist()
+
+
+Configuration = Annotated[
+    Numbers,
+    ONE_PER_JOINT,
+    BeforeValidator(_joints_of),
+    WithJsonSchema({"anyOf": [{"type": "array", "items": {"type": "number"}}, {"type": "string"}]}),
+    Field(description="Joint values, or the name of a pose of the robot such as home"),
+]
+
+
+def _seconds(least: float, most: float) -> Any:
+    """Seconds within bounds, or null."""
+
+    def checked(value: Any) -> Any:
+        if isinstance(value, int | float) and not isinstance(value, bool) and not least <= value <= most:
+            raise ValueError(f"seconds from {least:g} to {most:,g}")
+        return value
+
+    bounds = {"type": "number", "minimum": least, "maximum": most}
+    return Annotated[float | None, BeforeValidator(checked), WithJsonSchema({"anyOf": [bounds, {"type": "null"}]})]
+
+
+TimeLimit = _seconds(0.0, MAX_TIME_LIMIT)
+Deadline = _seconds(MIN_DEADLINE, MAX_DEADLINE)
+
+
+class SceneVersion(Record):
+    """One version of a stored scene."""
+
+    name: Text
+    version: Annotated[Count, Field(ge=1)]
+
+
+class AfterTask(Record):
+    """The world that a finished pick, place or pick-and-place leaves, with its gripper as it stands then."""
+
+    after: Text
+
+
+def _world_kind(value: Any) -> str:
+    if isinstance(value, str):
+        return "name"
+    if isinstance(value, AfterTask) or (isinstance(value, dict) and "after" in value):
+        return "after"
+    return "version"
+
+
+SceneReference = Annotated[
+    Annotated[Text, Tag("name")] | Annotated[SceneVersion, Tag("version")] | Annotated[AfterTask, Tag("after")],
+    Discriminator(_world_kind),
+]
+
+
+class PlannerBody(PlannerRecord):
+    """A planner: its name, and those of its settings that are not as usual."""
+
+    settings: dict[str, JsonValue] = Field(default_factory=dict)
+
+
+class TimingBody(TimingRecord):
+    """A timing law: its name, and those of its settings that are not as usual."""
+
+    settings: dict[str, JsonValue] = Field(default_factory=dict)
+
+
+class RoomBody(RoomRecord):
+    """What a goal of the tool leaves open."""
+
+    position_tolerance: float = 0.0
+    orientation_tolerance: float = 0.0
+    free_axis: Vector3 | None = None
+    candidates: Count = PoseGoal(Pose()).candidates
+
+
+class ToolGoalBody(ToolGoal):
+    """A pose of the tool, with room or without."""
+
+    room: RoomBody | None = None
+
+
+class JointGoalBody(JointGoal):
+    """A configuration, or the name of a pose of the robot."""
+
+    joints: Configuration
+
+
+def _goal_kind(goal: Any) -> str:
+    return "tool" if isinstance(goal, ToolGoalBody) or (isinstance(goal, dict) and "pose" in goal) else "joints"
+
+
+GoalBody = Annotated[
+    Annotated[JointGoalBody, Tag("joints")] | Annotated[ToolGoalBody, Tag("tool")], Discriminator(_goal_kind)
+]
+Goals = Annotated[list[GoalBody], Field(min_length=1), at_most(MAX_GOALS)]
+
+
+class Given(Record):
+    """A body whose keys have the library's defaults: only those that were sent are handed on."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The fields that were sent, by name."""
+        return {name: value for name, value in self.arguments.items() if name in self.model_fields_set}
+
+
+class SettingsBody(Given):
+    """How motions are planned: a ``PlanRequest`` without its start and its goals."""
+
+    planner: PlannerBody = Field(default_factory=lambda: PlannerBody(name=DEFAULT.planner.name))
+    timing: TimingBody = Field(default_factory=lambda: TimingBody(name="toppra"))
+    polish: PlannerBody | None = None
+    seed: Count = DEFAULT.seed
+    max_checks: Count = DEFAULT.max_checks
+    retries: Count | None = None
+    padding: float = DEFAULT.padding
+    velocity_scale: float = DEFAULT.velocity_scale
+    acceleration_scale: float = DEFAULT.acceleration_scale
+    blend: float = DEFAULT.blend
+    start_tolerance: float = DEFAULT.start_tolerance
+    time_limit: TimeLimit = Field(
+        default=DEFAULT.time_limit, description="Seconds for all stages; null for none but the deadline"
+    )
+    max_tool_speed: float | None = None
+    constraints: Constraints = Field(default_factory=list)
+    payload: PayloadRecord | None = None
+    torque_scale: float = DEFAULT.torque_scale
+    evidence: bool = False
+
+    @cached_property
+    def value(self) -> PlanRequest:
+        return PlanRequest((), (), **self.given)
+
+
+class RequestBody(SettingsBody):
+    """A ``PlanRequest``."""
+
+    start: Configuration
+    goals: Goals
+
+    @cached_property
+    def value(self) -> PlanRequest:
+        given = self.given
+        goals = given.pop("goals")
+        return PlanRequest(goal=goals[0] if len(goals) == 1 else goals, **given)
+
+
+class PaceBody(Given):
+    """How fast a given line is followed."""
+
+    timing: TimingBody = Field(default_factory=lambda: TimingBody(name=Trapezoidal.name))
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    max_tool_speed: float | None = None
+    payload: PayloadRecord | None = None
+    torque_scale: float = 1.0
+
+    @cached_property
+    def value(self) -> Pace:
+        return Pace(**{"timing": Trapezoidal(), **self.given})
+
+
+class HandlingBody(Given):
+    """How an object is taken or set down."""
+
+    support: Text | None = None
+    support_gap: Annotated[float, Field(description=f"Metres, at most {MAX_SUPPORT_GAP:g}")] = 0.005
+    open_width: float | None = None
+    request: SettingsBody | None = None
+    line_timing: TimingBody | None = None
+    upright: float | None = None
+
+    @cached_property
+    def value(self) -> Handling:
+        return Handling(**self.given)
+
+
+# Bodies.
+
+
+class Body(Record):
+    """What every request for work may say.
+
+    Attributes:
+        deadline: Seconds from when it is accepted to when it has ended, planned or not.
+    """
+
+    deadline: Deadline = Field(
+        default=None, description="Seconds from acceptance to the end, whatever the request's own time limit"
+    )
+
+
+class InWorld(Body):
+    """A request for work in a world.
+
+    Attributes:
+        scene: The world.
+        gripper_width: Metres between the finger pads; as the robot or the task left it if not given.
+    """
+
+    scene: SceneReference
+    gripper_width: float | None = None
+
+
+class PlanBody(InWorld):
+    """A motion to be planned."""
+
+    request: RequestBody
+
+
+class CertifyBody(Body):
+    """Waypoints in a scene, or a finished plan or task, to be proven free."""
+
+    plan: Text | None = Field(default=None, description="The id of a finished plan or task, instead of waypoints")
+    scene: SceneReference | None = None
+    gripper_width: float | None = None
+    waypoints: Rows | None = None
+    blends: Numbers | None = None
+    padding: float = 0.0
+    exempt: Annotated[list[ExemptRecord], at_most(MAX_POSES)] = Field(default_factory=list)
+    constraints: Constraints = Field(default_factory=list)
+    part: Vector2 | None = None
+
+    @cached_property
+    def value(self) -> None:
+        line = self.scene is not None and self.waypoints is not None
+        if line == (self.plan is not None) or (self.plan is not None and self.model_fields_set - {"plan", "deadline"}):
+            expected = "either plan alone, or scene and waypoints"
+            raise InvalidRequest("plan", self.plan, expected, message=f"expected {expected}")
+
+    @property
+    def exempted(self) -> tuple[ExemptInterval, ...]:
+        """The stretches on which pairs are not checked."""
+        return tuple(record.value for record in self.exempt)
+
+
+Edge = Annotated[list[Configuration], of_length(2, "two configurations")]
+
+
+class CheckBody(InWorld):
+    """Configurations and straight edges to be checked."""
+
+    states: Annotated[list[Configuration], at_most(MAX_STATES)] = Field(default_factory=list)
+    edges: Annotated[list[Edge], at_most(MAX_STATES)] = Field(default_factory=list)
+
+
+Poses = Annotated[list[PoseRecord], Field(min_length=1), at_most(MAX_POSES)]
+
+
+class PickBody(InWorld):
+    """An object to be taken."""
+
+    q: Configuration
+    target: Text
+    grasps: Poses | None = Field(default=None, description="Poses of the tool, best first; from above if not given")
+    handling: HandlingBody | None = None
+
+
+class PlaceBody(InWorld):
+    """A carried object to be set down."""
+
+    q: Configuration | None = Field(default=None, description="Where the robot stands; where the task before ended")
+    carried: Text
+    poses: Poses
+    handling: HandlingBody | None = None
+
+    @cached_property
+    def value(self) -> None:
+        if self.q is None and not isinstance(self.scene, AfterTask):
+            raise InvalidRequest("q", None, "joint values, as the scene is not what a task left")
+
+
+class PickPlaceBody(InWorld):
+    """An object to be taken and set down on another one."""
+
+    target: Text
+    onto: Text
+    start: Annotated[Configuration, Field(validate_default=True)] = "home"  # type: ignore[assignment]
+    request: SettingsBody | None = None
+    upright: float | None = None
+
+    @property
+    def plan_request(self) -> PlanRequest:
+        """The request of all motions."""
+        settings = {} if self.request is None else self.request.given
+        return PlanRequest(self.start, self.start, **settings)
+
+
+def _target_kind(value: Any) -> str:
+    if isinstance(value, list):
+        return "displacement" if all(isinstance(entry, int | float) for entry in value) else "several"
+    return "pose"
+
+
+Target = Annotated[
+    Annotated[PoseRecord, Tag("pose")] | Annotated[Vector3, Tag("displacement")], Discriminator(_target_kind)
+]
+Targets = Annotated[
+    Annotated[PoseRecord, Tag("pose")]
+    | Annotated[Vector3, Tag("displacement")]
+    | Annotated[list[Target], at_most(MAX_POSES), Tag("several")],
+    Discriminator(_target_kind),
+]
+
+
+class MoveLinearBody(InWorld):
+    """A straight motion of the tool, or several with rounded corners."""
+
+    start: Configuration
+    goal: Targets = Field(description="A pose, a displacement in metres, or a list of these")
+    zone: float = 0.0
+    points: Count = LINE_POINTS
+    max_joint_rate: float = MAX_JOINT_RATE
+    partial: bool = False
+    pace: PaceBody | None = None
+    padding: float = 0.0
+    constraints: Constraints = Field(default_factory=list)
+
+
+class ReplanBody(Body):
+    """A robot that executes a plan, for which a new motion is wanted."""
+
+    plan: Text = Field(description="The id of the plan, or of what replanning returned before")
+    at_time: float
+    latency: float = 0.1
+    scene: SceneReference | None = Field(default=None, description="From now on; that of the plan if not given")
+    goals: Goals | None = None
+    request: SettingsBody | None = None
+
+    @property
+    def goal(self) -> Any:
+        """The goal as ``replan`` takes it."""
+        if self.goals is None:
+            return None
+        goals = [goal.value for goal in self.goals]
+        return goals[0] if len(goals) == 1 else goals
+
+
+class ExplainBody(InWorld):
+    """A request of which it is asked why it has no plan."""
+
+    request: RequestBody
+    plans: Annotated[Count, Field(ge=1, le=1_000)] = 60
+    remedies: Annotated[Count, Field(ge=1, le=1_000)] = 3
+
+
+class RoadmapBody(InWorld):
+    """A roadmap to be grown."""
+
+    planner: PlannerBody
+    seed: Count = 0
+    padding: float = 0.001
+
+
+BODIES: dict[str, type[Body]] = {
+    "plans": PlanBody,
+    "certify": CertifyBody,
+    "check": CheckBody,
+    "pick": PickBody,
+    "place": PlaceBody,
+    "pick_place": PickPlaceBody,
+    "move_linear": MoveLinearBody,
+    "replan": ReplanBody,
+    "explain": ExplainBody,
+    "roadmaps": RoadmapBody,
+}
+"""The bodies of requests for work, by their route and kind."""
+
+
+class SceneBody(Record):
+    """A scene to be stored."""
+
+    description: str = ""
+    obstacles: Annotated[list[ObstacleRecord], at_most(MAX_OBJECTS)]
+    attached: Annotated[list[AttachedRecord], at_most(MAX_OBJECTS)] = Field(default_factory=list)
+
+    def scene(self, name: str) -> Scene:
+        """The scene, under its name."""
+        return Scene(name=name, **self.arguments)
+
+
+class AddEdit(Record):
+    """Adds an obstacle."""
+
+    op: Literal["add"]
+    obstacle: ObstacleRecord
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with the change."""
+        return scene.with_obstacle(self.obstacle.value)
+
+
+class RemoveEdit(Record):
+    """Takes an obstacle away."""
+
+    op: Literal["remove"]
+    name: Text
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with the change."""
+        return scene.without(self.name)
+
+
+class MoveEdit(Record):
+    """Puts an obstacle somewhere else."""
+
+    op: Literal["move"]
+    name: Text
+    pose: PoseRecord
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with the change."""
+        return scene.moved(self.name, self.pose.value)
+
+
+class EditsBody(Record):
+    """Changes to a scene, made in their order, all of them or none."""
+
+    edits: Annotated[
+        list[Annotated[AddEdit | RemoveEdit | MoveEdit, Field(discriminator="op")]],
+        Field(min_length=1),
+        at_most(MAX_OBJECTS),
+    ]
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with all changes."""
+        for edit in self.edits:
+            scene = edit.applied(scene)
+        return scene
