@@ -127,7 +127,7 @@ def needs_a_service(plan: Plan) -> InvalidRequest:
     made = world_of(plan)
     expected = "your own robot and scene: --robot and --scene, or execute(..., service=PlannerService(robot, scene))"
     message = (
-        f"a plan from a file moves a real arm only in {expected}. The file says {made.robot.name} "
+        f"a plan from a file or a server moves a real arm only in {expected}. It says {made.robot.name} "
         f"({made.robot.hash[:12]}) in {made.scene.name or 'a scene without a name'} ({made.scene.hash[:12]})"
     )
     return InvalidRequest("service", None, expected, message=f"service: {message}")

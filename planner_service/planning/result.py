@@ -233,11 +233,13 @@ class Origin:
         world: What it was planned in.
         request: What was asked; None for a given polyline.
         pace: How fast a given polyline was to be travelled; None for a request.
+        elsewhere: Whether a server planned it: before an arm moves it is proven again, as a plan from a file is.
     """
 
     world: World
     request: PlanRequest | None
     pace: Pace | None = None
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True, eq=False)

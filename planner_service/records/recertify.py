@@ -166,7 +166,7 @@ class Recertified:
 
 def planned_elsewhere(plan: Plan) -> bool:
     """Whether any motion of a plan was planned by another process."""
-    return any(result.origin is None for result in _results(plan))
+    return any(result.origin is None or result.origin.elsewhere for result in _results(plan))
 
 
 def _results(plan: Plan) -> list[PlanResult]:
@@ -185,6 +185,8 @@ def world_of(plan: Plan) -> World:
     if origins and None not in origins and not isinstance(plan, SavedTask) and origins[0] is not None:
         return plan.begin if isinstance(plan, TaskResult) else origins[0].world
     if isinstance(plan, SavedPlan | SavedTask):
+        return plan.begin
+    if isinstance(plan, TaskResult) and all(segment.scene is not None for segment in plan.segments[:1]):
         return plan.begin
     expected = "the robot and the scene it was planned for: only plans of this process, and saved ones, know them"
     raise InvalidRequest("service", None, expected)
@@ -288,12 +290,14 @@ def _named(made: Robot | Scene) -> str:
 
 def _robots(plan: Plan) -> list[Robot]:
     made = [result.origin.world.robot for result in _results(plan) if result.origin is not None]
+    if isinstance(plan, TaskResult):
+        return [plan.world.robot, *made]
     return [plan.robot, *made] if isinstance(plan, SavedPlan | SavedTask) else made
 
 
 def _made_with(plan: Plan, results: Sequence[PlanResult]) -> tuple[tuple[str, str], ...]:
     """Pairs that could touch all the time when a plan was made."""
-    pairs = list(plan.allowed) if isinstance(plan, SavedPlan | SavedTask) else []
+    pairs = [] if isinstance(plan, PlanResult) else list((plan.world if isinstance(plan, TaskResult) else plan).allowed)
     for result in results:
         pairs += [] if result.origin is None else result.origin.world.allowed
     return tuple({frozenset(pair): pair for pair in pairs}.values())

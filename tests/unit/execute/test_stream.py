@@ -41,7 +41,7 @@ from planner_service.execute import (
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.tasks import Segment
+from planner_service.tasks import Segment, TaskResult
 from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, back, raising, robot, service, stopped, there
 from tests.support.command import refused
 from tests.support.command import run as command
@@ -474,6 +474,29 @@ def test_the_robot_comes_with_what_this_process_planned(arm: FakeArm) -> None:
     with pytest.raises(InvalidRequest, match="robot: got None; expected the robot the plan was made for"):
         execute(elsewhere, arm, streaming=QUICK, allow_unproven=True)
     assert execute(elsewhere, arm, streaming=QUICK, service=service()).ok
+
+
+def test_what_a_server_planned_is_proven_again_in_a_world_of_ones_own(arm: FakeArm) -> None:
+    plan, arm.simulated = there(), False
+    assert plan.origin is not None
+    served = replace(plan, origin=replace(plan.origin, elsewhere=True))
+    with pytest.raises(InvalidRequest, match="a plan from a file or a server moves a real arm only in your own robot"):
+        execute(served, arm, streaming=QUICK)
+    assert arm.told == []
+    assert execute(served, arm, streaming=QUICK, service=service()).ok
+
+
+def test_a_task_of_another_process_begins_in_the_world_that_it_says(arm: FakeArm) -> None:
+    motion, arm.simulated = Segment("there", replace(there(), origin=None), 0.08, service().scene), False
+    received = TaskResult((motion,), service().world, robot().home + STEP)
+    with pytest.raises(InvalidRequest, match="a plan from a file or a server"):
+        execute(received, arm, streaming=QUICK)
+    assert execute(received, arm, streaming=QUICK, service=service()).ok
+    arm.q = np.array(robot().home)
+    slower = replace(robot(), limits=replace(robot().limits, velocity=robot().limits.velocity * 0.5))
+    elsewhere = replace(received, world=replace(received.world, robot=slower))
+    with pytest.raises(InvalidRequest, match="expected a plan made for this robot"):
+        execute(elsewhere, arm, streaming=QUICK, service=service())
 
 
 def test_what_was_planned_for_another_robot_is_not_executed(arm: FakeArm) -> None:

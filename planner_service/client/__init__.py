@@ -1,0 +1,21 @@
+"""A planner in another process, with the library's verbs: ``Remote`` in place of ``PlannerService``.
+
+``pick``, ``place``, ``plan_pick_place`` and ``move_linear`` are called as the library's are, with a ``Remote``.
+"""
+
+from planner_service.client.answers import Checked, CheckedState
+from planner_service.client.problems import ServerRefused, ServerUnavailable, StaleVersion
+from planner_service.client.remote import Remote, move_linear, pick, place, plan_pick_place
+
+__all__ = [
+    "Checked",
+    "CheckedState",
+    "Remote",
+    "ServerRefused",
+    "ServerUnavailable",
+    "StaleVersion",
+    "move_linear",
+    "pick",
+    "place",
+    "plan_pick_place",
+]

@@ -1,0 +1,555 @@
+"""A planner in another process: the library's verbs, asked of a server, with the library's types as answers.
+
+Nothing that a server says is believed: what it sends is read as strictly as a file, and a plan counts as one that
+another process made. Whoever moves an arm proves it again with a robot and a scene of their own
+(``records/recertify.py``), as ``execute`` does.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import threading
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from numpy.typing import ArrayLike
+
+from planner_service.certify import Certificate, ExemptInterval
+from planner_service.client.answers import (
+    Checked,
+    ServedRobot,
+    read_certificate,
+    read_checked,
+    read_explanation,
+    read_fraction,
+    read_replanned,
+    read_robot,
+)
+from planner_service.client.bodies import (
+    constraints_body,
+    curve_body,
+    goals_body,
+    handling_body,
+    pace_body,
+    planner_body,
+    pose_body,
+    request_body,
+    settings_body,
+    target_body,
+)
+from planner_service.client.connection import Answer, Connection
+from planner_service.client.scenes import ScenesOnServer
+from planner_service.client.threads import Threads
+from planner_service.collision import CancelToken, EdgeStep
+from planner_service.constraints import Constraint
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import instance, items, whole
+from planner_service.infeasibility.remedies import Explanation
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.batch import Batch
+from planner_service.planning.pipeline import require_plannable
+from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector
+from planner_service.planning.result import Origin, PlanResult
+from planner_service.planning.roadmap_work import Grower, require_grower
+from planner_service.planning.world import World
+from planner_service.records.plan_file import SavedPlan, SavedTask
+from planner_service.records.plan_reader import PlanReader
+from planner_service.replanning.result import Replanned, request_for, underway
+from planner_service.roadmap import Roadmap
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+from planner_service.search.problem import require_seed
+from planner_service.tasks.result import Handling, TaskResult
+from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE, Target
+from planner_service.timing.laws import Trapezoidal
+
+__all__ = ["Remote", "move_linear", "pick", "place", "plan_pick_place"]
+
+PATIENCE = 60.0
+
+AT_ONCE = 8
+"""Requests of ``plan_many`` that are sent before the first is answered."""
+
+MAX_AT_ONCE = 256
+
+
+class Remote:
+    """Plans motions of a server's robot in one scene, as ``PlannerService`` does in this process.
+
+    Several threads may use it at the same time. Plans have the bits and the counts that the library gives; they have
+    no ``roadmap`` and no ``trace``. A connection that is lost is made again, and no request is done twice.
+
+    Args:
+        url: The server, such as ``http://127.0.0.1:8080``.
+        scene: The name of a scene that the server has, whose latest version is meant, or a scene of your own, which is
+            sent to the server when it is first used and deleted by ``close``.
+        token: The server's token; None if it has none. Over http anyone on the way can read it.
+        patience: Seconds for which a request is tried while the server cannot be reached or has no room.
+
+    Raises:
+        InvalidRequest: ``url`` is no address of a server, or another value is out of range.
+        ServerUnavailable: there is no server, or it is not ready for as long as ``patience`` lasts.
+        ServerRefused: the token is wrong, or the server has no such scene.
+        MissingDependency: the extra ``client`` is not installed.
+    """
+
+    def __init__(self, url: str, scene: Scene | str, *, token: str | None = None, patience: float = PATIENCE) -> None:
+        server = _Server(Connection(url, token, patience))
+        self._enter(server, server.robot.robot, scene)
+
+    def _enter(self, server: _Server, robot: Robot, scene: Scene | str) -> None:
+        self._server = server
+        self._version: int | None = None
+        if not isinstance(scene, Scene):
+            scene, self._version = server.scenes.stored(instance("scene", scene, str, "a Scene, or the name of one"))
+        self.world = World(robot, scene, server.robot.allowed, server.robot.edge_step)
+
+    def _in(self, robot: Robot, scene: Scene | str) -> Remote:
+        other = object.__new__(Remote)
+        other._enter(self._server, robot, scene)
+        return other
+
+    def __repr__(self) -> str:
+        return f"<Remote: {self.robot.name} in {self.scene.name or 'unnamed scene'}, {self._server.connection.url}>"
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Delete scenes of your own from the server and close the connections, also those of ``with_scene``'s."""
+        with closing(self._server.connection):
+            self._server.scenes.forget()
+
+    @property
+    def robot(self) -> Robot:
+        """The server's robot, with its gripper as it stands."""
+        return self.world.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return self.world.scene
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of link or object names that may touch, beside those the robot allows; sorted."""
+        return self.world.allowed
+
+    @property
+    def edge_step(self) -> EdgeStep | None:
+        """How finely edges are sampled; None if it is a rule of the server's own."""
+        return self.world.edge_step
+
+    def with_scene(self, scene: Scene | str) -> Remote:
+        """The same server with another scene: one of your own, or the latest version of one that it has.
+
+        Raises:
+            ServerRefused: the server has no such scene.
+        """
+        return self._in(self.robot, scene)
+
+    def changed(self, *, gripper: float | None = None, scene: Scene | None = None) -> Remote:
+        """The same server where the gripper stands ``gripper`` metres open, or with another scene."""
+        other = self._in(
+            self.robot if gripper is None else self.robot.with_gripper(gripper),
+            self.scene if scene is None else scene,
+        )
+        other._version = self._version if scene is None else None
+        return other
+
+    def of(self, world: World) -> Remote:
+        """The same server in a world, such as that of a ``TaskResult``.
+
+        Raises:
+            InvalidRequest: the world has another robot, or is checked in another way.
+        """
+        world = instance("world", world, World, "a World, such as task.world")
+        width = None if self.robot.gripper is None else world.robot.gripper_width
+        other = self.changed(gripper=width, scene=world.scene)
+        if (other.robot.hash, other.allowed, other.edge_step) != (world.robot.hash, world.allowed, world.edge_step):
+            raise InvalidRequest("world", world.robot.name, f"a world of the server's robot, {self.robot.name}")
+        return other
+
+    # What is asked.
+
+    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None) -> PlanResult:
+        """A timed path from the start to a goal, or the reason why there is none; see ``PlannerService.plan``.
+
+        Args:
+            request: A roadmap as its planner has to be one that the server has grown (``build_roadmap``).
+            cancel: Withdraws the request when it is cancelled from another thread.
+
+        Raises:
+            InvalidRequest: As ``PlannerService.plan``, or planner or timing law are not of this package.
+            ServerUnavailable: the server cannot be reached, or has no room.
+        """
+        instance("request", request, PlanRequest, "a PlanRequest")
+        require_plannable(request, self.robot, self.scene)
+        body = request_body(request)
+        answer = self._work("plans", {"request": body}, cancel)
+        document = answer.document()
+        result = self._saved_plan(answer, document, request).result
+        if document["request"] != json.loads(json.dumps(body)):
+            raise InvalidFile(answer.url, ["request: another one than was sent"])
+        return result
+
+    def plan_many(
+        self, requests: Iterable[PlanRequest], *, at_once: int = AT_ONCE, progress: bool | None = None
+    ) -> list[PlanResult]:
+        """The plans of many requests, in their order; see ``PlannerService.plan_many``.
+
+        Args:
+            at_once: Requests that are sent before the first is answered; best twice the server's workers.
+            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
+
+        Raises:
+            InvalidRequest: A request cannot be planned; the message names it.
+            ServerUnavailable: As ``plan``.
+            Interrupted: Ctrl-C. It has the ``results`` that were finished.
+        """
+        return self._batch.results(requests, _threads(at_once), progress)
+
+    def plan_stream(
+        self, requests: Iterable[PlanRequest], *, at_once: int = AT_ONCE
+    ) -> Generator[PlanResult, None, None]:
+        """The same as ``plan_many``, one result after the other; see ``PlannerService.plan_stream``.
+
+        Raises:
+            InvalidRequest: As ``plan_many``.
+            ServerUnavailable: As ``plan``.
+        """
+        return self._batch.stream(requests, _threads(at_once))
+
+    @property
+    def _batch(self) -> Batch:
+        require = partial(require_plannable, robot=self.robot, scene=self.scene)
+        return Batch(self.plan, require, partial(Origin, self.world, elsewhere=True))
+
+    def certify(
+        self,
+        path: JointPath | ArrayLike,
+        *,
+        padding: float = 0.0,
+        exempt: Sequence[ExemptInterval] = (),
+        constraints: Sequence[Constraint] = (),
+        part: tuple[float, float] | None = None,
+    ) -> Certificate:
+        """The proof that any path is free, between samples too; see ``PlannerService.certify``.
+
+        Raises:
+            InvalidRequest: As ``PlannerService.certify``.
+            ServerUnavailable: As ``plan``.
+        """
+        body = {**curve_body(path, padding, exempt, constraints), "part": part}
+        answer = self._work("certify", body)
+        return read_certificate(answer.document(), answer.url)
+
+    def check(self, states: Sequence[ArrayLike] = (), edges: Sequence[tuple[ArrayLike, ArrayLike]] = ()) -> Checked:
+        """Which configurations and straight edges are free, as a ``CollisionChecker`` says.
+
+        Args:
+            states: Configurations, shape (n,) each.
+            edges: Pairs of configurations.
+
+        Raises:
+            InvalidRequest: One is not n finite numbers.
+            ServerUnavailable: As ``plan``.
+        """
+        rows = [self._joints(f"states[{k}]", q) for k, q in enumerate(states)]
+        pairs = [[self._joints(f"edges[{k}]", q) for q in edge] for k, edge in enumerate(edges)]
+        answer = self._work("check", {"states": rows, "edges": pairs})
+        return read_checked(answer.document(), answer.url, len(rows), len(pairs))
+
+    def explain(self, request: PlanRequest, *, plans: int = 60, remedies: int = 3) -> Explanation:
+        """Why a request has no plan, and which small changes would give one; see ``PlannerService.explain``.
+
+        Raises:
+            InvalidRequest: As ``PlannerService.explain``.
+            ServerUnavailable: As ``plan``.
+        """
+        instance("request", request, PlanRequest, "a PlanRequest")
+        require_plannable(request, self.robot, self.scene)
+        answer = self._work("explain", {"request": request_body(request), "plans": plans, "remedies": remedies})
+        document = answer.document()
+        plan = document.pop("result", None)
+        result = self._saved_plan(answer, plan if isinstance(plan, dict) else {}, request).result
+        return read_explanation(document, answer.url, result)
+
+    def replan(
+        self,
+        previous: PlanResult | Replanned,
+        *,
+        at_time: float,
+        latency: float = 0.1,
+        scene: Scene | str | None = None,
+        goal: Goal | None = None,
+        request: PlanRequest | None = None,
+        cancel: CancelToken | None = None,
+    ) -> Replanned:
+        """Another motion for a robot that is moving, without a stop; see ``PlannerService.replan``.
+
+        Args:
+            previous: What this server has planned or replanned, and still keeps.
+
+        Raises:
+            InvalidRequest: As ``PlannerService.replan``, or this server has not made ``previous``.
+            ServerUnavailable: As ``plan``.
+        """
+        if scene is not None:
+            other = self.with_scene(scene)
+            return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
+        old = underway(previous, self.robot, at_time, latency)
+        request_for(previous, old, request, goal)  # refuses what cannot be kept
+        body = {
+            "plan": self._server.plan_of(previous.trajectory),
+            "at_time": at_time,
+            "latency": latency,
+            "goals": goals_body(goal),
+            "request": settings_body(request),
+        }
+        answer = self._work("replan", body, cancel, gripper=False)
+        return read_replanned(self._saved_plan(answer, answer.document()), answer.url)
+
+    def build_roadmap(
+        self, planner: Grower, *, seed: int = 0, padding: float = 0.001, cancel: CancelToken | None = None
+    ) -> Roadmap:
+        """A roadmap of the free space for many queries, which the server keeps; see ``PlannerService.build_roadmap``.
+
+        Raises:
+            InvalidRequest: As ``PlannerService.build_roadmap``.
+            Cancelled: ``cancel`` was cancelled.
+            ServerUnavailable: As ``plan``.
+        """
+        require_seed(seed)
+        require_grower(planner)
+        body = {"planner": planner_body(planner), "seed": seed, "padding": padding}
+        built = self._work("roadmaps", body, cancel).document().get("id")
+        answer = self._server.connection.fetch("GET", f"/roadmaps/{built}")
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "roadmap.npz"
+            file.write_bytes(answer.data)
+            roadmap = Roadmap.load(file)
+        if roadmap.hash != built:
+            raise InvalidFile(answer.url, [f"hash: got {roadmap.hash}; expected {built!r:.100}"])
+        return roadmap
+
+    # How it is asked.
+
+    def _work(
+        self, kind: str, body: Mapping[str, Any], cancel: CancelToken | None = None, *, gripper: bool = True
+    ) -> Answer:
+        """The answer to a request in this world."""
+        if cancel is not None:
+            instance("cancel", cancel, CancelToken, "a CancelToken, or None")
+        width = {"gripper_width": self.robot.gripper_width} if gripper and self.robot.gripper is not None else {}
+        connection = self._server.connection
+        try:
+            return connection.work(kind, {"scene": self._scene_reference(), **width, **body}, cancel)
+        except UnknownName as error:
+            if error.kind != "scene" or self._version is not None:
+                raise
+        return connection.work(kind, {"scene": self._scene_reference(again=True), **width, **body}, cancel)
+
+    def _scene_reference(self, *, again: bool = False) -> dict[str, Any]:
+        if self._version is not None:
+            return {"name": self.scene.name, "version": self._version}
+        return self._server.scenes.reference(self.scene, again=again)
+
+    def _joints(self, name: str, q: ArrayLike) -> list[float]:
+        values: list[float] = joint_vector(name, q, self.robot).tolist()
+        return values
+
+    @cached_property
+    def _reader(self) -> PlanReader:
+        return PlanReader(self.world)
+
+    def _saved_plan(
+        self, answer: Answer, document: Mapping[str, Any], request: PlanRequest | None = None, pace: Pace | None = None
+    ) -> SavedPlan:
+        plan = self._reader.plan(document, answer.url)
+        self._server.remember(plan.result.trajectory, answer.job)
+        asked = plan.request if request is None else request
+        return replace(plan, result=replace(plan.result, origin=Origin(self.world, asked, pace, elsewhere=True)))
+
+    def _task(self, kind: str, body: Mapping[str, Any], q: FloatArray, cancel: CancelToken | None) -> TaskResult:
+        answer = self._work(kind, body, cancel)
+        saved = self._reader.task(answer.document(), answer.url)
+        return _task_result(saved, q)
+
+
+class _Server:
+    """What all that use one server have in common."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection, self.scenes = connection, ScenesOnServer(connection)
+        self._plans: WeakKeyDictionary[Trajectory, str] = WeakKeyDictionary()
+        self._lock = threading.Lock()
+
+    @cached_property
+    def robot(self) -> ServedRobot:
+        """The server's robot."""
+        answer = self.connection.fetch("GET", "/robot")
+        return read_robot(answer.document(), answer.url)
+
+    def remember(self, trajectory: Trajectory | None, job: str) -> None:
+        """Remember under which id the server keeps a motion."""
+        if trajectory is not None and job:
+            with self._lock:
+                self._plans[trajectory] = job
+
+    def plan_of(self, trajectory: Trajectory | None) -> str:
+        """The id of a motion.
+
+        Raises:
+            InvalidRequest: it is none of this server.
+        """
+        with self._lock:
+            job = None if trajectory is None else self._plans.get(trajectory)
+        if job is None:
+            raise InvalidRequest("previous", "a motion that this server has not made", "one that it has planned")
+        return job
+
+
+def _threads(at_once: int) -> Threads:
+    return Threads(whole("at_once", at_once, 1, MAX_AT_ONCE))
+
+
+def _task_result(saved: SavedTask, q: FloatArray) -> TaskResult:
+    """A task as the library returns it.
+
+    Args:
+        q: Where the robot stood before it.
+    """
+    world, end = saved.begin, q
+    for segment in saved.segments:
+        world = segment.world_after(world)
+        end = end if segment.result.path is None else segment.result.path.waypoints[-1]
+    return TaskResult(
+        saved.segments, world, end, saved.failure, saved.choosing, saved.notes, saved.request, saved.task, saved.seconds
+    )
+
+
+# Tasks.
+
+
+def pick(
+    remote: Remote, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None = None
+) -> TaskResult:
+    """Take hold of an object; see ``planner_service.pick``.
+
+    Raises:
+        UnknownName: There is no such obstacle or support.
+        InvalidRequest: As the library's.
+        ServerUnavailable: As ``Remote.plan``.
+    """
+    start, handling = _started(remote, q, handling)
+    remote.scene.obstacle(target)
+    body = {"q": start.tolist(), "target": target, "grasps": _poses("grasps", grasps)}
+    return remote._task("pick", {**body, "handling": handling_body(handling)}, start, handling.cancel)
+
+
+def place(
+    remote: Remote, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None = None
+) -> TaskResult:
+    """Set a carried object down; see ``planner_service.place``.
+
+    Raises:
+        UnknownName: There is no such carried object or support.
+        InvalidRequest: As the library's.
+        ServerUnavailable: As ``Remote.plan``.
+    """
+    start, handling = _started(remote, q, handling)
+    body = {"q": start.tolist(), "carried": carried, "poses": _poses("poses", poses)}
+    return remote._task("place", {**body, "handling": handling_body(handling)}, start, handling.cancel)
+
+
+def plan_pick_place(
+    remote: Remote,
+    target: str,
+    onto: str,
+    request: PlanRequest,
+    *,
+    upright: float | None = None,
+    cancel: CancelToken | None = None,
+) -> TaskResult:
+    """Plan a whole pick-and-place; see ``planner_service.tasks.plan_pick_place``.
+
+    Raises:
+        UnknownName: There is no such obstacle.
+        InvalidRequest: As the library's.
+        ServerUnavailable: As ``Remote.plan``.
+    """
+    _require_remote(remote)
+    instance("request", request, PlanRequest, "a PlanRequest")
+    start = joint_vector("start", request.start, remote.robot)
+    for name in (target, onto):
+        remote.scene.obstacle(name)
+    body = {"target": target, "onto": onto, "start": start.tolist(), "upright": upright}
+    return remote._task("pick_place", {**body, "request": settings_body(request)}, start, cancel)
+
+
+def move_linear(
+    remote: Remote,
+    start: ArrayLike,
+    goal: Target | Sequence[Target],
+    *,
+    zone: float = 0.0,
+    points: int = LINE_POINTS,
+    max_joint_rate: float = MAX_JOINT_RATE,
+    partial: bool = False,
+    pace: Pace | None = None,
+    padding: float = 0.0,
+    constraints: Sequence[Constraint] = (),
+    cancel: CancelToken | None = None,
+) -> PlanResult:
+    """A straight motion of the tool, or several with rounded corners; see ``planner_service.move_linear``.
+
+    Raises:
+        InvalidRequest: As the library's.
+        ServerUnavailable: As ``Remote.plan``.
+    """
+    _require_remote(remote)
+    body = {
+        "start": joint_vector("start", start, remote.robot).tolist(),
+        "goal": target_body(goal),
+        "zone": zone,
+        "points": points,
+        "max_joint_rate": max_joint_rate,
+        "partial": partial,
+        "pace": pace_body(pace),
+        "padding": padding,
+        "constraints": constraints_body(constraints),
+    }
+    answer = remote._work("move_linear", body, cancel)
+    pace = Pace(Trapezoidal()) if pace is None else pace
+    plan = remote._saved_plan(answer, answer.document(), pace=pace)
+    return replace(plan.result, fraction=read_fraction(plan, answer.url))
+
+
+def _started(remote: Remote, q: ArrayLike, handling: Handling | None) -> tuple[FloatArray, Handling]:
+    _require_remote(remote)
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
+    return joint_vector("q", q, remote.robot), handling
+
+
+def _require_remote(remote: Remote) -> None:
+    instance("remote", remote, Remote, "a Remote")
+
+
+def _poses(name: str, poses: Sequence[Pose]) -> list[Any]:
+    return [pose_body(pose) for pose in items(name, poses, Pose, "a list of Pose")]

@@ -1,0 +1,92 @@
+"""Plans and tasks of one world that come one after another: its robot and scene are compared, not built each time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from planner_service.errors import InvalidFile
+from planner_service.files.schema import Record, read_record
+from planner_service.planning.world import World
+from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, StepRecord, TaskRecord
+from planner_service.records.robot import RobotRecord
+from planner_service.records.scene import PlanReading, SceneRecord
+
+__all__ = ["PlanReader"]
+
+R = TypeVar("R", bound=Record)
+
+SOLID = ("obstacles", "attached")
+"""What of a scene changes verdicts; it may have another name."""
+
+
+class PlanReader:
+    """Reads plans and tasks that were made in one world, as strictly as ``load_plan`` does.
+
+    What is read has this world's robot and scene: the texts of both are compared, and whatever was made in another
+    world is refused. To build a robot takes ten times as long as to read the rest of a plan.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+
+    def plan(self, document: Mapping[str, Any], source: str) -> SavedPlan:
+        """The plan that is the content of a file.
+
+        Args:
+            source: Where it comes from, for messages.
+
+        Raises:
+            InvalidFile: It is no plan, or one that was made in another world.
+        """
+        plan: SavedPlan = self._read(PlanRecord, document, Path(source)).value
+        return plan
+
+    def task(self, document: Mapping[str, Any], source: str) -> SavedTask:
+        """The task that is the content of a file.
+
+        Raises:
+            InvalidFile: It is no task, or one that was made in another world.
+        """
+        task: SavedTask = self._read(TaskRecord, document, Path(source)).value
+        return task
+
+    def _read(self, model: type[R], document: Mapping[str, Any], file: Path) -> R:
+        self._require_this_world(document, file)
+        reading = PlanReading(joints=self.world.robot.n)
+        return read_record(model, {**document, "robot": self._robot[0], "scene": self._scene[0]}, file, reading)
+
+    def _require_this_world(self, document: Mapping[str, Any], file: Path) -> None:
+        scene, own = document.get("scene"), self._scene[1]
+        same = {
+            "robot": document.get("robot") == self._robot[1],
+            "scene": isinstance(scene, dict) and all(scene.get(name) == own[name] for name in SOLID),
+            "allowed": document.get("allowed") == [list(pair) for pair in self.world.allowed],
+            "edge_step": document.get("edge_step") == self._edge_step,
+        }
+        if problems := [
+            f"{name}: another one than that of the world it should be of" for name in same if not same[name]
+        ]:
+            raise InvalidFile(file, problems)
+
+    @cached_property
+    def _robot(self) -> tuple[RobotRecord, dict[str, Any]]:
+        return _recorded(RobotRecord.of(self.world.robot), self.world.robot)
+
+    @cached_property
+    def _scene(self) -> tuple[SceneRecord, dict[str, Any]]:
+        return _recorded(SceneRecord.of(self.world.scene), self.world.scene)
+
+    @cached_property
+    def _edge_step(self) -> dict[str, Any] | None:
+        record = StepRecord.find(self.world.edge_step)
+        return None if record is None else record.document()
+
+
+def _recorded(record: R, value: Any) -> tuple[R, dict[str, Any]]:
+    """A record whose value is known, and its document as it is read from a file."""
+    record.__dict__["value"] = value  # where a cached property keeps it
+    return record, json.loads(json.dumps(record.document()))

@@ -1,0 +1,85 @@
+"""Plans of one world are read as files are, and those of another world are refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import pytest
+
+from planner_service import InvalidFile, PlannerService, PlanRequest, Pose
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
+from planner_service.records.plan_reader import PlanReader
+from planner_service.records.result import result_record
+from planner_service.tasks.pick_place import plan_pick_place
+
+
+@cache
+def plan_document() -> dict[str, Any]:
+    discs = PlannerService("planar2", "discs")
+    return read(SavedPlan.of(discs.plan(PlanRequest((0.0, 0.0), (1.2, -1.2), seed=7))).file_text())
+
+
+def read(text: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(text)
+    return document
+
+
+def test_a_plan_is_what_load_plan_reads(discs: PlannerService, tmp_path: Any) -> None:
+    (tmp_path / "plan.json").write_text(json.dumps(plan_document()))
+    loaded, saved = load_plan(tmp_path / "plan.json"), PlanReader(discs.world).plan(plan_document(), "plan")
+    assert result_record(saved.result) == result_record(loaded.result)
+    assert saved.document() == loaded.document()
+    assert saved.robot is discs.robot
+    assert saved.scene is discs.scene
+
+
+@pytest.mark.slow
+def test_a_task_is_what_load_task_reads(bin_: PlannerService, tmp_path: Any) -> None:
+    home = bin_.robot.home
+    saved = SavedTask.of(plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home)))
+    saved.save(tmp_path / "task.json")
+    again = PlanReader(bin_.world).task(read(saved.file_text()), "task")
+    assert again.document() == load_task(tmp_path / "task.json").document() == saved.document()
+
+
+def test_a_scene_may_have_another_name(discs: PlannerService) -> None:
+    document = copy.deepcopy(plan_document())
+    document["scene"]["name"] = "cell"
+    assert PlanReader(discs.world).plan(document, "plan").scene is discs.scene
+
+
+Change = Callable[[dict[str, Any]], object]
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda plan: plan["robot"]["limits"]["velocity"].__setitem__(0, 9.0), "robot: another one"),
+        (lambda plan: plan.pop("robot"), "robot: another one"),
+        (lambda plan: plan["scene"]["obstacles"].pop(), "scene: another one"),
+        (lambda plan: plan.update(scene=None), "scene: another one"),
+        (lambda plan: plan["allowed"].append(["a", "b"]), "allowed: another one"),
+        (lambda plan: plan["edge_step"].update(size=1.0), "edge_step: another one"),
+        (lambda plan: plan.update(format="planner-service/task"), "format"),
+        (lambda plan: plan["result"]["path"]["waypoints"].append([0.0]), "2 finite numbers, one for each joint"),
+        (lambda plan: plan.update(more=1), "unknown key 'more'"),
+    ],
+)
+def test_what_was_made_in_another_world_or_is_no_plan_is_refused(
+    discs: PlannerService, change: Change, problem: str
+) -> None:
+    document = copy.deepcopy(plan_document())
+    change(document)
+    with pytest.raises(InvalidFile, match=problem):
+        PlanReader(discs.world).plan(document, "plan")
+
+
+def test_a_moved_object_is_another_world(discs: PlannerService) -> None:
+    first = discs.scene.obstacles[0]
+    moved = discs.with_scene(discs.scene.moved(first.name, Pose((9.0, 0.0, 0.0))))
+    with pytest.raises(InvalidFile, match="scene: another one"):
+        PlanReader(moved.world).plan(plan_document(), "plan")
