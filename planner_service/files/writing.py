@@ -71,8 +71,11 @@ def write_whole(path: Path, content: str | bytes, ours: re.Pattern[bytes] | None
         raise InvalidFile(path, [f"cannot be written: {getattr(error, 'strerror', None) or error}"]) from error
 
 
-def swap_in(target: Path, content: bytes) -> None:
-    """Write a file beside ``target`` and put it in its place in one step; nothing is left of it after an OSError."""
+def swap_in(target: Path, content: bytes, *, sync: bool = True) -> None:
+    """Write a file beside ``target`` and put it in its place in one step; nothing is left of it after an OSError.
+
+    Without ``sync`` the content survives the end of the process, and not yet a power cut.
+    """
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -84,7 +87,8 @@ def swap_in(target: Path, content: bytes) -> None:
                 os.fchmod(file.fileno(), mode)
             file.write(content)
             file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                os.fsync(file.fileno())
             os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
