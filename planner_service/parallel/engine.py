@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from planner_service.errors import PlannerServiceError
 
-__all__ = ["LOOK_AHEAD", "Answers", "Engine", "InWorker", "Limit", "Lost", "Work"]
+__all__ = ["LOOK_AHEAD", "Answers", "Engine", "InWorker", "Limit", "Lost", "TalkingWork", "Work"]
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -33,6 +33,17 @@ class Work(Protocol[Item_contra, Answer_co]):
 
     def __call__(self, item: Item_contra, /) -> Answer_co:
         """The answer to one item, which must depend on the item alone."""
+
+
+@runtime_checkable
+class TalkingWork(Protocol):
+    """A work that takes notes while it is at an item, and sends some; see ``Backend.tell`` and ``Noted``."""
+
+    def connect(self, send: Callable[[Any], None]) -> None:
+        """Take the function that sends a note; called once, before ``prepare``, and used by the item's thread alone."""
+
+    def told(self, note: Any, /) -> None:
+        """Take a note, in another thread than the item's. It may come before its item, or when that is answered."""
 
 
 @dataclass(frozen=True)

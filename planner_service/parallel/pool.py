@@ -13,7 +13,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from planner_service.errors import BrokenInvariant
 from planner_service.parallel.engine import LOOK_AHEAD, InWorker, Limit, Lost
 
-__all__ = ["Answered", "Backend", "Died", "Event", "Raised", "WorkerPool", "outcome"]
+__all__ = ["Answered", "Backend", "Died", "Event", "Noted", "Raised", "WorkerPool", "outcome"]
 
 Answer = TypeVar("Answer")
 Worker = TypeVar("Worker")
@@ -45,7 +45,14 @@ class Died:
     blameless: bool = False
 
 
-Event = Answered | Raised | Died
+@dataclass(frozen=True)
+class Noted:
+    """What a ``TalkingWork`` says while it is at its item."""
+
+    value: Any
+
+
+Event = Answered | Raised | Died | Noted
 
 
 def outcome(call: Callable[..., Any], *arguments: Any) -> Event:
@@ -70,6 +77,9 @@ class Backend(Protocol[Worker]):
 
     def send(self, worker: Worker, item: Any) -> None:
         """Send an item to a worker that waits for one; nothing happens if it has died."""
+
+    def tell(self, worker: Worker, note: Any) -> None:
+        """Send a note to a worker whose work is a ``TalkingWork``, whatever it does; nothing happens if it has died."""
 
     def receive(self, workers: Sequence[Worker], timeout: float | None) -> list[tuple[Worker, Event]]:
         """At most one event of each worker; wait up to ``timeout`` seconds for the first."""
@@ -189,6 +199,8 @@ class WorkerPool(Generic[Answer, Worker]):
 
     def _handle(self, worker: Worker, event: Event) -> None:
         state = self._workers[worker]
+        if isinstance(event, Noted):
+            return
         if isinstance(event, Died):
             self._remove(worker)
             self._retry(state, event)

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from planner_service.errors import BrokenInvariant, InvalidRequest, shown
 from planner_service.geometry.validation import whole
 from planner_service.parallel.engine import Answers, Limit, Work
-from planner_service.parallel.pool import Died, Event, Raised, WorkerPool
+from planner_service.parallel.pool import Backend, Died, Event, Noted, Raised, WorkerPool
 
 __all__ = ["Processes", "available_cores", "require_workers"]
 
@@ -73,7 +73,11 @@ class Processes:
         self, work: Work[Item, Answer], items: Iterable[Item], *, limit: Limit[Any] | None = None
     ) -> Answers[Answer]:
         """See ``Engine``."""
-        return WorkerPool(_Backend(self.workers or available_cores(), _pickled("work", work)), items, limit)
+        return WorkerPool(self.backend(work), items, limit)
+
+    def backend(self, work: Work[Any, Any]) -> Backend[_Worker]:
+        """What starts workers for a work, and talks to them."""
+        return _Backend(self.workers or available_cores(), _pickled("work", work))
 
 
 class _Worker:
@@ -118,6 +122,9 @@ class _Backend:
 
     def send(self, worker: _Worker, item: Any) -> None:
         worker.send(_pickled("item", item))
+
+    def tell(self, worker: _Worker, note: Any) -> None:
+        worker.send(_pickled("note", Noted(note)))
 
     def receive(self, workers: Sequence[_Worker], timeout: float | None) -> list[tuple[_Worker, Event]]:
         by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in workers}

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from planner_service.errors import InvalidRequest, MissingDependency
-from planner_service.parallel.engine import Answers, Limit, Work
-from planner_service.parallel.pool import Died, Event, Raised, WorkerPool, outcome
+from planner_service.parallel.engine import Answers, Limit, TalkingWork, Work
+from planner_service.parallel.pool import Backend, Died, Event, Noted, Raised, WorkerPool, outcome
 from planner_service.parallel.processes import available_cores, require_workers
 
 __all__ = ["Ray"]
 
 CONNECT_SECONDS = 5.0
 """How long a cluster's head may take to accept a connection."""
+
+NOTES = "notes"
+"""The thread of an actor in which notes arrive while it is at an item."""
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -55,7 +60,15 @@ class Ray:
         Raises:
             InvalidRequest: There is no cluster at the address.
         """
-        return WorkerPool(_Backend(self, work), items, limit)
+        return WorkerPool(self.backend(work), items, limit)
+
+    def backend(self, work: Work[Any, Any]) -> Backend[_Worker]:
+        """What starts workers for a work, and talks to them.
+
+        Raises:
+            InvalidRequest: There is no cluster at the address.
+        """
+        return _Backend(self, work)
 
 
 def _ray() -> Any:
@@ -71,17 +84,33 @@ class _Actor:
 
     def prepare(self, work: Work[Any, Any]) -> tuple[Event, str]:
         """Take the work; returns the event and the id of the actor's machine."""
-        self._work = work
+        self._work: Any = work
+        self._events: SimpleQueue[Event] = SimpleQueue()
+        if isinstance(work, TalkingWork):
+            work.connect(lambda note: self._events.put(Noted(note)))
         return outcome(work.prepare), _ray().get_runtime_context().get_node_id()
 
     def answer(self, item: Any) -> Event:
         """What an item comes to."""
         return outcome(self._work, item)
 
+    def events(self, item: Any) -> Iterator[Event]:
+        """The notes that the work sends at an item, as they come, and what the item comes to."""
+        threading.Thread(target=lambda: self._events.put(outcome(self._work, item)), daemon=True).start()
+        while True:
+            event = self._events.get()
+            yield event
+            if not isinstance(event, Noted):
+                return
+
+    def tell(self, note: Any) -> None:
+        """Hand a note to the work."""
+        self._work.told(note)
+
 
 @dataclass(eq=False)
 class _Worker:
-    """An actor, the answer that it owes, and the id of its machine once that is known."""
+    """An actor, the answer or the stream of events that it owes, and the id of its machine once that is known."""
 
     actor: Any
     pending: Any
@@ -95,7 +124,9 @@ class _Backend:
         if self._ours:
             _connect(self._ray, engine)
         self.max_workers = engine.workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        self._kind = self._ray.remote(num_cpus=1, max_restarts=0)(_Actor)
+        self._talks = isinstance(work, TalkingWork)
+        groups = {"concurrency_groups": {NOTES: 1}} if self._talks else {}  # threads beside the one of the items
+        self._kind = self._ray.remote(num_cpus=1, max_restarts=0, **groups)(_Actor)
         self._work = self._ray.put(work)
 
     def start(self) -> _Worker:
@@ -103,7 +134,13 @@ class _Backend:
         return _Worker(actor, actor.prepare.remote(self._work))
 
     def send(self, worker: _Worker, item: Any) -> None:
-        worker.pending = worker.actor.answer.remote(item)
+        if self._talks:
+            worker.pending = worker.actor.events.options(num_returns="streaming").remote(item)
+        else:
+            worker.pending = worker.actor.answer.remote(item)
+
+    def tell(self, worker: _Worker, note: Any) -> None:
+        worker.actor.tell.options(concurrency_group=NOTES).remote(note)
 
     def receive(self, workers: Sequence[_Worker], timeout: float | None) -> list[tuple[_Worker, Event]]:
         pending = {worker.pending: worker for worker in workers if worker.pending is not None}
@@ -115,9 +152,10 @@ class _Backend:
         return [(pending[ref], self._received(pending[ref])) for ref in ready]
 
     def _received(self, worker: _Worker) -> Event:
-        ref, worker.pending = worker.pending, None
+        pending, worker.pending = worker.pending, None
         try:
-            answer: Event | tuple[Event, str] = self._ray.get(ref)
+            streams = isinstance(pending, self._ray.ObjectRefGenerator)
+            answer: Event | tuple[Event, str] = self._ray.get(next(pending) if streams else pending)
         except self._ray.exceptions.RayTaskError as error:  # the item cannot be read there, or its answer not be sent
             return Raised(error.cause if isinstance(error.cause, Exception) else error, str(error))
         except self._ray.exceptions.RayError as error:
@@ -125,6 +163,8 @@ class _Backend:
         if isinstance(answer, tuple):
             event, worker.node = answer
             return event
+        if isinstance(answer, Noted):
+            worker.pending = pending
         return answer
 
     def _has_lost(self, node: str) -> bool:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import fcntl
 import os
 import signal
+import threading
 import traceback
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
+from queue import SimpleQueue
 from typing import Any
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.parallel.pool import Answered, Died, Event, Raised, outcome
+from planner_service.parallel.engine import TalkingWork
+from planner_service.parallel.pool import Answered, Died, Event, Noted, Raised, outcome
 
 __all__ = ["main"]
 
@@ -38,22 +42,62 @@ def _die_with_parent() -> None:
 
 def _serve(connection: Connection[Any, Any]) -> None:
     connection.send_bytes(b"")  # reading from now on: a large work does not block the parent
-    prepared = outcome(_prepare, connection.recv_bytes())
+    prepared = outcome(_prepare, connection.recv_bytes(), lambda note: _send(connection, Noted(note)))
     event = Answered(None) if isinstance(prepared, Answered) else prepared
     _send(connection, event)
-    while isinstance(prepared, Answered) and not isinstance(event, Died):
-        event = outcome(_answer, prepared.value, connection.recv_bytes())
+    if not isinstance(prepared, Answered):
+        return
+    work = prepared.value
+    items = _Items(connection, work) if isinstance(work, TalkingWork) else iter(connection.recv_bytes, None)
+    for sent in items:
+        event = outcome(_answer, work, sent)
         _send(connection, event)
+        if isinstance(event, Died):
+            return
 
 
-def _prepare(sent: bytes) -> Any:
+class _Items(Iterator[Any]):
+    """The items that come over a connection, while a thread hands the notes between them to the work."""
+
+    def __init__(self, connection: Connection[Any, Any], work: TalkingWork) -> None:
+        self._connection, self._work = connection, work
+        self._items: SimpleQueue[Any] = SimpleQueue()
+        threading.Thread(target=self._listen, name="notes", daemon=True).start()
+
+    def __next__(self) -> Any:
+        item = self._items.get()
+        if item is None:
+            raise EOFError
+        return item
+
+    def _listen(self) -> None:
+        try:
+            while True:
+                sent = self._connection.recv_bytes()
+                event = outcome(_unpickled, "item", sent)
+                if isinstance(event, Answered) and isinstance(event.value, Noted):
+                    self._work.told(event.value.value)
+                else:
+                    self._items.put(event)
+        except (EOFError, OSError):
+            self._items.put(None)
+
+
+def _prepare(sent: bytes, send: Callable[[Any], None]) -> Any:
     work = _unpickled("work", sent)
+    if isinstance(work, TalkingWork):
+        work.connect(send)
     work.prepare()
     return work
 
 
-def _answer(work: Any, sent: bytes) -> Any:
-    return work(_unpickled("item", sent))
+def _answer(work: Any, sent: Any) -> Any:
+    """The answer to an item, which is there as bytes, or as what came of reading it."""
+    if isinstance(sent, Raised):
+        raise sent.error
+    if isinstance(sent, Died):
+        raise MemoryError(sent.detail)
+    return work(sent.value if isinstance(sent, Answered) else _unpickled("item", sent))
 
 
 def _unpickled(name: str, sent: bytes) -> Any:
