@@ -24,6 +24,7 @@ from planner_service.cli.import_report import import_record, import_table, locks
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.cli.roadmap.commands import roadmaps
 from planner_service.cli.run import run
+from planner_service.cli.serve import serve
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.parallel.named import engine_named
@@ -427,6 +428,7 @@ _add(export, "Write a saved plan or task for other tools.", "export plan.json --
 _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")
+_add(serve, "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
 _add(doctor, "Compare the compiled kernels with their references.", "doctor")
 app.add_typer(roadmaps, name="roadmap")
 app.add_typer(robot_commands, name="robot")

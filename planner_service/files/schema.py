@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -37,6 +37,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.json_writer import indented_json
 
 __all__ = [
     "ONE_PER_JOINT",
@@ -141,6 +142,11 @@ class Record(BaseModel):
         """The JSON object."""
         return self.model_dump(by_alias=True)
 
+    @cached_property
+    def section(self) -> str:
+        """Its text as a part of a file that is written with indents."""
+        return indented_json(self.document(), 1)
+
     @model_validator(mode="wrap")
     @classmethod
     def _with_value(cls: type[R], data: Any, handler: ModelWrapValidatorHandler[R], info: ValidationInfo) -> R:
@@ -167,10 +173,17 @@ class GrownRecord(Record):
     @model_serializer(mode="wrap")
     def _without_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         document: dict[str, Any] = handler(self)
-        for name, declared in type(self).model_fields.items():
-            if not declared.is_required() and getattr(self, name) == declared.get_default(call_default_factory=True):
+        for name, usual in _defaults(type(self)):
+            if getattr(self, name) == usual:
                 del document[name]
         return document
+
+
+@cache
+def _defaults(model: type[GrownRecord]) -> tuple[tuple[str, Any], ...]:
+    """The fields that have a default, with it: pydantic takes its time to find out."""
+    fields = [(name, field) for name, field in model.model_fields.items() if not field.is_required()]
+    return tuple((name, field.get_default(call_default_factory=True)) for name, field in fields)
 
 
 def plain(value: Any) -> Any:

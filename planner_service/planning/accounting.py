@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -43,10 +44,23 @@ __all__ = [
     "held_to",
     "narrower",
     "require_proven",
+    "told_of_stages",
     "unproven",
 ]
 
 logger = logging.getLogger(__name__)
+
+_told: ContextVar[Callable[[StageReport], object] | None] = ContextVar("_told", default=None)
+
+
+@contextmanager
+def told_of_stages(tell: Callable[[StageReport], object]) -> Iterator[None]:
+    """Have ``tell`` called, in this thread, whenever a stage of a plan ends in the block; one may end repeatedly."""
+    before = _told.set(tell)
+    try:
+        yield
+    finally:
+        _told.reset(before)
 
 
 class NoPlan(Exception):
@@ -188,7 +202,11 @@ class PlanAccounting:
             if self.projector is not None:
                 self._tally.projections += self.projector.take()
             spent, seconds = self._tally.counts - counts, time.perf_counter() - clock
-            self._add(StageReport(stage, spent, seconds, entry.length, entry.note))
+            report = StageReport(stage, spent, seconds, entry.length, entry.note)
+            self._add(report)
+            tell = _told.get()
+            if tell is not None:
+                tell(report)
             if logger.isEnabledFor(logging.DEBUG):
                 logger.debug("%s: %s, %.1f ms; %s", stage.value, spent, seconds * 1e3, entry.note or "no note")
 

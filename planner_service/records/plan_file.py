@@ -8,7 +8,6 @@ there is no NaN and no infinity in a file. ``docs/reference/plan-files.md`` desc
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import platform
@@ -26,7 +25,8 @@ from pydantic import AfterValidator, JsonValue
 
 from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionStep
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.json_reader import MAX_BYTES, read_json
+from planner_service.files.json_reader import MAX_BYTES, parse_json, read_json
+from planner_service.files.json_writer import indented_json
 from planner_service.files.reading import as_path
 from planner_service.files.schema import Prose, Record, Text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
@@ -62,6 +62,7 @@ __all__ = [
     "load_plan",
     "load_plan_or_task",
     "load_task",
+    "plan_or_task",
 ]
 
 OURS = re.compile(
@@ -123,12 +124,16 @@ class _Saved(ABC):
         return PlannerService.of(self.begin)
 
     @abstractmethod
+    def _record(self) -> _Head:
+        """What the file holds."""
+
     def document(self) -> dict[str, Any]:
         """The content of the file, of plain JSON values.
 
         Raises:
             InvalidRequest: a value in it cannot be written.
         """
+        return self._record().document()
 
     def file_text(self) -> str:
         """What a file of it holds, in ASCII.
@@ -136,7 +141,7 @@ class _Saved(ABC):
         Raises:
             InvalidRequest: a value in it cannot be written, or the file would be too large.
         """
-        text = json.dumps(self.document(), indent=1, allow_nan=False) + "\n"
+        text = self._record().text()
         if len(text) > MAX_BYTES:
             raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
         return text
@@ -193,8 +198,8 @@ class SavedPlan(_Saved):
             raise InvalidRequest("plan", "a result from a file or another process", expected)
         return cls(result.origin.world, result.origin.request, result)
 
-    def document(self) -> dict[str, Any]:
-        return recorded("plan", lambda: PlanRecord.of(self)).document()
+    def _record(self) -> _Head:
+        return recorded("plan", lambda: PlanRecord.of(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,8 +269,8 @@ class SavedTask(_Saved):
 
         return show(self.begin, self, port=port, block=block)
 
-    def document(self) -> dict[str, Any]:
-        return recorded("task", lambda: TaskRecord.of(self)).document()
+    def _record(self) -> _Head:
+        return recorded("task", lambda: TaskRecord.of(self))
 
 
 def _carried_over(scene: Scene, first: Scene, other: Scene) -> Scene:
@@ -329,7 +334,16 @@ class _Head(Record):
     def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:
         request = None if value.request is None else RequestRecord.find(value.request)
         step = StepRecord.find(value.begin.edge_step)
-        return super().fields_of(value) | {"version": VERSION, "edge_step": step, "request": request}
+        world = {"robot": _robot_record(value.robot), "scene": _scene_record(_Same(value.scene))}
+        return super().fields_of(value) | world | {"version": VERSION, "edge_step": step, "request": request}
+
+    def text(self) -> str:
+        """What ``json.dumps(document, indent=1)`` writes, and a line end; what many plans have in common is kept."""
+        document = self.model_dump(by_alias=True, exclude={"robot", "scene"})
+        parts = {name: indented_json(value, 1) for name, value in document.items()}
+        parts |= {"robot": self.robot.section, "scene": self.scene.section}
+        names = [name for name in type(self).model_fields if name in parts]
+        return "{" + ",".join(f'\n "{name}": {parts[name]}' for name in names) + "\n}\n"
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -338,6 +352,29 @@ class _Head(Record):
         world = World(*(arguments.pop(name) for name in ("robot", "scene", "allowed", "edge_step")))
         del arguments["version"], arguments["format"]
         return arguments | {"begin": world, "made_with": MappingProxyType(self.made_with)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Same:
+    """A value that equals itself alone: scenes that are equal may differ in the sign of a zero."""
+
+    value: Any
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.value is other.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+@lru_cache(maxsize=16)
+def _robot_record(robot: Robot) -> RobotRecord:
+    return RobotRecord.of(robot)
+
+
+@lru_cache(maxsize=16)
+def _scene_record(scene: _Same) -> SceneRecord:
+    return SceneRecord.of(scene.value)
 
 
 Sections = Annotated[dict[str, JsonValue], AfterValidator(_shallow)]
@@ -471,7 +508,20 @@ def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
     file = as_path("path", path)
-    document = read_json(file)
+    return _plan_or_task(file, read_json(file))
+
+
+def plan_or_task(name: str, data: bytes) -> SavedPlan | SavedTask:
+    """Whichever of both the content of a file is; ``name`` stands in messages.
+
+    Raises:
+        InvalidFile: the content cannot be used; it lists all problems found, not the first.
+    """
+    file = Path(name)
+    return _plan_or_task(file, parse_json(file, data))
+
+
+def _plan_or_task(file: Path, document: Any) -> SavedPlan | SavedTask:
     task = isinstance(document, dict) and document.get("format") == TASK_FORMAT
     return _task(file, document) if task else _plan(file, document)
 

@@ -17,10 +17,9 @@ from planner_service import __version__
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.serve.bodies import BODIES, EditsBody, SceneBody
 from planner_service.serve.documentation import SECURITY, documentation_page, with_models
-from planner_service.serve.jobs import Answer
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
 from planner_service.serve.replies import AcceptedReply, JobsReply, SceneReply, ScenesReply, StoredReply
-from planner_service.serve.server import PlanningServer
+from planner_service.serve.server import PlanningServer, StoredAnswer
 
 __all__ = ["create_app"]
 
@@ -183,23 +182,26 @@ async def _response(server: PlanningServer, request: Request, job: str, seconds:
     answer = await server.answer(job)
     waited = {"Preference-Applied": f"wait={seconds}"} if seconds else {}
     if answer is None and seconds:
-        if await _connected(request, server.wait(job, seconds), default=False):
-            answer = await server.answer(job)
-        elif await request.is_disconnected():
+        try:
+            if await _connected(request, server.wait(job, seconds), default=False):
+                answer = await server.answer(job)
+            elif await request.is_disconnected():
+                raise asyncio.CancelledError
+        except asyncio.CancelledError:  # as it is said where another server is in front
             if cancel:
-                await server.cancel(job)
-            return Response(status_code=499)
+                await asyncio.shield(server.cancel(job))
+            raise
     if answer is not None:
         return _answered(answer, {"Content-Location": f"/plans/{job}", **waited})
+    await server.durable()
     state = await server.state(job)
     headers = {"Location": f"/plans/{job}", "Retry-After": str(server.retry_after()), **waited}
     return Response(json.dumps(state), 202, headers, JSON)
 
 
-def _answered(answer: Answer, headers: Mapping[str, str]) -> Response:
-    if answer.problem is not None:
-        return _problem(answer.problem, headers)
-    return Response(answer.content, 200, dict(headers), JSON)
+def _answered(answer: StoredAnswer, headers: Mapping[str, str]) -> Response:
+    status = json.loads(answer.content)["status"] if answer.refused else 200
+    return Response(answer.content, status, dict(headers), PROBLEM_JSON if answer.refused else JSON)
 
 
 async def _connected(request: Request, waiting: Awaitable[T], *, default: T) -> T:

@@ -129,20 +129,23 @@ Configuration = Annotated[
 ]
 
 
-def _seconds(least: float, most: float) -> Any:
-    """Seconds within bounds, or null."""
+def _between(least: float, most: float) -> BeforeValidator:
+    """Refuses other seconds; null means none."""
 
     def checked(value: Any) -> Any:
         if isinstance(value, int | float) and not isinstance(value, bool) and not least <= value <= most:
             raise ValueError(f"seconds from {least:g} to {most:,g}")
         return value
 
-    bounds = {"type": "number", "minimum": least, "maximum": most}
-    return Annotated[float | None, BeforeValidator(checked), WithJsonSchema({"anyOf": [bounds, {"type": "null"}]})]
+    return BeforeValidator(checked)
 
 
-TimeLimit = _seconds(0.0, MAX_TIME_LIMIT)
-Deadline = _seconds(MIN_DEADLINE, MAX_DEADLINE)
+def _bounds(least: float, most: float) -> WithJsonSchema:
+    return WithJsonSchema({"anyOf": [{"type": "number", "minimum": least, "maximum": most}, {"type": "null"}]})
+
+
+TimeLimit = Annotated[float | None, _between(0.0, MAX_TIME_LIMIT), _bounds(0.0, MAX_TIME_LIMIT)]
+Deadline = Annotated[float | None, _between(MIN_DEADLINE, MAX_DEADLINE), _bounds(MIN_DEADLINE, MAX_DEADLINE)]
 
 
 class SceneVersion(Record):

@@ -1,1 +1,571 @@
-class PlanningServer: ...
+"""The server behind the routes: it accepts requests, keeps what becomes of them, and hands them to workers.
+
+A request is accepted once it is in the store, and answered once its answer is. After a restart whatever was accepted
+and has no answer is carried out, which gives the same answer: plans are deterministic.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import math
+import shutil
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import fmean
+from typing import Any, ParamSpec, TypeVar
+
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.files.json_reader import parse_json
+from planner_service.files.schema import read_record
+from planner_service.parallel.pool import Backend, Raised
+from planner_service.planning.world import World
+from planner_service.presentation.page import OpenPage
+from planner_service.records.plan_file import SavedPlan, StepRecord, plan_or_task
+from planner_service.records.robot import RobotRecord
+from planner_service.records.scene import PlanReading, SceneRecord
+from planner_service.roadmap import RoadmapReference
+from planner_service.scene.scene import Scene
+from planner_service.serve.bodies import BODIES, AfterTask, EditsBody, SceneBody, SceneVersion, read_body
+from planner_service.serve.jobs import Dispatcher, Task
+from planner_service.serve.metrics import Metrics
+from planner_service.serve.problems import Problem, Refused, problem_of
+from planner_service.serve.store import ANY_VERSION, ENDED, Job, StaleVersion, State, Store
+from planner_service.serve.work import Answer, Assignment, Ending, Source, unrun
+
+__all__ = ["PlanningServer", "StoredAnswer", "StoredScene"]
+
+logger = logging.getLogger(__name__)
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+MAX_RETRY_AFTER = 60
+"""Seconds after which a client that found no room should ask again, at most."""
+
+MAX_FOLLOWERS = 100
+"""Clients that follow the stages of requests at the same time."""
+
+MAX_PAGES = 4
+"""Pages of the viewer that are open at the same time."""
+
+RECENT = 100
+"""Requests whose times say how long one takes."""
+
+
+@dataclass(frozen=True)
+class StoredAnswer:
+    """The answer to a request; a problem if it was refused."""
+
+    content: bytes
+    refused: bool
+
+
+@dataclass(frozen=True)
+class StoredScene:
+    """One version of a scene, as clients get it."""
+
+    version: int
+    document: bytes
+
+
+@dataclass(eq=False)
+class _Live:
+    """A request that has no answer yet: what clients that follow it are told, and have been.
+
+    Attributes:
+        events: Name and data of each event.
+        news: Set when there is another one; then replaced.
+    """
+
+    job: Job
+    began: float = field(default_factory=time.monotonic)
+    events: list[tuple[str, Mapping[str, Any]]] = field(default_factory=list)
+    ended: bool = False
+    news: asyncio.Event = field(default_factory=asyncio.Event)
+
+
+class PlanningServer:
+    """A server for one robot.
+
+    Args:
+        world: The robot, how its motions are checked, and the scene that workers prepare for.
+        store: Closed by ``stop``.
+        backend: Starts workers for a ``ServerWork``, and talks to them.
+        capacity: Requests that may wait for a worker.
+        poll: As of ``Dispatcher``.
+        scenes: Stored unless there is one of that name.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        store: Store,
+        backend: Backend[Any],
+        *,
+        capacity: int,
+        poll: float,
+        scenes: tuple[Scene, ...] = (),
+        folder_to_remove: Path | None = None,
+    ) -> None:
+        self._world, self._store, self._capacity, self._workers = world, store, capacity, backend.max_workers
+        self._folder_to_remove = folder_to_remove
+        self._dispatcher: Dispatcher[Any] = Dispatcher(backend, self, poll)
+        self.metrics = Metrics(lambda: self._dispatcher.waiting, lambda: self._dispatcher.running)
+        self._live: dict[str, _Live] = {}
+        self._seconds: deque[float] = deque(maxlen=RECENT)
+        self._arriving = self._followers = 0
+        self._stopping = False
+        self._pages: deque[OpenPage] = deque()
+        for scene in scenes:
+            if all(stored.name != scene.name for stored in store.scenes()):
+                store.put_scene(scene.name, scene.hash, _scene_document(scene))
+        self.robot_document = _robot_document(world)
+
+    async def start(self) -> None:
+        """Start the workers, and what was accepted before."""
+        self._loop = asyncio.get_running_loop()
+        await asyncio.to_thread(self._dispatcher.start)
+        for job in await asyncio.to_thread(self._store.unfinished):
+            await asyncio.to_thread(self._restart, job)
+
+    async def stop(self) -> None:
+        """End the workers; what they have not answered is carried out after the next start."""
+        self._stopping = True
+        for live in list(self._live.values()):
+            live.news.set()
+        await asyncio.to_thread(self._dispatcher.stop)
+        await asyncio.to_thread(self._store.close)
+        for page in self._pages:
+            page.close()
+        if self._folder_to_remove is not None:
+            shutil.rmtree(self._folder_to_remove, ignore_errors=True)
+
+    def _restart(self, job: Job) -> None:
+        """Carry out a job that was accepted before the server was started."""
+        live = self._live[job.id] = _Live(job)
+        work = json.loads(self._store.work(job.id))
+        left = None if work["deadline"] is None else work["deadline"] - time.time()
+        assignment = self._assignment(job, work["body"].encode(), work["sources"])
+        if job.attempts >= MAX_STARTS:
+            self._end(live, assignment, Ending.LOST)
+        else:
+            self._submit(live, assignment, left)
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can plan."""
+        return self._dispatcher.ready and not self._stopping
+
+    # Requests for work.
+
+    def require_room(self, key: str | None) -> None:
+        """Return if another request may be accepted, or one with this key was.
+
+        Raises:
+            Refused: There is no room, or the server stops.
+        """
+        if self._stopping:
+            raise Refused("unavailable", "the server is stopping", headers={"Retry-After": "5"})
+        waiting = self._dispatcher.waiting + self._arriving
+        if waiting >= self._capacity and not (key is not None and self._store.knows(key)):
+            self.metrics.refused.inc()
+            raise Refused(
+                "queue-full", f"{waiting} requests are waiting", headers={"Retry-After": str(self.retry_after())}
+            )
+
+    def retry_after(self) -> int:
+        """Seconds after which a worker probably has time."""
+        each = fmean(self._seconds) if self._seconds else 1.0
+        return max(1, min(MAX_RETRY_AFTER, math.ceil(self._dispatcher.waiting * each / self._workers)))
+
+    async def accept(self, kind: str, body: bytes, key: str | None) -> str:
+        """The id of a new job, or of the one with the same key.
+
+        Raises:
+            Refused: The key came with another request.
+            InvalidRequest: The body is wrong.
+        """
+        self._arriving += 1
+        try:
+            live = await asyncio.to_thread(self._accept, kind, body, key)
+        finally:
+            self._arriving -= 1
+        return live.id
+
+    def _accept(self, kind: str, body: bytes, key: str | None) -> Job:
+        read: Any = read_body(BODIES[kind], body, self._world.robot)
+        sources = self._sources(read)
+        deadline = None if read.deadline is None else time.time() + read.deadline
+        work = json.dumps({"body": body.decode(), "sources": sources, "deadline": deadline}).encode()
+        try:
+            job, new = self._store.accept(kind, work, request=body, key=key, uses=list(sources.values()))
+        except InvalidRequest as error:
+            if error.field == "Idempotency-Key":
+                raise Refused("key-reused", str(error)) from None
+            raise
+        if new:
+            self.metrics.accepted.labels(kind).inc()
+            live = self._live[job.id] = _Live(job)
+            self._submit(live, self._assignment(job, body, sources), read.deadline)
+        return job
+
+    def _sources(self, body: Any) -> dict[str, str]:
+        """The contents that a request reads, by what they are."""
+        sources = {}
+        scene, plan = getattr(body, "scene", None), getattr(body, "plan", None)
+        if isinstance(scene, AfterTask):
+            sources["after"] = self._answer_content("scene.after", scene.after)
+        elif isinstance(scene, SceneVersion):
+            sources["scene"] = self._store.scene(scene.name, scene.version).content
+        elif scene is not None:
+            sources["scene"] = self._store.scene(scene).content
+        if isinstance(plan, str):
+            sources["plan"] = self._answer_content("plan", plan)
+        for planner in _planners(body):
+            if isinstance(planner, RoadmapReference):
+                sources["roadmap"] = self._store.roadmap(planner.hash).content
+        return sources
+
+    def _answer_content(self, field_name: str, job: str) -> str:
+        found = self._store.job(job)
+        if found.state is not State.DONE or found.answer is None:
+            raise InvalidRequest(field_name, job, f"the id of a finished plan or task; it is {found.state.value}")
+        return found.answer
+
+    def _assignment(self, job: Job, body: bytes, sources: Mapping[str, str]) -> Assignment:
+        contents = {name: Source(content, self._store.content(content)) for name, content in sources.items()}
+        return Assignment(job.id, job.kind, body, contents)
+
+    def _submit(self, live: _Live, assignment: Assignment, left: float | None) -> None:
+        self._say(live, "state", {"state": "queued"})
+        self._dispatcher.submit(Task(assignment, None if left is None else time.monotonic() + left))
+
+    # What the dispatcher tells.
+
+    def started(self, task: Task) -> None:
+        """See ``Listener``."""
+        self._store.start(task.id)
+        self._say(self._live[task.id], "state", {"state": "running"})
+
+    def noted(self, task: Task, note: Any) -> None:
+        """See ``Listener``."""
+        self._say(self._live[task.id], "stage", note)
+
+    def retried(self, task: Task) -> None:
+        """See ``Listener``."""
+        self.metrics.retried.inc()
+        self._say(self._live[task.id], "state", {"state": "retried"})
+
+    def ended(self, task: Task, outcome: Answer | Ending | Raised) -> None:
+        """See ``Listener``."""
+        live = self._live[task.id]
+        self._seconds.append(time.monotonic() - live.began)
+        self._end(live, task.assignment, outcome)
+
+    def _end(self, live: _Live, assignment: Assignment, outcome: Answer | Ending | Raised) -> None:
+        """Keep what a job has come to; only then is it told."""
+        job = live.job
+        try:
+            state, answer = self._outcome(assignment, outcome)
+            if answer.roadmap is not None:
+                roadmap_hash, file = answer.roadmap
+                self._store.put_roadmap(roadmap_hash, file, answer.content.decode())
+            self._store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
+        except InvalidRequest as error:  # the disk is full, or has failed, or there are too many roadmaps
+            logger.error("the answer to %s cannot be kept: %s", job.id, error)
+            state, answer = State.REFUSED, Answer(problem_of(error).content, False, "NOT_KEPT", refused=True)
+            self._store.end(job.id, state, answer.content, ok=False, reason=answer.reason)
+        self.metrics.ended(job.kind, time.monotonic() - live.began, answer)
+        self._say(live, "state", {"state": _shown(state)}, last=True)
+
+    def _outcome(self, assignment: Assignment, outcome: Answer | Ending | Raised) -> tuple[State, Answer]:
+        if isinstance(outcome, Raised):
+            logger.error("a bug: %s", outcome.traceback)
+            problem = Problem("internal", "a bug in planner_service; the server's log has more")
+            return State.REFUSED, Answer(problem.content, False, "BUG", refused=True)
+        ending = outcome if isinstance(outcome, Ending) else None
+        if ending is not None:
+            outcome = unrun(assignment, self._world, ending)
+        assert isinstance(outcome, Answer)
+        if ending is Ending.LOST:
+            return State.LOST, outcome
+        if outcome.reason == Ending.CANCELLED.value.value:
+            return State.CANCELLED, outcome
+        return State.REFUSED if outcome.refused else State.DONE, outcome
+
+    def _say(self, live: _Live, name: str, data: Mapping[str, Any], *, last: bool = False) -> None:
+        """Tell an event to those who follow a job; from any thread."""
+
+        def say() -> None:
+            live.events.append((name, data))
+            live.ended = last
+            if last:
+                self._live.pop(live.job.id, None)
+            news, live.news = live.news, asyncio.Event()
+            news.set()
+
+        self._loop.call_soon_threadsafe(say)
+
+    # What clients ask about jobs.
+
+    async def require_job(self, job: str) -> None:
+        """Return if there is such a job.
+
+        Raises:
+            Refused: There is none.
+        """
+        await self._found(self._store.job, job)
+
+    async def durable(self) -> None:
+        """Return when everything that was accepted survives a power cut."""
+        await asyncio.to_thread(self._store.sync)
+
+    async def answer(self, job: str) -> StoredAnswer | None:
+        """The answer of a job, None as long as it has none."""
+        if job in self._live:
+            return None
+        found, content = await self._found(self._store.answer, job)
+        if found.state not in ENDED:
+            return None
+        if content is None:
+            ending = Ending.LOST if found.state is State.LOST else Ending.CANCELLED
+            content = unrun(Assignment(job, "", b""), self._world, ending).content
+            return StoredAnswer(content, True)
+        return StoredAnswer(content, _is_problem(content))
+
+    async def wait(self, job: str, seconds: float) -> bool:
+        """Whether a job has its answer within so many seconds."""
+        live = self._live.get(job)
+        if live is None:
+            return True
+        until = time.monotonic() + seconds
+        while not live.ended and not self._stopping:
+            try:
+                await asyncio.wait_for(live.news.wait(), until - time.monotonic())
+            except (TimeoutError, asyncio.TimeoutError):
+                return False
+        return live.ended
+
+    async def state(self, job: str) -> dict[str, Any]:
+        """Where a job without an answer is."""
+        found = await self._found(self._store.job, job)
+        links = {"self": f"/plans/{job}", "events": f"/plans/{job}/events"}
+        position = self._dispatcher.position(job)
+        state = "queued" if position is not None else "running"
+        return {"id": job, "kind": found.kind, "state": state, "position": position, "links": links}
+
+    async def cancel(self, job: str) -> bool:
+        """End a job; False if it has ended, or there is none."""
+        return await asyncio.to_thread(self._dispatcher.cancel, job)
+
+    async def remove(self, job: str) -> None:
+        """Delete a job that has ended."""
+        await asyncio.to_thread(self._store.delete, job)
+
+    async def jobs(self, limit: int, after: str | None) -> dict[str, Any]:
+        """Jobs, newest first."""
+        found = await self._found(lambda: self._store.jobs(limit, before=after))
+        plans = [
+            {
+                "id": job.id,
+                "kind": job.kind,
+                "state": _shown(job.state),
+                "created": job.accepted,
+                "ok": job.ok,
+                "reason": job.reason,
+            }
+            for job in found
+        ]
+        return {"plans": plans, "next": found[-1].id if len(found) == limit else None}
+
+    async def events(self, job: str) -> AsyncIterator[bytes]:
+        """What happens to a job, as server-sent events, from the beginning to its end.
+
+        Raises:
+            Refused: There is no such job, or too many clients follow one.
+        """
+        live = self._live.get(job)
+        if live is None:
+            found = await self._found(self._store.job, job)
+            return _told(found)
+        if self._followers >= MAX_FOLLOWERS:
+            raise Refused("unavailable", f"{MAX_FOLLOWERS} clients follow requests", headers={"Retry-After": "5"})
+        return self._follow(live)
+
+    async def _follow(self, live: _Live) -> AsyncIterator[bytes]:
+        self._followers += 1
+        try:
+            told = 0
+            while not self._stopping:
+                for name, data in live.events[told:]:
+                    yield _event(name, data)
+                told = len(live.events)
+                if live.ended:
+                    return
+                await live.news.wait()
+        finally:
+            self._followers -= 1
+
+    async def view(self, job: str) -> str:
+        """The address of a page that shows a plan or a task.
+
+        Raises:
+            Refused: There is no such job, or it has no motions.
+        """
+        answer = await self.answer(job)
+        if answer is None:
+            raise Refused("in-use", "it is not finished")
+        return await asyncio.to_thread(self._shown_page, answer.content)
+
+    def _shown_page(self, content: bytes) -> str:
+        from planner_service.view import show
+
+        try:
+            saved = plan_or_task("plan", content)
+        except InvalidFile:
+            raise Refused("in-use", "it is no plan and no task") from None
+        while len(self._pages) >= MAX_PAGES:
+            self._pages.popleft().close()
+        shown = saved.result if isinstance(saved, SavedPlan) else saved
+        page = show(saved.begin, shown, port=0, block=False)
+        self._pages.append(page)
+        return page.url
+
+    # Scenes and roadmaps.
+
+    async def scenes(self) -> dict[str, Any]:
+        """All scenes."""
+        stored = await asyncio.to_thread(self._store.scenes)
+        return {"scenes": [{"name": s.name, "version": s.version, "hash": s.hash} for s in stored]}
+
+    async def scene(self, name: str, version: int | None) -> StoredScene:
+        """A version of a scene; the latest by default.
+
+        Raises:
+            Refused: There is none.
+        """
+        entry = await self._found(self._store.scene, name, version)
+        document = await asyncio.to_thread(self._store.content, entry.content)
+        return StoredScene(entry.version, b'{"version": %d, ' % entry.version + document[1:])
+
+    async def put_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
+        """Store a scene; ``expected`` is its version before, 0 if there must be none, None for any."""
+
+        def put() -> dict[str, Any]:
+            scene = read_body(SceneBody, body, self._world.robot).scene(name)
+            return self._put(scene, ANY_VERSION if expected is None else expected or None)
+
+        return await self._changed(put)
+
+    async def edit_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
+        """Apply edits to a scene, to its latest version if none is expected."""
+
+        def edit() -> dict[str, Any]:
+            edits = read_body(EditsBody, body, self._world.robot)
+            while True:
+                entry = self._store.scene(name)
+                document = parse_json(Path(name), self._store.content(entry.content))
+                scene: Scene = read_record(SceneRecord, document, Path(name), PlanReading()).value
+                if expected not in (None, entry.version):
+                    raise StaleVersion(name, expected, entry.version)
+                try:
+                    return self._put(edits.applied(scene), entry.version)
+                except StaleVersion:
+                    if expected is not None:
+                        raise
+
+        await self._found(self._store.scene, name)
+        return await self._changed(edit)
+
+    async def delete_scene(self, name: str, expected: int | None) -> None:
+        """Delete a scene."""
+        await self._found(self._store.scene, name)
+        version = ANY_VERSION if expected is None else expected
+        await self._changed(lambda: self._store.delete_scene(name, expected=version))
+
+    def _put(self, scene: Scene, expected: int | None) -> dict[str, Any]:
+        entry = self._store.put_scene(scene.name, scene.hash, _scene_document(scene), expected=expected)
+        return {"name": entry.name, "version": entry.version, "hash": entry.hash}
+
+    async def roadmap(self, roadmap_hash: str) -> bytes:
+        """The file of a roadmap.
+
+        Raises:
+            Refused: There is none.
+        """
+        entry = await self._found(self._store.roadmap, roadmap_hash)
+        return await asyncio.to_thread(self._store.content, entry.content)
+
+    async def delete_roadmap(self, roadmap_hash: str) -> None:
+        """Delete a roadmap.
+
+        Raises:
+            Refused: There is none.
+        """
+        await self._found(self._store.delete_roadmap, roadmap_hash)
+
+    async def _changed(self, change: Callable[[], T]) -> T:
+        try:
+            return await asyncio.to_thread(change)
+        except StaleVersion as error:
+            raise Refused("changed", str(error)) from None
+
+    async def _found(self, find: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+        """What the store has, which an address names."""
+        try:
+            return await asyncio.to_thread(find, *arguments, **named)
+        except UnknownName as error:
+            raise Refused("not-found", str(error)) from None
+
+
+MAX_STARTS = 2
+"""Times that a job is begun, the server's own ends among them."""
+
+
+def _planners(body: Any) -> list[Any]:
+    """The planners that a body names."""
+    requests = [body, getattr(body, "request", None), getattr(getattr(body, "handling", None), "request", None)]
+    records = [getattr(request, "planner", None) for request in requests]
+    return [record.value for record in records if record is not None]
+
+
+def _scene_document(scene: Scene) -> bytes:
+    return json.dumps(SceneRecord.of(scene).document(), allow_nan=False).encode("ascii")
+
+
+def _robot_document(world: World) -> bytes:
+    robot = world.robot
+    step = StepRecord.find(world.edge_step)
+    gripper = robot.gripper
+    document = {
+        "name": robot.name,
+        "hash": robot.hash,
+        "joint_names": list(robot.joint_names),
+        "named_poses": {name: q.tolist() for name, q in robot.named_poses},
+        "gripper": None if gripper is None else {"lower": gripper.lower, "upper": gripper.upper},
+        "robot": RobotRecord.of(robot).document(),
+        "allowed": [list(pair) for pair in world.allowed],
+        "edge_step": None if step is None else step.document(),
+    }
+    return json.dumps(document, allow_nan=False).encode("ascii")
+
+
+def _is_problem(content: bytes) -> bool:
+    return content.startswith(b'{"type": "urn:problem-type:planner-service:')
+
+
+def _shown(state: State) -> str:
+    return "done" if state is State.REFUSED else state.value
+
+
+async def _told(job: Job) -> AsyncIterator[bytes]:
+    yield _event("state", {"state": _shown(job.state)})
+
+
+def _event(name: str, data: Mapping[str, Any]) -> bytes:
+    return f"event: {name}\ndata: {json.dumps(data)}\n\n".encode("ascii")

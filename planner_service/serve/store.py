@@ -373,6 +373,11 @@ class Store:
             index.executemany("INSERT INTO uses VALUES (?, ?)", [(added[0], content) for content in set(uses)])
             return _job(added[1:]), True
 
+    def knows(self, key: str) -> bool:
+        """Whether a job was accepted with that key."""
+        with self._lock:
+            return bool(self._rows("SELECT 1 FROM jobs WHERE key = ?", key))
+
     def start(self, job: str) -> int | None:
         """Note that a worker begins the job, and return how often one has by now; None if the job has ended."""
         with self._writing() as index:

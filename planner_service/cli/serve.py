@@ -1,0 +1,75 @@
+"""The command ``serve``: one planner for many programs."""
+
+from __future__ import annotations
+
+import logging
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planner_service.cli import options
+from planner_service.cli.exit_codes import bad_input_exits, report_error
+from planner_service.cli.output import emit
+from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.parallel import Processes, Ray
+
+__all__ = ["serve"]
+
+
+class EngineName(str, Enum):
+    """Where plans are made."""
+
+    PROCESSES = "processes"
+    RAY = "ray"
+
+
+class _Warnings(logging.Handler):
+    """Prints what a server warns of."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        report_error(self.format(record))
+
+
+def serve(
+    scene: Annotated[
+        list[str], typer.Option(metavar="NAME", help="Scene to begin with, by name or path; may be repeated.")
+    ],
+    robot: options.RobotName = "wxai",
+    port: Annotated[int, typer.Option(metavar="N", min=0, max=65_535, help="Port; 0 for any.")] = 8080,
+    host: Annotated[str, typer.Option(help="Address; any but this machine's own needs --token-file.")] = "127.0.0.1",
+    token_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File with the token that clients have to send.")
+    ] = None,
+    state: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for scenes, roadmaps and answers; default: none kept.")
+    ] = None,
+    workers: options.Workers = None,
+    queue: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Requests that may wait; default: 16 per worker.")
+    ] = None,
+    engine: Annotated[EngineName, typer.Option(help="Processes here, or actors on a Ray cluster.")] = (
+        EngineName.PROCESSES
+    ),
+    address: Annotated[
+        str | None, typer.Option(metavar="A", help="With --engine ray: the cluster's address, such as auto.")
+    ] = None,
+) -> None:
+    """Plan for other programs over HTTP, until Ctrl-C.
+
+    The page /docs says what can be asked. Answers are the library's: the same plans, proofs and counts.
+    """
+    logging.getLogger("planner_service.serve").addHandler(_Warnings(logging.WARNING))
+    with bad_input_exits():
+        try:
+            from planner_service.serve.run import Settings, read_token
+            from planner_service.serve.run import serve as run_server
+        except ImportError as error:
+            raise MissingDependency(error.name or "fastapi", "serve") from error
+        if engine is EngineName.PROCESSES and address is not None:
+            raise InvalidRequest("--address", address, "with --engine ray only")
+        chosen = Ray(address, workers) if engine is EngineName.RAY else Processes(workers)
+        token = None if token_file is None else read_token(token_file)
+        settings = Settings(robot, scene, chosen, state, queue)
+        run_server(settings, host=host, port=port, token=token, started=lambda url: emit(f"serving at {url}\n"))

@@ -1,0 +1,142 @@
+"""Runs a server: the folder, the workers, the port, until a signal ends it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.reading import read_bytes
+from planner_service.parallel import Processes, Ray
+from planner_service.planning.world import World
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import Scene
+from planner_service.scene.worlds import load_world
+from planner_service.serve.app import create_app
+from planner_service.serve.guard import LOOPBACK, Guard
+from planner_service.serve.server import PlanningServer
+from planner_service.serve.store import Store
+from planner_service.serve.work import ServerWork
+
+__all__ = ["MIN_TOKEN", "Settings", "new_server", "read_token", "serve"]
+
+MIN_TOKEN, MAX_TOKEN = 32, 1_000
+"""Characters of a token."""
+
+WAITING_PER_WORKER = 16
+"""Requests that may wait for each worker unless a capacity is given."""
+
+PROCESSES_POLL, RAY_POLL = 0.05, 0.005
+"""Seconds; see ``Dispatcher.poll``."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a server is started with.
+
+    Attributes:
+        robot: Its name, or the path of its file.
+        scenes: Names or paths of scenes; the first is what workers prepare for.
+        engine: ``Processes`` on this machine, or ``Ray`` on a cluster.
+        state: The folder that outlives the server; None for one that is deleted with it.
+        capacity: Requests that may wait; None for so many per worker.
+    """
+
+    robot: str
+    scenes: Sequence[str]
+    engine: Processes | Ray
+    state: Path | None = None
+    capacity: int | None = None
+
+
+def new_server(settings: Settings) -> PlanningServer:
+    """A server that is not started yet.
+
+    Raises:
+        InvalidRequest: There is no such robot, scene, folder or cluster.
+    """
+    robot = load_robot(settings.robot)
+    scenes: list[Scene] = [load_world(name) for name in settings.scenes]
+    world = World(robot, scenes[0] if scenes else Scene())
+    own = None if settings.state is not None else Path(tempfile.mkdtemp(prefix="planner-service-"))
+    store = Store(settings.state or own or Path())
+    try:
+        backend = settings.engine.backend(ServerWork(world))
+        capacity = settings.capacity or WAITING_PER_WORKER * backend.max_workers
+        poll = RAY_POLL if isinstance(settings.engine, Ray) else PROCESSES_POLL
+        return PlanningServer(
+            world, store, backend, capacity=capacity, poll=poll, scenes=tuple(scenes), folder_to_remove=own
+        )
+    except BaseException:
+        store.close()
+        raise
+
+
+def serve(
+    settings: Settings, *, host: str, port: int, token: str | None, started: Callable[[str], None] = lambda _: None
+) -> None:
+    """Serve until SIGINT or SIGTERM.
+
+    Args:
+        port: 0 for any that is free.
+        started: Called with the address once clients can connect.
+
+    Raises:
+        InvalidRequest: As ``new_server``; the port is not free; or another address than a loopback one has no token.
+    """
+    local = host in (*LOOPBACK, "::1")
+    if not local and token is None:
+        raise InvalidRequest("--host", host, "127.0.0.1, or a --token-file: others could use this server")
+    with _listening(host, port) as listener:
+        port = listener.getsockname()[1]
+        server = new_server(settings)
+        app = Guard(create_app(server), token, Guard.loopback(port) if local else None)
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            date_header=False,
+            lifespan="on",
+            ws="none",
+            http="httptools",
+            timeout_graceful_shutdown=5,
+            limit_concurrency=1_000,
+        )
+        shown = f"[{host}]" if ":" in host else host
+        started(f"http://{shown}:{port}")
+        uvicorn.Server(config).run([listener])
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host.strip("[]"), port))
+        listener.listen(1_024)
+    except OSError as error:
+        listener.close()
+        raise InvalidRequest("--port", port, f"a free port of {host} ({error.strerror or error})") from error
+    return listener
+
+
+def read_token(path: Path) -> str:
+    """The token in a file that only its owner can read.
+
+    Raises:
+        InvalidFile: It cannot be used.
+    """
+    token = read_bytes(path, MAX_TOKEN + 1).decode("ascii", "replace").strip()
+    if os.stat(path).st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise InvalidFile(path, ["others may read it; chmod 600"])
+    if not MIN_TOKEN <= len(token) <= MAX_TOKEN or not all("!" <= character <= "~" for character in token):
+        raise InvalidFile(path, [f"expected {MIN_TOKEN} to {MAX_TOKEN:,} printable ASCII characters without spaces"])
+    return token

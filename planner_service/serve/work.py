@@ -1,0 +1,477 @@
+"""What a worker does with a request: it reads the body, plans, and writes the answer as the library would save it.
+
+The answer is bytes, so that the server's own process only stores and forwards.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planner_service.collision import CancelToken, CheckCounts
+from planner_service.collision.budget import Cancelled
+from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.files.json_reader import parse_json
+from planner_service.files.schema import plain, read_record
+from planner_service.grasping.grasps import top_grasps
+from planner_service.infeasibility.no_path import NoPath
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.accounting import told_of_stages
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
+from planner_service.planning.world import World
+from planner_service.records.failure import ContactRecord, FailureRecord
+from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
+from planner_service.records.recertify import recertify
+from planner_service.records.result import CertificateRecord, CountsRecord, PathRecord, TrajectoryRecord
+from planner_service.records.scene import PlanReading, SceneRecord
+from planner_service.replanning.result import Outcome, Replanned
+from planner_service.roadmap import Roadmap, RoadmapReference
+from planner_service.serve import bodies
+from planner_service.serve.problems import Problem, problem_of
+from planner_service.service import PlannerService
+from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks.primitives import pick, place
+from planner_service.tasks.result import Handling
+from planner_service.tasks.tool_motions import move_linear
+
+__all__ = ["FILES", "TASKS", "Answer", "Assignment", "Cancellation", "Ending", "ServerWork", "Source", "unrun"]
+
+FILES = frozenset({"plans", "move_linear", "replan", "pick", "place", "pick_place"})
+"""Kinds of requests whose answer is a plan file or a task file, also if they are not carried out."""
+
+TASKS = frozenset({"pick", "place", "pick_place"})
+
+MAX_SERVICES = 16
+"""Worlds for which a worker stays prepared."""
+
+MAX_CANCELLATIONS = 1_000
+"""Cancellations that a worker remembers, as one may come before its request."""
+
+
+class Ending(Enum):
+    """Why a request ends before it has its answer, as failures say it."""
+
+    CANCELLED = Reason.PREEMPTED
+    DEADLINE = Reason.TIMED_OUT
+    LOST = Reason.WORKER_LOST
+
+
+DETAILS: Mapping[Ending, str] = {
+    Ending.CANCELLED: "the request was cancelled",
+    Ending.DEADLINE: "the deadline passed; whether a path exists is unknown",
+    Ending.LOST: "two workers were lost with it",
+}
+
+PROBLEMS: Mapping[Ending, str] = {
+    Ending.CANCELLED: "cancelled",
+    Ending.DEADLINE: "deadline-passed",
+    Ending.LOST: "worker-lost",
+}
+
+
+@dataclass(frozen=True)
+class Source:
+    """A stored content that a request reads: a scene, a plan or task file, or a roadmap.
+
+    Attributes:
+        hash: SHA-256 of the data, which the store has checked.
+    """
+
+    hash: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A request with all that it reads.
+
+    Attributes:
+        kind: One of ``BODIES``.
+        sources: By what they are: ``scene``, ``after``, ``plan``, ``roadmap``.
+    """
+
+    id: str
+    kind: str
+    body: bytes
+    sources: Mapping[str, Source] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Cancellation:
+    """A note to a worker: end this request."""
+
+    id: str
+    ending: Ending
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a request.
+
+    Attributes:
+        content: A plan file, a task file, another JSON object, or a problem if ``refused``.
+        ok: Whether what was asked for was found.
+        reason: The reason of the failure if not.
+        counts: The checks it took.
+        stages: Seconds by stage.
+        roadmap: Hash and file of a roadmap that was grown.
+    """
+
+    content: bytes
+    ok: bool
+    reason: str | None = None
+    refused: bool = False
+    counts: CheckCounts = field(default_factory=CheckCounts)
+    stages: tuple[tuple[str, float], ...] = ()
+    roadmap: tuple[str, bytes] | None = None
+
+
+class ServerWork:
+    """Carries out requests for one robot; see ``TalkingWork``.
+
+    Args:
+        world: The robot, how its motions are checked, and the scene to be prepared for.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+
+    def connect(self, send: Callable[[Any], None]) -> None:
+        """Take the function that sends stages as they end."""
+        self._send = send
+        self._running = ("", CancelToken())
+        self._cancelled: OrderedDict[str, Ending] = OrderedDict()
+        self._services: OrderedDict[tuple[tuple[str, ...], float | None], PlannerService] = OrderedDict()
+
+    def prepare(self) -> None:
+        """Load what every plan needs."""
+        PlannerService.of(self.world).plan(PlanRequest(self.world.robot.home, self.world.robot.home))
+
+    def told(self, note: Any, /) -> None:
+        """Take a cancellation."""
+        assert isinstance(note, Cancellation)
+        self._cancelled[note.id] = note.ending
+        if len(self._cancelled) > MAX_CANCELLATIONS:
+            self._cancelled.popitem(last=False)
+        running, token = self._running
+        if running == note.id:
+            token.cancel()
+
+    def __call__(self, item: Assignment, /) -> Answer:
+        cancel = CancelToken()
+        self._running = (item.id, cancel)
+        if item.id in self._cancelled:
+            cancel.cancel()
+        stages: list[tuple[str, float]] = []
+
+        def stage_ended(report: StageReport) -> None:
+            stages.append((report.stage.value, report.seconds))
+            counts = {"states": report.counts.states, "edges": report.counts.edges}
+            self._send({"stage": report.stage.value, **counts, "seconds": report.seconds, "note": report.note})
+
+        try:
+            with told_of_stages(stage_ended):
+                answer = self._answer(item, cancel)
+        except (InvalidRequest, MissingDependency) as error:
+            answer = Answer(problem_of(error).content, False, "INVALID_REQUEST", refused=True)
+        except (_Ended, Cancelled):
+            answer = unrun(item, self.world, self._cancelled[item.id])
+        self._running = ("", cancel)
+        return replace(answer, stages=tuple(stages))
+
+    def _answer(self, item: Assignment, cancel: CancelToken) -> Answer:
+        body = bodies.read_body(bodies.BODIES[item.kind], item.body, self.world.robot)
+        call = _Call(item, cancel, lambda: self._cancelled.get(item.id), self._service(item, body))
+        made: Answer = KINDS[item.kind](call, body)
+        return made
+
+    def _service(self, item: Assignment, body: Any) -> PlannerService:
+        """The service for the world of a request."""
+        width = getattr(body, "gripper_width", None)
+        key = (tuple(source.hash for name, source in item.sources.items() if name != "roadmap"), width)
+        if key not in self._services:
+            world = _world(item, self.world)
+            service = PlannerService.of(world)
+            self._services[key] = service if width is None else service.changed(gripper=width)
+            if len(self._services) > MAX_SERVICES:
+                self._services.popitem(last=False)
+        self._services.move_to_end(key)
+        return self._services[key]
+
+
+class _Ended(Exception):
+    """A request whose answer is no file was cancelled."""
+
+
+@dataclass(frozen=True)
+class _Call:
+    """One request under way."""
+
+    item: Assignment
+    cancel: CancelToken
+    ending: Callable[[], Ending | None]
+    service: PlannerService
+
+    def poll(self) -> None:
+        """Raise if the request was cancelled."""
+        if self.cancel.cancelled:
+            raise _Ended
+
+    def ended(self, failure: Failure | None) -> Failure | None:
+        """The failure, which the deadline is the reason of if it is what cancelled the request."""
+        if failure is None or failure.reason is not Reason.PREEMPTED or self.ending() is not Ending.DEADLINE:
+            return failure
+        return replace(failure, reason=Reason.TIMED_OUT, detail=DETAILS[Ending.DEADLINE])
+
+    def planned(self, result: PlanResult, sections: Mapping[str, Any] | None = None) -> Answer:
+        """The plan file of a result."""
+        result = replace(result, failure=self.ended(result.failure))
+        saved = replace(SavedPlan.of(result), sections=dict(sections or {}))
+        return _file_answer(saved, result.failure, result.counts)
+
+    def saved(self, name: str) -> SavedPlan | SavedTask:
+        """A plan or a task that the request reads."""
+        return plan_or_task(name, self.item.sources[name].data)
+
+    def request(self, request: PlanRequest) -> PlanRequest:
+        """The request, with its roadmap instead of the reference to it."""
+        if not isinstance(request.planner, RoadmapReference):
+            return request
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "roadmap.npz"
+            file.write_bytes(self.item.sources["roadmap"].data)
+            return replace(request, planner=Roadmap.load(file))
+
+
+def _world(item: Assignment, world: World) -> World:
+    """The world of a request: a scene, what a task has left, or that of a plan."""
+    if "after" in item.sources:
+        saved = plan_or_task("after", item.sources["after"].data)
+        world = saved.begin
+        for segment in _finished(saved).segments:
+            world = segment.world_after(world)
+        return world
+    if "plan" in item.sources:
+        world = plan_or_task("plan", item.sources["plan"].data).begin
+    if "scene" not in item.sources:
+        return world
+    document = parse_json(Path("scene"), item.sources["scene"].data)
+    return replace(world, scene=read_record(SceneRecord, document, Path("scene"), PlanReading()).value)
+
+
+def _finished(saved: SavedPlan | SavedTask) -> SavedTask:
+    if not isinstance(saved, SavedTask) or saved.failure is not None or not saved.segments:
+        raise InvalidRequest("scene.after", "a plan, or a task that has no plan", "the id of a task with all motions")
+    return saved
+
+
+def _file_answer(saved: SavedPlan | SavedTask, failure: Failure | None, counts: CheckCounts) -> Answer:
+    reason = None if failure is None else failure.reason.value
+    return Answer(saved.file_text().encode("ascii"), failure is None, reason, counts=counts)
+
+
+def _json_answer(document: Any, *, ok: bool = True, counts: CheckCounts | None = None) -> Answer:
+    content = json.dumps(document, allow_nan=False).encode("ascii")
+    return Answer(content, ok, counts=CheckCounts() if counts is None else counts)
+
+
+def unrun(item: Assignment, world: World, ending: Ending) -> Answer:
+    """The answer to a request that was not carried out, or not to its end: a file that says so, or a problem."""
+    if item.kind not in FILES:
+        problem = Problem(PROBLEMS[ending], DETAILS[ending], {"reason": ending.value.value})
+        return Answer(problem.content, False, ending.value.value, refused=True)
+    begin = _world(item, world)
+    failure = Failure(Stage.ENDPOINTS, ending.value, DETAILS[ending])
+    if item.kind in TASKS:
+        return _file_answer(SavedTask(begin, item.kind, (), CheckCounts(), 0.0, failure), failure, CheckCounts())
+    request = None
+    if item.kind == "plans":
+        body = bodies.read_body(bodies.PlanBody, item.body, world.robot)
+        request = body.request.value
+    result = PlanResult(None, None, failure, (), deterministic=False)
+    return _file_answer(SavedPlan(begin, request, result), failure, CheckCounts())
+
+
+# Each kind of request.
+
+
+def _plan(call: _Call, body: bodies.PlanBody) -> Answer:
+    return call.planned(call.service.plan(call.request(body.request.value), cancel=call.cancel))
+
+
+def _certify(call: _Call, body: bodies.CertifyBody) -> Answer:
+    if body.plan is not None:
+        saved = call.saved("plan")
+        proven = recertify(saved, allowed=saved.allowed)
+        motions = []
+        for motion in proven.motions:
+            entry = {"name": motion.name, "certificate": CertificateRecord.of(motion.certificate).document()}
+            if motion.gripper is not None:
+                entry["gripper"] = CertificateRecord.of(motion.gripper.certificate).document()
+            motions.append(entry)
+        document = {"certified": proven.certified, "problems": list(proven.problems), "motions": motions}
+        return _json_answer(document, ok=proven.certified)
+    path = JointPath(np.array(body.waypoints, dtype=np.float64), np.array(body.blends or (), dtype=np.float64))
+    terms = {name: body.arguments[name] for name in ("padding", "exempt", "constraints", "part")}
+    certificate = call.service.certify(path, **terms)
+    counts = CheckCounts(distances=certificate.distances)
+    document = {"certificate": CertificateRecord.of(certificate).document()}
+    return _json_answer(document, ok=certificate.certified, counts=counts)
+
+
+def _check(call: _Call, body: bodies.CheckBody) -> Answer:
+    asking, telling = call.service.checker.variant(), call.service.checker.variant()
+    states = []
+    for q in body.states:
+        call.poll()
+        free = asking.state_is_free(q)
+        contacts = () if free else telling.contacts(q)
+        states.append({"free": free, "contacts": [ContactRecord.of(contact).document() for contact in contacts]})
+    edges = []
+    for start, end in body.edges:
+        call.poll()
+        edges.append(asking.edge_is_free(start, end))
+    return _json_answer({"states": states, "edges": edges, "counts": CountsRecord.of(asking.counts).document()})
+
+
+def _pick(call: _Call, body: bodies.PickBody) -> Answer:
+    grasps = body.arguments["grasps"]
+    if grasps is None:
+        grasps = top_grasps(call.service.robot, call.service.scene.obstacle(body.target))
+    task = pick(call.service, body.q, body.target, grasps, _handling(call, body.handling))
+    return _task(call, SavedTask.of(task))
+
+
+def _place(call: _Call, body: bodies.PlaceBody) -> Answer:
+    q = body.q
+    if q is None:
+        path = _finished(call.saved("after")).segments[-1].result.path
+        assert path is not None
+        q = path.waypoints[-1]
+    task = place(call.service, q, body.carried, body.arguments["poses"], _handling(call, body.handling))
+    return _task(call, SavedTask.of(task))
+
+
+def _pick_place(call: _Call, body: bodies.PickPlaceBody) -> Answer:
+    request = call.request(body.plan_request)
+    task = plan_pick_place(call.service, body.target, body.onto, request, upright=body.upright, cancel=call.cancel)
+    return _task(call, SavedTask.of(task))
+
+
+def _handling(call: _Call, body: bodies.HandlingBody | None) -> Handling:
+    handling = Handling() if body is None else body.value
+    request = None if handling.request is None else call.request(handling.request)
+    return replace(handling, request=request, cancel=call.cancel)
+
+
+def _task(call: _Call, saved: SavedTask) -> Answer:
+    saved = replace(saved, failure=call.ended(saved.failure))
+    return _file_answer(saved, saved.failure, saved.counts)
+
+
+def _move_linear(call: _Call, body: bodies.MoveLinearBody) -> Answer:
+    given = body.arguments
+    for name in ("deadline", "scene", "gripper_width"):
+        del given[name]
+    result = move_linear(call.service, given.pop("start"), given.pop("goal"), cancel=call.cancel, **given)
+    return call.planned(result, {} if result.fraction is None else {"fraction": result.fraction})
+
+
+def _replan(call: _Call, body: bodies.ReplanBody) -> Answer:
+    saved = call.saved("plan")
+    if not isinstance(saved, SavedPlan):
+        raise InvalidRequest("plan", body.plan, "the id of a plan, not of a task")
+    terms = {"at_time": body.at_time, "latency": body.latency, "goal": body.goal}
+    request = None if body.request is None else call.request(body.request.value)
+    replanned = call.service.replan(_previous(saved), request=request, cancel=call.cancel, **terms)
+    failure = call.ended(replanned.failure)
+    section = {
+        "outcome": replanned.outcome.value,
+        "splice": replanned.splice,
+        "ahead": plain(replanned.ahead),
+        "failure": None if failure is None else FailureRecord.of(failure).document(),
+        "stop": None if replanned.stop is None else _stop(replanned.stop),
+    }
+    return call.planned(replanned.result, {"replanned": section})
+
+
+def _stop(stop: Trajectory) -> dict[str, Any]:
+    return {"path": PathRecord.of(stop.path).document(), "trajectory": TrajectoryRecord.of(stop).document()}
+
+
+def _previous(saved: SavedPlan) -> PlanResult | Replanned:
+    """The motion that a plan file of this server holds."""
+    result = replace(saved.result, origin=Origin(saved.begin, saved.request))
+    section = saved.sections.get("replanned")
+    if not isinstance(section, dict) or saved.request is None:
+        return result
+    ahead = np.array(section["ahead"], dtype=np.float64).reshape(-1, saved.robot.n)
+    return Replanned(Outcome(section["outcome"]), result, section["splice"], saved.request, None, ahead)
+
+
+def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
+    request = call.request(body.request.value)
+    explained = call.service.explain(request, plans=body.plans, remedies=body.remedies)
+    remedies = []
+    for remedy in explained.remedies:
+        plan = SavedPlan(replace(call.service.world, scene=remedy.scene), remedy.request, remedy.result)
+        remedies.append({"text": remedy.text, "plan": plan.document()})
+    document = {
+        "result": SavedPlan.of(explained.result).document(),
+        "no_path": None if explained.no_path is None else _no_path(explained.no_path),
+        "remedies": remedies,
+        "plans": explained.plans,
+    }
+    return _json_answer(document, counts=explained.result.counts)
+
+
+def _no_path(proof: NoPath) -> dict[str, Any]:
+    names = ("joints", "pairs", "boxes", "distances", "lower", "upper", "wall_pairs")
+    return {name: plain(getattr(proof, name)) for name in names}
+
+
+def _roadmaps(call: _Call, body: bodies.RoadmapBody) -> Answer:
+    planner: Any = body.planner.value
+    roadmap = call.service.build_roadmap(planner, seed=body.seed, padding=body.padding, cancel=call.cancel)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "roadmap.npz"
+        roadmap.save(file)
+        data = file.read_bytes()
+    built = roadmap.built
+    assert built is not None
+    summary = {
+        "id": roadmap.hash,
+        "milestones": len(roadmap.milestones),
+        "edges": len(roadmap.edges),
+        "built": {
+            "planner": built.planner,
+            "settings": dict(built.settings),
+            "seed": built.seed,
+            "counts": CountsRecord.of(built.counts).document(),
+        },
+    }
+    return replace(_json_answer(summary, counts=built.counts), roadmap=(roadmap.hash, data))
+
+
+KINDS: Mapping[str, Callable[[_Call, Any], Answer]] = {
+    "plans": _plan,
+    "certify": _certify,
+    "check": _check,
+    "pick": _pick,
+    "place": _place,
+    "pick_place": _pick_place,
+    "move_linear": _move_linear,
+    "replan": _replan,
+    "explain": _explain,
+    "roadmaps": _roadmaps,
+}

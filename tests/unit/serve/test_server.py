@@ -1,0 +1,332 @@
+"""A server as its clients see it: the library's answers, each once, whatever happens to workers and to the server."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from planner_service import PlannerService, PlanRequest
+from planner_service.records.plan_file import SavedPlan, SavedTask
+from planner_service.tasks import plan_pick_place
+from tests.support.optional import present
+
+pytestmark = pytest.mark.slow
+
+GOAL = [0.9, 1.0, 1.0, 0.0, 0.0, 0.0]
+PLAN = {"scene": "bin", "request": {"start": "home", "goals": [{"joints": GOAL}], "seed": 3}}
+LONG = {"scene": "bin", "planner": {"name": "prm", "settings": {"milestones": 100_000}}}
+"""Takes minutes."""
+
+WORKERS, QUEUE = 2, 3
+
+
+@dataclass
+class Server:
+    """A server in a process of its own, and a client of it."""
+
+    process: subprocess.Popen[str]
+    client: httpx.Client
+
+    def post(self, kind: str, body: Any, *, wait: bool = True, **headers: str) -> httpx.Response:
+        prefer = {"Prefer": "wait"} if wait else {}
+        return self.client.post(
+            f"/{kind}", json=body, headers=prefer | {k.replace("_", "-"): v for k, v in headers.items()}
+        )
+
+    def begun(self, kind: str, body: Any, **headers: str) -> str:
+        """The id of a request that is not waited for."""
+        response = self.post(kind, body, wait=False, **headers)
+        assert response.status_code == 202, response.text
+        assert response.headers["location"] == f"/plans/{response.json()['id']}"
+        return str(response.json()["id"])
+
+    def answer(self, job: str) -> httpx.Response:
+        """The answer of a request, once it is there."""
+        response = self.client.get(f"/plans/{job}", headers={"Prefer": "wait"})
+        assert response.status_code != 202
+        return response
+
+    def events(self, job: str, until: Callable[[str, dict[str, Any]], bool]) -> list[tuple[str, dict[str, Any]]]:
+        """The events of a request up to one that is waited for."""
+        events = []
+        with self.client.stream("GET", f"/plans/{job}/events") as response:
+            name = ""
+            for line in response.iter_lines():
+                if line.startswith("event: "):
+                    name = line.removeprefix("event: ")
+                if line.startswith("data: "):
+                    events.append((name, json.loads(line.removeprefix("data: "))))
+                    if until(*events[-1]):
+                        break
+        return events
+
+    def workers(self) -> list[int]:
+        """The processes of its workers."""
+        threads = Path(f"/proc/{self.process.pid}/task").iterdir()
+        return [int(child) for thread in threads for child in (thread / "children").read_text("ascii").split()]
+
+    def end(self, *jobs: str) -> None:
+        """Cancel requests, and wait until they have ended."""
+        for job in jobs:
+            self.client.delete(f"/plans/{job}")
+        for job in jobs:
+            self.answer(job)
+
+
+@contextmanager
+def serving(folder: Path, *options: str) -> Iterator[Server]:
+    command = [sys.executable, "-m", "planner_service", "serve", "--scene", "bin", "--port", "0"]
+    command += ["--workers", str(WORKERS), "--queue", str(QUEUE), "--state", str(folder / "state"), *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder)
+    try:
+        url = present(process.stdout).readline().removeprefix("serving at ").strip()
+        with httpx.Client(base_url=url, timeout=60.0) as client:
+            while client.get("/ready").status_code != 200:
+                time.sleep(0.05)
+            yield Server(process, client)
+    finally:
+        process.terminate()
+        process.wait()
+        present(process.stdout).close()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with serving(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def service() -> PlannerService:
+    return PlannerService("wxai", "bin")
+
+
+def timeless(value: Any) -> Any:
+    """A document without the seconds that something took."""
+    if isinstance(value, dict):
+        return {key: timeless(entry) for key, entry in value.items() if key != "seconds"}
+    return [timeless(entry) for entry in value] if isinstance(value, list) else value
+
+
+def is_running(name: str, data: dict[str, Any]) -> bool:
+    return data.get("state") == "running"
+
+
+# Answers.
+
+
+def test_a_plan_is_the_file_that_the_library_saves(server: Server, service: PlannerService) -> None:
+    response = server.post("plans", PLAN)
+    assert response.headers["preference-applied"] == "wait=60"
+    saved = SavedPlan.of(service.plan(PlanRequest(service.robot.home, GOAL, seed=3)))
+    assert timeless(response.json()) == timeless(json.loads(saved.file_text()))
+    again = server.client.get(response.headers["content-location"])
+    assert again.content == response.content
+
+
+def test_a_pick_and_place_is_the_file_that_the_library_saves(server: Server, service: PlannerService) -> None:
+    body = {"scene": "bin", "target": "blue_block", "onto": "tray", "request": {"seed": 1}}
+    home = service.robot.home
+    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, seed=1))
+    assert timeless(server.post("pick_place", body).json()) == timeless(json.loads(SavedTask.of(task).file_text()))
+
+
+def test_a_place_begins_in_the_world_that_a_pick_has_left(server: Server) -> None:
+    pick = server.post(
+        "pick", {"scene": "bin", "q": "home", "target": "blue_block", "handling": {"support": "bin_floor"}}
+    )
+    assert pick.json()["ok"]
+    job = pick.headers["content-location"].removeprefix("/plans/")
+    free = {"position": [0.25, -0.25, 0.10], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    place = server.post("place", {"scene": {"after": job}, "carried": "blue_block", "poses": [free]})
+    assert place.status_code == 200
+    assert [item["name"] for item in place.json()["scene"]["attached"]] == ["blue_block"]
+
+
+def test_that_there_is_no_plan_is_an_answer(server: Server) -> None:
+    body = {"scene": "bin", "request": {"start": "home", "goals": [{"joints": [0.0, 2.0, 0.5, 0.0, 0.0, 0.0]}]}}
+    response = server.post("plans", body)
+    assert response.status_code == 200
+    assert response.json()["result"]["failure"]["reason"] == "GOAL_IN_COLLISION"
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "status", "problem"),
+    [
+        ("plans", "{", 400, "malformed"),
+        ("plans", '{"scene": "bin", "scene": "bin"}', 400, "malformed"),
+        ("plans", json.dumps({**PLAN, "more": 1}), 422, "invalid-request"),
+        ("plans", json.dumps(PLAN).replace("0.9", "NaN"), 400, "malformed"),
+        ("plans", json.dumps({**PLAN, "scene": "../../etc/passwd"}), 422, "unknown-name"),
+        ("plans", json.dumps({**PLAN, "deadline": -1.0}), 422, "invalid-request"),
+        ("pick", json.dumps({"scene": "bin", "q": "home", "target": "nothing"}), 422, "unknown-name"),
+        ("replan", json.dumps({"plan": "0" * 32, "at_time": 0.0}), 422, "unknown-name"),
+    ],
+)
+def test_what_cannot_be_carried_out_is_a_problem(
+    server: Server, kind: str, body: str, status: int, problem: str
+) -> None:
+    headers = {"Content-Type": "application/json", "Prefer": "wait"}
+    response = server.client.post(f"/{kind}", content=body, headers=headers)
+    assert response.headers["content-type"] == "application/problem+json"
+    assert (response.status_code, response.json()["status"]) == (status, status)
+    assert response.json()["type"].endswith(f":{problem}")
+
+
+def test_the_same_key_gets_the_same_answer_and_another_request_a_problem(server: Server) -> None:
+    first = server.post("plans", PLAN, Idempotency_Key="one")
+    again = server.post("plans", PLAN, Idempotency_Key="one")
+    assert (again.content, again.headers["content-location"]) == (first.content, first.headers["content-location"])
+    other = server.post("plans", {**PLAN, "deadline": 5.0}, Idempotency_Key="one")
+    assert other.status_code == 422
+    assert other.json()["type"].endswith(":key-reused")
+
+
+def test_stages_are_told_in_their_order_also_to_those_who_come_late(server: Server) -> None:
+    job = server.begun("plans", PLAN)
+    events = server.events(job, lambda *_: False)
+    server.answer(job)
+    assert events[-1] == ("state", {"state": "done"})
+    if len(events) > 1:
+        assert events[:2] == [("state", {"state": "queued"}), ("state", {"state": "running"})]
+        assert next(data["stage"] for name, data in events if name == "stage") == "endpoints"
+
+
+def test_figures_count_what_was_asked(server: Server) -> None:
+    server.post("plans", PLAN)
+    text = server.client.get("/metrics").text
+    assert 'planner_service_ended_total{kind="plans",reason="OK"}' in text
+    assert 'planner_service_checks_total{what="states"}' in text
+
+
+# Queue, deadlines, cancellation.
+
+
+def test_beyond_the_queue_requests_are_refused_but_not_those_that_were_accepted_before(server: Server) -> None:
+    known = server.begun("plans", PLAN, Idempotency_Key="known")
+    server.answer(known)
+    running = [server.begun("roadmaps", LONG) for _ in range(WORKERS)]
+    for job in running:
+        server.events(job, is_running)
+    waiting = [server.begun("plans", PLAN) for _ in range(QUEUE)]
+    assert [server.client.get(f"/plans/{job}").json()["position"] for job in waiting] == [0, 1, 2]
+    refused = server.post("plans", PLAN)
+    assert refused.status_code == 429
+    assert int(refused.headers["retry-after"]) >= 1
+    assert server.post("plans", PLAN, Idempotency_Key="known").status_code == 200
+    server.end(*running)
+    assert [server.answer(job).json()["result"]["failure"] for job in waiting] == [None] * QUEUE
+
+
+def test_what_is_cancelled_ends_and_says_so(server: Server) -> None:
+    running = [server.begun("roadmaps", LONG) for _ in range(WORKERS)]
+    for job in running:
+        server.events(job, is_running)
+    waiting = server.begun("plans", PLAN)
+    assert server.client.delete(f"/plans/{waiting}").status_code == 202
+    answer = server.answer(waiting)
+    assert answer.status_code == 200
+    assert answer.json()["result"]["failure"]["reason"] == "PREEMPTED"
+    server.end(*running)
+    assert {server.answer(job).status_code for job in running} == {410}
+    assert server.client.delete(f"/plans/{waiting}").status_code == 204
+    assert server.client.get(f"/plans/{waiting}").status_code == 404
+
+
+def test_a_deadline_ends_a_request_that_waits_and_one_that_runs(server: Server) -> None:
+    running = [server.begun("roadmaps", {**LONG, "deadline": 1.0}) for _ in range(WORKERS)]
+    waiting = server.post("plans", {**PLAN, "deadline": 0.3})
+    assert waiting.json()["result"]["failure"]["reason"] == "TIMED_OUT"
+    assert waiting.json()["result"]["stages"] == []
+    assert {server.answer(job).status_code for job in running} == {408}
+
+
+def test_a_closed_connection_cancels_what_has_no_key(server: Server) -> None:
+    jobs = {}
+    for name, headers in (("without", {}), ("with", {"Idempotency-Key": "closed"})):
+        with pytest.raises(httpx.ReadTimeout):
+            server.client.post("/roadmaps", json=LONG, headers={"Prefer": "wait", **headers}, timeout=0.5)
+        jobs[name] = server.client.get("/plans", params={"limit": 1}).json()["plans"][0]["id"]
+    assert server.answer(jobs["without"]).json()["type"].endswith(":cancelled")
+    assert server.client.get(f"/plans/{jobs['with']}").status_code == 202
+    server.end(jobs["with"])
+
+
+# What is lost.
+
+
+def test_a_killed_worker_costs_its_request_one_retry_and_a_second_one_the_request(server: Server) -> None:
+    job = server.begun("roadmaps", LONG)
+    for word in ("running", "retried"):
+        server.events(job, lambda _, data, word=word: data.get("state") == word)  # type: ignore[misc]
+        if word == "running":
+            _kill_all(server)
+    deadline = time.monotonic() + 30.0
+    while server.client.get(f"/plans/{job}").json().get("state") == "queued" and time.monotonic() < deadline:
+        time.sleep(0.05)
+    _kill_all(server)
+    answer = server.answer(job)
+    assert answer.status_code == 503
+    assert answer.json()["type"].endswith(":worker-lost")
+    assert server.post("plans", PLAN).json()["result"]["failure"] is None
+
+
+def _kill_all(server: Server) -> None:
+    for worker in server.workers():
+        os.kill(worker, signal.SIGKILL)
+
+
+def test_after_the_server_was_killed_answers_are_there_and_what_was_accepted_is_answered(tmp_path: Path) -> None:
+    with serving(tmp_path) as server:
+        answered = server.post("plans", PLAN)
+        server.client.put("/scenes/cell", json={"obstacles": []})
+        running = [server.begun("roadmaps", LONG) for _ in range(WORKERS)]
+        waiting = server.begun("plans", PLAN, Idempotency_Key="mine")
+        server.process.kill()
+        server.process.wait()
+    with serving(tmp_path) as server:
+        assert server.client.get(answered.headers["content-location"]).content == answered.content
+        assert server.client.get("/scenes/cell").headers["etag"] == '"1"'
+        for job in running:
+            server.events(job, is_running)
+        server.end(*running)
+        again = server.post("plans", PLAN, Idempotency_Key="mine")
+        assert again.headers["content-location"] == f"/plans/{waiting}"
+        assert timeless(again.json()) == timeless(answered.json())
+
+
+# Scenes.
+
+
+def test_a_scene_is_changed_only_from_the_version_that_the_client_knows(server: Server) -> None:
+    box = {"name": "box", "shape": {"kind": "box", "size": [0.1, 0.1, 0.1]}, "pose": POSE}
+    first = server.client.put("/scenes/room", json={"obstacles": []}, headers={"If-None-Match": "*"})
+    assert (first.status_code, first.headers["etag"]) == (201, '"1"')
+    edits = {"edits": [{"op": "add", "obstacle": box}, {"op": "move", "name": "box", "pose": POSE}]}
+    second = server.client.patch("/scenes/room", json=edits, headers={"If-Match": '"1"'})
+    assert (second.status_code, second.headers["etag"]) == (200, '"2"')
+    for change in (
+        server.client.patch("/scenes/room", json=edits, headers={"If-Match": '"1"'}),
+        server.client.put("/scenes/room", json={"obstacles": []}, headers={"If-None-Match": "*"}),
+        server.client.delete("/scenes/room", headers={"If-Match": '"1"'}),
+    ):
+        assert change.status_code == 412
+    assert [o["name"] for o in server.client.get("/scenes/room").json()["obstacles"]] == ["box"]
+    assert server.client.get("/scenes/room?version=1").json()["obstacles"] == []
+    assert server.client.delete("/scenes/room").status_code == 204
+    assert server.client.get("/scenes/room").status_code == 404
+
+
+POSE = {"position": [1.0, 1.0, 1.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
