@@ -57,7 +57,7 @@ class Checked:
     """The verdicts of configurations and of straight edges, in the order they were asked for.
 
     Attributes:
-        counts: What it took to tell the verdicts; contacts are not counted.
+        counts: What it took, finding the contacts included.
     """
 
     states: tuple[CheckedState, ...]

@@ -127,7 +127,8 @@ class Connection:
         It has a key: sent again after a connection was lost, it is not done again. Ctrl-C withdraws it.
 
         Args:
-            cancel: Withdraws it when cancelled from another thread; what is answered then says so.
+            cancel: Withdraws it when cancelled from another thread; what is answered then says so, unless it has just
+                ended.
 
         Raises:
             ServerUnavailable: as ``fetch``.
@@ -164,8 +165,11 @@ class Connection:
             return answer.result()
 
     def _withdraw(self, job: str) -> None:
-        with suppress(ServerRefused):  # it has just ended
-            self._persistent("DELETE", f"/plans/{job}", None, {})
+        """Cancel some work; what has ended stays, as long as the server keeps it."""
+        path = f"/plans/{job}"
+        with suppress(ServerRefused):
+            if self._persistent("GET", path, None, {}).status == 202:
+                self._persistent("DELETE", path, None, {})
 
     def _persistent(self, method: str, path: str, content: bytes | None, headers: Mapping[str, str]) -> Answer:
         """The answer to a request that is sent until there is one, or patience ends."""

@@ -163,6 +163,24 @@ class Remote:
         """
         return self._in(self.robot, scene)
 
+    def store_scene(self, name: str, scene: Scene, *, version: int | None = None) -> int:
+        """Store a scene under a name, for all clients of the server; the version that it then has.
+
+        Whoever uses an earlier version goes on with that until they ask again, by ``with_scene(name)``.
+
+        Args:
+            version: Which version it replaces, 0 if there is none yet; None for whichever there is.
+
+        Raises:
+            StaleVersion: the server has another version by now.
+            InvalidRequest: the server takes no such name, or the scene has no place in a file.
+        """
+        if version is None:
+            return self._server.scenes.put(name, scene)
+        version = whole("version", version, 0, 2**53)
+        condition = {"If_Match": f'"{version}"'} if version else {"If_None_Match": "*"}
+        return self._server.scenes.put(name, scene, **condition)
+
     def changed(self, *, gripper: float | None = None, scene: Scene | None = None) -> Remote:
         """The same server where the gripper stands ``gripper`` metres open, or with another scene."""
         other = self._in(

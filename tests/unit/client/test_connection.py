@@ -17,7 +17,7 @@ from planner_service.client.connection import Connection
 
 ACCEPTED = 202, {"Location": "/plans/7"}, b"{}"
 ANSWER = 200, {"Content-Location": "/plans/7"}, b'{"answer": 42}'
-LOST = 0, {}, b""
+LOST: tuple[int, dict[str, str], bytes] = (0, {}, b"")
 """The connection is closed without an answer."""
 
 

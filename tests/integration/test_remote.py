@@ -1,0 +1,474 @@
+"""A server does what the library does: the same tests run on both, and both give the same plans, proofs and tasks."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import planner_service as library
+from planner_service import (
+    PRM,
+    Box,
+    CancelToken,
+    Handling,
+    InvalidRequest,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Pose,
+    Reason,
+    RRTConnect,
+    Scene,
+    SCurve,
+    Sphere,
+    TaskResult,
+    Trapezoidal,
+    UnknownName,
+    client,
+    top_grasps,
+)
+from planner_service.certify import ExemptInterval
+from planner_service.client import Remote, ServerRefused, StaleVersion
+from planner_service.constraints import KeepUpright
+from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.planning.request import Pace
+from planner_service.records.plan_file import load_plan
+from planner_service.records.recertify import recertify
+from planner_service.records.result import result_record
+from planner_service.replanning.result import Outcome
+from planner_service.tasks import places_on, plan_pick_place
+from tests.support.optional import present
+from tests.support.served import served
+
+pytestmark = pytest.mark.slow
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "client.md"
+
+
+@dataclass(frozen=True)
+class Planner:
+    """The library, or a server through its client, by the same names."""
+
+    service: Any
+    pick: Callable[..., TaskResult]
+    place: Callable[..., TaskResult]
+    plan_pick_place: Callable[..., TaskResult]
+    move_linear: Callable[..., PlanResult]
+
+    def with_scene(self, scene: Any) -> Planner:
+        return replace(self, service=self.service.with_scene(scene))
+
+    def of(self, world: Any) -> Planner:
+        return replace(self, service=self.service.of(world))
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    options = ("--robot", "wxai", "--scene", "bin", "--scene", "post", "--workers", "1")
+    with served(tmp_path_factory.mktemp("served"), *options) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def there(url: str) -> Iterator[Planner]:
+    with Remote(url, "bin") as remote:
+        yield Planner(remote, client.pick, client.place, client.plan_pick_place, client.move_linear)
+
+
+@pytest.fixture(scope="module")
+def here() -> Planner:
+    service = PlannerService("wxai", "bin")
+    return Planner(service, library.pick, library.place, plan_pick_place, library.move_linear)
+
+
+@pytest.fixture(scope="module", params=["here", "there"])
+def planner(request: pytest.FixtureRequest) -> Planner:
+    chosen: Planner = request.getfixturevalue(request.param)
+    return chosen
+
+
+def bits(result: PlanResult) -> dict[str, Any]:
+    """All of a result but the clock's part."""
+    record = result_record(result)
+    for stage in record["stages"]:
+        del stage["seconds"]
+    return {**record, "fraction": result.fraction}
+
+
+def task_bits(task: TaskResult) -> list[Any]:
+    """The same of a task, with the worlds before and after it."""
+    motions = [
+        (
+            *(segment.name, bits(segment.result), segment.width, segment.timing),
+            None if segment.gripper is None else replace(segment.gripper, seconds=0.0),
+        )
+        for segment in task.segments
+    ]
+    worlds = [(world.robot.hash, world.scene.hash, world.allowed) for world in (task.begin, task.world)]
+    return [motions, worlds, task.q.tolist(), str(task.failure), task.choosing, task.notes, task.task]
+
+
+HOME = PlannerService("wxai", "empty").robot.home
+ASIDE = HOME + np.array([0.8, 0.1, -0.1, 0.1, 0.0, 0.0])
+ROUND = HOME + np.array([1.6, 0.0, 0.0, 0.0, 0.0, 0.0])
+LOW = np.array([0.0, 2.3, 0.0, 0.0, 0.0, 0.0])
+"""In the table."""
+
+ABOVE = Pose((0.25, -0.2, 0.2), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+
+
+def asked(goal: Any = ASIDE, start: Any = HOME, **settings: Any) -> PlanRequest:
+    return PlanRequest(**{"start": start, "goal": goal, "time_limit": None, **settings})
+
+
+# -- plans ----------------------------------------------------------------------------------------
+
+
+def test_a_free_straight_line_is_the_plan(planner: Planner) -> None:
+    result = planner.service.plan(asked())
+    path, trajectory = result.unwrap()
+    assert path.waypoints.tolist() == [HOME.tolist(), ASIDE.tolist()]
+    assert result.attempts == 0
+    assert trajectory.duration == present(result.motion).duration
+    assert present(result.certificate).certified
+
+
+def test_the_counts_of_a_result_are_those_of_its_stages(planner: Planner) -> None:
+    result = planner.with_scene("post").service.plan(asked(ROUND, seed=3))
+    assert sum((stage.counts for stage in result.stages), library.CheckCounts()) == result.counts
+
+
+@pytest.mark.parametrize(
+    ("request_", "reason"),
+    [
+        (asked(LOW), Reason.GOAL_IN_COLLISION),
+        (asked(start=LOW), Reason.START_IN_COLLISION),
+        (asked([9.0, 1.0, 1.0, 0.0, 0.0, 0.0]), Reason.GOAL_OUTSIDE_LIMITS),
+        (asked(Pose((3.0, 0.0, 0.3))), Reason.NO_IK_SOLUTION),
+        (asked(time_limit=0.0), Reason.TIMED_OUT),
+        (asked(max_checks=1), Reason.CHECK_BUDGET_EXHAUSTED),
+    ],
+)
+def test_that_there_is_no_plan_is_a_result(planner: Planner, request_: PlanRequest, reason: Reason) -> None:
+    result = planner.service.plan(request_)
+    assert result.path is None
+    assert present(result.failure).reason is reason
+
+
+@pytest.mark.parametrize(
+    ("request_", "message"),
+    [
+        (asked([0.0, 1.0]), "goal: got 'shape (2,)'; expected 6 joint values, shape (6,)"),
+        (asked(start=()), "start: got 'shape (0,)'; expected 6 joint values, shape (6,)"),
+        (asked(constraints=[KeepUpright((0.0, 0.0, 1.0), 0.1, link="lonk")]), "unknown link 'lonk'"),
+    ],
+)
+def test_a_mistake_in_a_request_is_refused(planner: Planner, request_: PlanRequest, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=re.escape(message)):
+        planner.service.plan(request_)
+
+
+REQUESTS = {
+    "straight": asked(),
+    "seed": asked(ROUND, seed=5),
+    "rrt-connect": asked(ROUND, planner=RRTConnect(), seed=2),
+    "prm": asked(ROUND, planner=PRM(milestones=60)),
+    "pose": asked(ABOVE),
+    "pose with room": asked(PoseGoal(ABOVE, 0.01, 0.1)),
+    "several goals": asked([ABOVE, ASIDE, HOME]),
+    "nowhere": asked(Pose((3.0, 0.0, 0.3))),
+    "upright": asked(constraints=[KeepUpright((1.0, 0.0, 0.0), 3.0)]),
+    "slowly": asked(timing=SCurve(), velocity_scale=0.3, acceleration_scale=0.5, max_tool_speed=0.1),
+    "corners": asked(ROUND, timing=Trapezoidal(), blend=0.0),
+    "touching": asked(LOW),
+    "clamped": asked(start=[0.0, -0.005, 0.0, 0.0, 0.0, 0.0]),
+    "polished": asked(ROUND, polish=library.Optimise()),
+}
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_a_server_plans_to_the_bit_what_the_library_plans(here: Planner, there: Planner, name: str) -> None:
+    result, own = (planner.with_scene("post").service.plan(REQUESTS[name]) for planner in (there, here))
+    assert bits(result) == bits(own)
+
+
+def test_many_plans_are_the_same_in_their_order(here: Planner, there: Planner) -> None:
+    requests = [asked(seed=seed, goal=ASIDE + 0.01 * seed) for seed in range(12)]
+    own = [bits(here.service.plan(request)) for request in requests]
+    assert [bits(result) for result in there.service.plan_many(requests, progress=False)] == own
+    assert [bits(result) for result in there.service.plan_stream(iter(requests), at_once=3)] == own
+
+
+def test_of_many_requests_the_one_that_cannot_be_planned_is_named(planner: Planner) -> None:
+    with pytest.raises(InvalidRequest, match=r"requests\[1\].goal"):
+        planner.service.plan_many([asked(), asked([0.0])], progress=False)
+
+
+def test_a_running_plan_is_cancelled_at_once(planner: Planner) -> None:
+    d, cancel = 0.5**0.5, CancelToken()
+    across = (math.cos(math.pi / 8), 0.0, 0.0, math.sin(math.pi / 8))  # between the start and the goal, to both sides
+    walls = [
+        Obstacle(f"wall_{k}", Box((1.0, 0.02, 1.8)), Pose((d * r, d * r, 0.9), across))
+        for k, r in ((0, 0.7), (1, -0.7))
+    ]
+    closed = planner.with_scene(
+        Scene((*walls, Obstacle("lintel", Box((0.5, 0.02, 1.0)), Pose((0.0, 0.0, 1.1), across))))
+    )
+    threading.Timer(0.5, cancel.cancel).start()
+    began = time.monotonic()
+    result = closed.service.plan(asked(ROUND, max_checks=10**9), cancel=cancel)
+    assert present(result.failure).reason is Reason.PREEMPTED
+    assert time.monotonic() - began >= 0.5
+
+
+# -- proofs and checks ----------------------------------------------------------------------------
+
+
+def test_a_certificate_is_the_librarys(here: Planner, there: Planner) -> None:
+    path = present(here.service.plan(asked(ROUND)).path)
+    names = ("link_1", "table")
+    for curve, settings in (
+        ([HOME, ASIDE], {}),
+        (path, {"padding": 0.002}),
+        (path, {"part": (0.1, 0.5)}),
+        (path, {"exempt": [ExemptInterval(0.0, 0.3, (names,), "meant")]}),
+        (path, {"constraints": [KeepUpright((1.0, 0.0, 0.0), 3.0)]}),
+        ([HOME, LOW], {}),
+    ):
+        assert there.service.certify(curve, **settings) == here.service.certify(curve, **settings)
+
+
+def test_a_line_through_something_is_not_proven(planner: Planner) -> None:
+    proof = planner.service.certify([HOME, LOW])
+    assert not proof.certified
+    assert present(proof.refusal).detail
+
+
+@pytest.mark.parametrize(
+    ("line", "message"), [([HOME * 100, ASIDE], "joint_"), ([[0.0, 0.0]], "6 "), ("line", "waypoints of shape")]
+)
+def test_what_is_no_path_of_the_robot_is_refused(planner: Planner, line: Any, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        planner.service.certify(line)
+
+
+def test_states_and_edges_are_judged_as_by_the_library(here: Planner, there: Planner) -> None:
+    found = there.service.check([HOME, LOW], [(HOME, ASIDE), (HOME, LOW)])
+    checker = here.service.changed().checker
+    assert [state.free for state in found.states] == [True, False]
+    assert found.edges == (True, False)
+    verdicts = [checker.state_is_free(q) for q in (HOME, LOW)] + [checker.edge_is_free(HOME, q) for q in (ASIDE, LOW)]
+    assert verdicts == [True, False, True, False]
+    assert found.states[1].contacts == checker.contacts(LOW)
+    assert found.counts == checker.counts
+    assert there.service.check().states == ()
+
+
+# -- tasks ----------------------------------------------------------------------------------------
+
+
+def taken(planner: Planner, **handling: Any) -> TaskResult:
+    service = planner.service
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    return planner.pick(service, HOME, "blue_block", grasps, Handling(**{"support": "bin_floor", **handling}))
+
+
+def test_a_pick_holds_the_object_and_a_place_leaves_it(planner: Planner) -> None:
+    pick = taken(planner)
+    assert [segment.name for segment in pick.segments] == ["to pregrasp", "descend", "lift"]
+    assert [held.name for held in pick.world.scene.attached] == ["blue_block"]
+    carrying, scene = planner.of(pick.world), planner.service.scene
+    poses = places_on(scene.obstacle("blue_block"), scene.obstacle("tray"))
+    place = planner.place(carrying.service, pick.q, "blue_block", list(poses), Handling(support="tray"))
+    assert place.ok
+    assert place.world.scene.attached == ()
+    assert place.world.scene.obstacle("blue_block").pose in poses
+    back = planner.of(place.world).service.plan(asked(HOME, place.q))
+    assert back.ok
+
+
+def test_picks_and_places_are_the_librarys_to_the_bit(here: Planner, there: Planner) -> None:
+    request = asked(seed=4, velocity_scale=0.5)
+    for handling in ({}, {"request": request, "line_timing": SCurve(), "upright": 0.3, "open_width": 0.07}):
+        assert task_bits(taken(there, **handling)) == task_bits(taken(here, **handling))
+    pick = taken(here)
+    scene = here.service.scene
+    poses = list(places_on(scene.obstacle("blue_block"), scene.obstacle("tray")))
+    results = [
+        planner.place(planner.of(pick.world).service, pick.q, "blue_block", poses, Handling(support="tray"))
+        for planner in (here, there)
+    ]
+    assert task_bits(results[0]) == task_bits(results[1])
+    far = [Pose((3.0, 0.0, 0.0))]
+    results = [
+        planner.pick(planner.service, HOME, "blue_block", far, Handling(support="bin_floor"))
+        for planner in (here, there)
+    ]
+    assert not results[0].ok
+    assert task_bits(results[0]) == task_bits(results[1])
+
+
+def test_a_whole_pick_and_place_is_the_librarys_to_the_bit(here: Planner, there: Planner, tmp_path: Path) -> None:
+    tasks = [planner.plan_pick_place(planner.service, "blue_block", "tray", asked(HOME)) for planner in (here, there)]
+    assert tasks[0].ok
+    assert task_bits(tasks[0]) == task_bits(tasks[1])
+    recertify(tasks[1], here.service).required()
+    tasks[1].save(tmp_path / "task.json")
+
+
+@pytest.mark.parametrize(
+    ("target", "onto", "message"),
+    [("blue_blok", "tray", "did you mean 'blue_block'"), ("blue_block", "trey", "did you mean 'tray'")],
+)
+def test_an_object_that_is_not_there_is_named(planner: Planner, target: str, onto: str, message: str) -> None:
+    with pytest.raises(UnknownName, match=message):
+        planner.plan_pick_place(planner.service, target, onto, asked(HOME))
+
+
+def test_an_unknown_support_is_the_same_mistake_on_both(planner: Planner) -> None:
+    with pytest.raises(UnknownName, match="unknown obstacle 'flor'"):
+        taken(planner, support="flor")
+
+
+def test_a_task_is_cancelled(planner: Planner) -> None:
+    cancel = CancelToken()
+    threading.Timer(0.03, cancel.cancel).start()
+    task = planner.plan_pick_place(planner.service, "blue_block", "tray", asked(HOME), cancel=cancel)
+    assert present(task.failure).reason is Reason.PREEMPTED
+
+
+@pytest.mark.parametrize(
+    ("goal", "settings"),
+    [
+        ((0.0, 0.0, 0.05), {}),
+        ([(0.0, 0.0, 0.05), (0.0, 0.05, 0.0)], {"zone": 0.01, "pace": Pace(SCurve(), 0.5)}),
+        ((0.0, 0.0, -0.5), {"partial": True}),
+        ((0.0, 0.0, -0.5), {}),
+    ],
+)
+def test_lines_of_the_tool_are_the_librarys(here: Planner, there: Planner, goal: Any, settings: dict[str, Any]) -> None:
+    results = [planner.move_linear(planner.service, HOME, goal, **settings) for planner in (here, there)]
+    assert results[0].fraction is not None
+    assert bits(results[0]) == bits(results[1])
+
+
+# -- replanning, explanations, roadmaps -----------------------------------------------------------
+
+
+def test_a_moving_robot_gets_the_librarys_motion(here: Planner, there: Planner) -> None:
+    firsts = [planner.service.plan(asked()) for planner in (here, there)]
+    tool = tuple(here.service.robot.tool_pose(ASIDE)[:3, 3])
+    changed = here.service.scene.with_obstacle(Obstacle("new", Sphere(0.06), Pose(tool)))
+    outcomes = set()
+    for scene, goal in ((None, ASIDE * 0.9), (changed, None)):
+        seconds = [
+            planner.service.replan(first, at_time=0.2, scene=scene, goal=goal)
+            for planner, first in zip((here, there), firsts, strict=True)
+        ]
+        thirds = [
+            planner.service.replan(second, at_time=0.05, latency=0.05)
+            for planner, second in zip((here, there), seconds, strict=True)
+        ]
+        for own, other in (seconds, thirds):
+            assert bits(own.result) == bits(other.result)
+            assert (own.outcome, own.splice, str(own.failure)) == (other.outcome, other.splice, str(other.failure))
+            assert own.ahead.tolist() == other.ahead.tolist()
+            outcomes.add(own.outcome)
+    assert {Outcome.NEW, Outcome.STOP} <= outcomes
+
+
+def test_a_motion_that_the_server_has_not_made_is_not_replanned(here: Planner, there: Planner) -> None:
+    with pytest.raises(InvalidRequest, match="a motion that this server has not made"):
+        there.service.replan(here.service.plan(asked()), at_time=0.1)
+
+
+def test_an_explanation_is_the_librarys(here: Planner, there: Planner) -> None:
+    request = asked(LOW)
+    own, other = (planner.service.explain(request, plans=8, remedies=2) for planner in (here, there))
+    assert str(own) == str(other)
+    assert own.remedies
+    assert [bits(remedy.result) for remedy in own.remedies] == [bits(remedy.result) for remedy in other.remedies]
+    assert [remedy.scene.hash for remedy in own.remedies] == [remedy.scene.hash for remedy in other.remedies]
+
+
+def test_a_roadmap_is_grown_kept_and_used(here: Planner, there: Planner) -> None:
+    roadmaps = [planner.service.build_roadmap(PRM(milestones=50), seed=2) for planner in (here, there)]
+    assert roadmaps[0].hash == roadmaps[1].hash
+    results = [
+        planner.service.plan(asked(planner=roadmap)) for planner, roadmap in zip((here, there), roadmaps, strict=True)
+    ]
+    assert bits(results[0]) == bits(results[1])
+
+
+# -- scenes, worlds, and what a server's word is worth --------------------------------------------
+
+
+def test_a_scene_of_ones_own_is_sent_once_and_deleted_at_the_end(url: str, here: Planner) -> None:
+    own = here.service.scene.without("demo_post")
+    with Remote(url, own) as remote:
+        assert bits(remote.plan(asked())) == bits(here.with_scene(own).service.plan(asked()))
+        name = f"client-{own.hash[:40]}"
+        assert remote.with_scene(name).scene.hash == own.hash
+        with Remote(url, own) as another:
+            another.check([HOME])
+        with pytest.raises(ServerRefused):
+            remote.with_scene(name)
+        assert remote.check([HOME]).states[0].free  # sent again
+    with Remote(url, "bin") as remote, pytest.raises(ServerRefused, match="client-"):
+        remote.with_scene(name)
+
+
+def test_a_stored_scene_has_versions(here: Planner, there: Planner) -> None:
+    first, second = here.service.scene.without("demo_post"), here.service.scene.without("tray")
+    assert there.service.store_scene("cell", first, version=0) == 1
+    cell = there.service.with_scene("cell")
+    assert there.service.store_scene("cell", second, version=1) == 2
+    with pytest.raises(StaleVersion, match="cell"):
+        there.service.store_scene("cell", first, version=1)
+    with pytest.raises(StaleVersion):
+        there.service.store_scene("cell", first, version=0)
+    assert there.service.with_scene("cell").scene.hash == second.hash
+    assert bits(cell.plan(asked())) == bits(here.with_scene(first).service.plan(asked()))  # as it was found
+
+
+def test_a_gripper_stands_as_it_is_said_to(here: Planner, there: Planner) -> None:
+    results = [planner.service.changed(gripper=0.03).plan(asked()) for planner in (here, there)]
+    assert bits(results[0]) == bits(results[1])
+    assert present(results[1].origin).world.robot.gripper_width == 0.03
+
+
+def test_a_plan_of_a_server_is_saved_and_proven_as_any_other(here: Planner, there: Planner, tmp_path: Path) -> None:
+    result = there.service.plan(asked())
+    assert present(result.origin).elsewhere
+    recertify(result, here.service).required()
+    result.save(tmp_path / "plan.json")
+    assert bits(load_plan(tmp_path / "plan.json").result) == bits(result)
+
+
+def test_a_world_of_another_robot_is_refused(there: Planner) -> None:
+    with pytest.raises(InvalidRequest, match="a world of the server's robot, wxai"):
+        there.of(PlannerService("planar2", "discs").world)
+
+
+def test_there_is_no_such_scene(url: str) -> None:
+    with pytest.raises(ServerRefused, match="bon"):
+        Remote(url, "bon")
+
+
+def test_the_page_shows_what_works(url: str) -> None:
+    code = present(re.search(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL))[1]
+    names: dict[str, Any] = {}
+    exec(code.replace("http://127.0.0.1:8080", url), names)
+    assert names["result"].ok
+    assert names["task"].ok
+    assert names["back"].ok
