@@ -39,7 +39,7 @@ COMMANDS = {
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
 
-APART = ("robots", "evidence", "differential", "bits", "law", "smoothing")
+APART = ("robots", "evidence", "serve", "differential", "bits", "law", "smoothing")
 """Measures that are not among all: what they find changes with the code alone, and they take long."""
 
 STORED = ("queries",)
@@ -60,6 +60,7 @@ SETTINGS = {
     "robots": ("robot", "queries", "states", "seed"),
     "torque": ("queries", "seed"),
     "evidence": ("part", "queries", "seed"),
+    "serve": ("part", "queries", "seed"),
 }
 """Arguments that a measure takes."""
 
@@ -68,6 +69,7 @@ PARTS = {
     "many": ("same", "speed", "growth", "faults"),
     "constrained": ("panda", "wxai", "regions", "others"),
     "evidence": ("trails", "forgeries", "no-path", "explain"),
+    "serve": ("load", "memory", "overload", "cancel", "hostile"),
 }
 """What ``--part`` may be for measures that have parts."""
 
@@ -123,6 +125,10 @@ differential  a million states and 20,000 edges of six robots: the kernel is FCL
 evidence  500 trails of proofs, checked by a program that shares no code with them, 10,000 forgeries, 1,000 worlds of
           discs planned or proven impossible, 50 failures explained; not among all; --part trails, forgeries, no-path
           or explain, --queries N (of these), --seed N
+serve     a server with 32 clients for a minute, 100,000 requests, ten times its capacity, requests withdrawn, and
+          100,000 hostile ones: the library's bits, cost of a call, memory, refusals; locust and schemathesis are
+          installed for it; not among all; --part load, memory, overload, cancel or hostile, --queries N (requests),
+          --seed N
 bits      500 plans with every instruction set, without compiled code and from 1 to 8 threads: the same to the last bit;
           not among all
 law       2,000 random paths timed: toppra's durations, no limit exceeded, the reference's bits; not among all;

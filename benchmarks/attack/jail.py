@@ -23,7 +23,7 @@ from typing import Any
 
 from benchmarks.attack.harness import Case, Outcome, Part, judged, rng_of
 
-__all__ = ["MEMORY", "Jail"]
+__all__ = ["MEMORY", "Jail", "become_nobody", "give_to_nobody"]
 
 MEMORY = 6_000_000_000
 """Bytes of address space that an attacker may have."""
@@ -52,8 +52,7 @@ class Jail:
         self._pipe: Connection | None = None
         self._now = _FORK.RawArray("d", 2)  # which input is being run, and since when
         self.folder = Path(tempfile.mkdtemp(prefix="attack-"))
-        if os.getuid() == 0:
-            os.chown(self.folder, *_nobody())
+        give_to_nobody(self.folder)
 
     def __enter__(self) -> Jail:
         return self
@@ -228,6 +227,14 @@ def _drop(folder: Path, cpu: int) -> None:
         (resource.RLIMIT_CORE, 0),
     ):
         resource.setrlimit(what, (most, most))
+    become_nobody()
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(quiet, stream)
+
+
+def become_nobody() -> None:
+    """Give up what root may do, but to read; nothing for other users."""
     if os.getuid() == 0:
         user, group = _nobody()
         ctypes.CDLL(None).prctl(_PR_SET_KEEPCAPS, 1, 0, 0, 0)
@@ -235,9 +242,12 @@ def _drop(folder: Path, cpu: int) -> None:
         os.setresgid(group, group, group)
         os.setresuid(user, user, user)
         _keep_reading()
-    quiet = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1, 2):
-        os.dup2(quiet, stream)
+
+
+def give_to_nobody(path: str | os.PathLike[str]) -> None:
+    """Make a file or a folder the user's that root becomes."""
+    if os.getuid() == 0:
+        os.chown(path, *_nobody())
 
 
 def _nobody() -> tuple[int, int]:

@@ -165,12 +165,15 @@ def test_a_large_roadmap_tells_its_size_and_costs_nothing_to_ask_again() -> None
 
 @pytest.mark.parametrize(
     ("measure", "told"),
-    [("toy", "toy has none; roadmaps and many and constrained and evidence take it"), ("many", "many has same, speed")],
+    [
+        ("toy", "toy has none; roadmaps and many and constrained and evidence and serve take it"),
+        ("many", "many has same, speed"),
+    ],
 )
 def test_a_part_is_an_argument_of_measures_with_such_a_part(
     measure: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert set(command.PARTS) == {"roadmaps", "many", "constrained", "evidence"}
+    assert set(command.PARTS) == {"roadmaps", "many", "constrained", "evidence", "serve"}
     assert (command.PARTS["roadmaps"], command.PARTS["many"]) == (tuple(PARTS), tuple(many.PARTS))
     with pytest.raises(SystemExit, match="2"):
         command.main([measure, "--part", "warm"])

@@ -1,0 +1,29 @@
+"""One planner for many programs: under load, over its capacity, while requests are withdrawn, and under attack."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from benchmarks.harness.report import Report, merged
+from benchmarks.studies.serve import cancel, hostile, load, memory, overload
+
+__all__ = ["run"]
+
+PARTS: dict[str, Callable[[int | None, int], Report]] = {
+    "load": load.run,
+    "memory": memory.run,
+    "overload": overload.run,
+    "cancel": cancel.run,
+    "hostile": hostile.run,
+}
+
+
+def run(part: str | None = None, queries: int | None = None, seed: int = 0) -> Report:
+    """Measure a part, or all.
+
+    Args:
+        part: One of ``PARTS``.
+        queries: How many requests, where a number and not a time is what a part promises; as many as that if None.
+        seed: Of what is drawn.
+    """
+    return merged("serve", [PARTS[name](queries, seed) for name in PARTS if part in (None, name)])

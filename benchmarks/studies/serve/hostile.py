@@ -1,0 +1,398 @@
+"""A hundred thousand requests that no client would send, by schemathesis and over bare sockets, to a server alone.
+
+Whatever comes: no 5xx, no crash, no hang, bounded memory, and afterwards the same plan as before. Requests of other
+origins, for other hosts and without the token are refused, each of them.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import random
+import re
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from benchmarks.attack.jail import become_nobody, give_to_nobody
+from benchmarks.harness.report import Promise, Report, Row, table_of
+from benchmarks.studies.serve import asked
+from benchmarks.studies.serve.processes import Server, connected, server
+from benchmarks.studies.serve.tools import tool
+
+__all__ = ["run"]
+
+REQUESTS, THREADS, CHUNK = 100_000, 8, 50
+
+EXAMPLES, TOOL_SECONDS = 200, 1200.0
+"""Examples that schemathesis makes of each operation and phase, and seconds for all of them."""
+
+PATIENCE = 20.0
+"""Seconds within which a server has answered whatever it was sent, or closed the connection."""
+
+GROWTH_MB = 400.0
+
+TOKEN = "k" * 40
+
+STATUS = re.compile(rb"HTTP/1\.[01] (\d{3})")
+
+
+def run(queries: int | None = None, seed: int = 0) -> Report:
+    """All of it.
+
+    Args:
+        queries: Requests over bare sockets; 100,000 if None.
+    """
+    count = REQUESTS if queries is None else queries
+    with server("--workers", "1", "--queue", "16") as running:
+        first, before = _plan(running), running.megabytes
+        examined = _examined(running, seed, EXAMPLES if queries is None else 2)
+        statuses = _bombarded(running, count, seed)
+        end, alive = running.megabytes, running.process.poll() is None
+        same = alive and _plan(running) == first
+    refused = _strangers()
+    faults = {status: number for status, number in statuses.items() if status.startswith("5")}
+    rows: list[Row] = [
+        {"part": "hostile", "what": "schemathesis", **examined},
+        {"part": "hostile", "what": "sockets", "statuses": dict(statuses), "requests": sum(statuses.values())},
+        {"part": "hostile", "what": "memory", "before_mb": before, "after_mb": end},
+        {"part": "hostile", "what": "strangers", **refused},
+    ]
+    lines = [{"status": status, "requests": f"{number:,}"} for status, number in sorted(statuses.items())]
+    caption = '"closed": the connection was closed without an answer, as a broken request deserves.'
+    promises = (
+        Promise("schemathesis finds no 5xx", f"{examined['tested']:,} requests: {examined['found']}", examined["ok"]),
+        Promise(
+            f"{count:,} hostile requests over bare sockets: no 5xx, no crash, none without an end",
+            f"{faults or 'no'} 5xx, {statuses['hung']} hung",
+            not faults and not statuses["hung"] and alive,
+        ),
+        Promise(
+            f"memory is bounded: at most {GROWTH_MB:g} MB more, and the same plan as before",
+            f"{before:.0f} -> {end:.0f} MB",
+            end - before <= GROWTH_MB and same,
+        ),
+        Promise(
+            "requests of other origins, for other hosts, and without the token are refused",
+            f"{refused['refused']} of {refused['sent']}; the server's own: {refused['own']}",
+            refused["refused"] == refused["sent"] and refused["own"] == 200,
+        ),
+    )
+    return Report("serve", tuple(rows), (table_of("Bare sockets", lines, caption=caption),), promises)
+
+
+def _plan(running: Server) -> str:
+    """The digest of a plan."""
+    (body,) = asked.plan_bodies(asked.plan_requests(1))
+    with connected(running.port) as link:
+        end = time.monotonic() + 60.0
+        while True:
+            reply = link.ask("POST", "/plans", body, Prefer="wait=60")
+            if reply.status == 200:
+                return asked.digest(reply.document)
+            if time.monotonic() > end:
+                raise RuntimeError(f"no plan: {reply.status} {reply.data[:500]!r}")
+            time.sleep(0.2)
+
+
+# schemathesis
+
+
+def _examined(running: Server, seed: int, examples: int) -> Row:
+    """What schemathesis says of the server's description and its answers."""
+    with tempfile.TemporaryDirectory() as name:
+        give_to_nobody(name)
+        address = f"http://127.0.0.1:{running.port}"
+        command = [str(tool("schemathesis")), "run", f"{address}/openapi.json", "--url", address]
+        command += ["--checks", "not_a_server_error", "--max-examples", str(examples), "--seed", str(seed)]
+        command += ["--workers", "2", "--phases", "examples,coverage,fuzzing", "--request-timeout", str(PATIENCE)]
+        command += ["--exclude-path-regex", "/events$|/view$", "--no-color", "--generation-database", "none"]
+        environment = {**os.environ, "HOME": name}
+        try:
+            done = subprocess.run(
+                command,
+                preexec_fn=become_nobody,
+                cwd=name,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=TOOL_SECONDS,
+            )
+        except subprocess.TimeoutExpired as late:
+            return {"ok": False, "tested": 0, "found": f"no end within {TOOL_SECONDS:g} s", "output": str(late.stdout)}
+    tested = [int(number) for number in re.findall(r"(\d+) generated", done.stdout)]
+    errors = re.findall(r"^.*(?:Server error|\d+ failure|\d+ unique failures?).*$", done.stdout, re.MULTILINE)
+    found = "; ".join(errors[:3]) or ("nothing" if done.returncode == 0 else f"exit code {done.returncode}")
+    return {"ok": done.returncode == 0, "tested": sum(tested), "found": found, "output": done.stdout[-5000:]}
+
+
+# bare sockets
+
+
+def _bombarded(running: Server, count: int, seed: int) -> Counter[str]:
+    """How many requests had which status."""
+    statuses, lock = Counter[str](), threading.Lock()
+
+    def send(first: int) -> None:
+        for k in range(first, count, CHUNK * THREADS):
+            rng, own = random.Random(seed * 1_000_003 + k), Counter[str]()
+            for _ in range(min(CHUNK, count - k)):
+                own[_answer(running.port, _hostile(rng))] += 1
+            with lock:
+                statuses.update(own)
+
+    with ThreadPoolExecutor(THREADS) as threads:
+        for thread in [threads.submit(send, CHUNK * first) for first in range(THREADS)]:
+            thread.result()
+    return statuses
+
+
+def _answer(port: int, data: bytes) -> str:
+    """The status that some bytes have, ``closed`` or ``hung``."""
+    try:
+        with socket.create_connection(("127.0.0.1", port), PATIENCE) as link:
+            with suppress(OSError):  # refused before it was sent whole
+                link.sendall(data)
+                link.shutdown(socket.SHUT_WR)
+            answer = b""
+            while len(answer) < 12 or answer.startswith(b"HTTP/1.1 100"):
+                part = link.recv(4096)
+                if not part:
+                    break
+                answer = (answer + part).removeprefix(b"HTTP/1.1 100 Continue\r\n\r\n")
+    except TimeoutError:
+        return "hung"
+    except OSError:
+        return "closed"
+    found = STATUS.match(answer)
+    return "closed" if found is None else found[1].decode()
+
+
+ROUTES = ("plans", "certify", "check", "pick", "place", "pick_place", "move_linear", "replan", "explain", "roadmaps")
+
+NAMES = (
+    "bin",
+    "..",
+    "../../etc/passwd",
+    "%2e%2e%2fetc%2fpasswd",
+    "a" * 5000,
+    "\x00",
+    "'; drop table scenes; --",
+    "%00",
+    "",
+)
+
+VALUES: tuple[Any, ...] = (
+    *(
+        None,
+        True,
+        -1,
+        0,
+        1e308,
+        -1e308,
+        2**63,
+        10**400,
+        "",
+        "NaN",
+        "../../etc/passwd",
+        "\u202e",
+        "\ud800",
+        "x" * 100_000,
+    ),
+    *(
+        [],
+        {},
+        [[]],
+        [[[[]]]],
+        [1e308] * 6,
+        [0.0] * 100_000,
+        {"a": {"b": {}}},
+        ["home"] * 1000,
+        {"name": "bin", "version": -1},
+    ),
+)
+
+BODIES: tuple[dict[str, Any], ...] = (
+    {
+        "scene": "bin",
+        "request": {"start": "home", "goals": [{"joints": "home"}], "max_checks": 100, "time_limit": 0.05},
+    },
+    {"scene": "bin", "states": [[0.0] * 6], "edges": []},
+    {"scene": "bin", "waypoints": [[0.0] * 6, [0.1] * 6], "padding": 0.0},
+    {"scene": "bin", "q": "home", "target": "blue_block", "deadline": 0.05},
+    {"scene": "bin", "target": "blue_block", "onto": "tray", "deadline": 0.05},
+    {"scene": "bin", "start": "home", "goal": [0.0, 0.0, 0.01], "deadline": 0.5},
+    {"plan": "0" * 32, "at_time": 0.1},
+    {"scene": "bin", "planner": {"name": "prm", "settings": {"milestones": 5}}, "deadline": 0.1},
+    {"obstacles": [{"name": "a", "shape": {"kind": "box", "size": [1.0, 1.0, 1.0]}, "pose": {"position": [0, 0, 0]}}]},
+    {"edits": [{"op": "remove", "name": "tray"}]},
+)
+
+
+def _hostile(rng: random.Random) -> bytes:
+    """A request as no client sends it."""
+    return rng.choice(KINDS)(rng)
+
+
+def _noise(rng: random.Random) -> bytes:
+    """Bytes that are no HTTP."""
+    return rng.randbytes(rng.choice((0, 1, 7, 100, 5000)))
+
+
+def _broken_head(rng: random.Random) -> bytes:
+    """A head that is wrong in some way, or without an end."""
+    line = rng.choice(
+        (b"GET / HTTP/1.1", b"GET /", b"POST /plans HTTP/9.9", b"FOO /plans HTTP/1.1", b"GET " + b"/a" * 40_000)
+    )
+    head = rng.choice(
+        (
+            b"Host: localhost",
+            b"Host: localhost\r\nContent-Length: -1",
+            b"Host: localhost\r\nContent-Length: 99999999999999999999",
+            b"Host: localhost\r\nContent-Length: 5\r\nContent-Length: 6",
+            b"Host: localhost\r\nTransfer-Encoding: chunked\r\nContent-Length: 5",
+            b"Host: localhost\r\nTransfer-Encoding: chunked",
+            b"Host: localhost\r\n" + b"X-A: b\r\n" * rng.choice((10, 5000)),
+            b"Host: localhost\r\nX-A: " + b"b" * 200_000,
+            b"Host: localhost\r\n: nameless",
+            b"Host: localhost\r\nX-A: \x00\xff",
+        )
+    )
+    return line + b"\r\n" + head + rng.choice((b"\r\n\r\n", b"\r\n", b"", b"\r\n\r\nzz\r\nhello\r\n0\r\n\r\n"))
+
+
+def _mutated(rng: random.Random) -> bytes:
+    """A body of a known kind with something changed in it, to an address of some kind."""
+    body = json.loads(json.dumps(rng.choice(BODIES)))
+    for _ in range(rng.choice((0, 1, 1, 2, 4))):
+        _change(rng, body)
+    try:
+        data = json.dumps(body).encode()
+    except ValueError:
+        data = b"{"
+    if rng.random() < 0.2:
+        data = _garbled(rng, data)
+    name = rng.choice(NAMES)
+    path = rng.choice((*(f"/{route}" for route in ROUTES), f"/scenes/{name}", f"/plans/{name}", f"/roadmaps/{name}"))
+    method = "POST" if path.removeprefix("/") in ROUTES else rng.choice(("PUT", "PATCH", "DELETE", "GET"))
+    if rng.random() < 0.1:
+        method = rng.choice(("POST", "PUT", "OPTIONS", "HEAD", "TRACE", "post"))
+    if path == "/scenes/bin" and method in ("PUT", "PATCH", "DELETE"):
+        path = "/scenes/other"  # the scene that is planned in afterwards stays
+    headers = {"Host": "localhost", "Content-Type": "application/json", "Content-Length": str(len(data))}
+    for header, values in HEADERS.items():
+        if rng.random() < 0.15:
+            headers[header] = rng.choice(values)
+    head = "".join(f"{key}: {value}\r\n" for key, value in headers.items())
+    return f"{method} {path} HTTP/1.1\r\n{head}\r\n".encode("utf-8", "replace") + data
+
+
+HEADERS = {
+    "Prefer": ("wait", "wait=0", "wait=-1", "wait=999999999999", "wait=1", "respond-async, wait=1", "wait=\x7f"),
+    "Idempotency-Key": ("a", "", "b" * 10_000, "with blanks", "\u00e9"),
+    "If-Match": ('"1"', "*", '"-1"', '"99999999999999999999999"', "1"),
+    "If-None-Match": ("*", '"1"'),
+    "Content-Type": ("text/plain", "application/xml", "application/json; charset=utf-16", "multipart/form-data"),
+    "Content-Encoding": ("gzip", "br"),
+    "Expect": ("100-continue",),
+    "Range": ("bytes=0-1",),
+    "Accept": ("text/html", "a" * 1000),
+    "Connection": ("close", "upgrade"),
+    "Upgrade": ("websocket", "h2c"),
+}
+
+
+def _change(rng: random.Random, body: Any) -> None:
+    """Change something somewhere in a value."""
+    place = body
+    while isinstance(place, dict | list) and place and rng.random() < 0.6:
+        inner = [
+            value for value in (place.values() if isinstance(place, dict) else place) if isinstance(value, dict | list)
+        ]
+        if not inner:
+            break
+        place = rng.choice(inner)
+    value = copy.deepcopy(rng.choice(VALUES))
+    if isinstance(place, dict):
+        key = rng.choice([*place, "more", "scene", "__class__"])
+        if rng.random() < 0.3:
+            place.pop(key, None)
+        else:
+            place[key] = value
+    elif isinstance(place, list):
+        place.append(value)
+
+
+def _garbled(rng: random.Random, data: bytes) -> bytes:
+    kind = rng.randrange(5)
+    if kind == 0:
+        return b"[" * 200_000
+    if kind == 1:
+        return data[: rng.randrange(len(data) + 1)]
+    if kind == 2:
+        return data.replace(b"0.0", b"NaN").replace(b"1", b"Infinity")
+    if kind == 3:
+        return data + data
+    spot = rng.randrange(len(data) + 1)
+    return data[:spot] + rng.randbytes(3) + data[spot:]
+
+
+KINDS: tuple[Callable[[random.Random], bytes], ...] = (_noise, _broken_head, _mutated, _mutated, _mutated, _mutated)
+
+
+# strangers
+
+
+def _strangers() -> Row:
+    """Requests of other origins, for other hosts, and without the token or with another."""
+    own = {"Authorization": f"Bearer {TOKEN}"}
+    with tempfile.NamedTemporaryFile("w", prefix="token-", delete=False) as file:
+        file.write(TOKEN)
+    os.chmod(file.name, 0o600)
+    give_to_nobody(file.name)
+    try:
+        with server("--workers", "1", "--token-file", file.name) as running:
+            here = f"127.0.0.1:{running.port}"
+            wrong: list[dict[str, str]] = [
+                {},
+                {"Authorization": "Bearer " + "j" * 40},
+                {"Authorization": f"Basic {TOKEN}"},
+                {"Authorization": TOKEN},
+                {**own, "Origin": "https://example.org"},
+                {**own, "Origin": "null"},
+                {**own, "Origin": f"http://127.0.0.1:{running.port + 1}"},
+                {**own, "Origin": f"https://{here}"},
+                {**own, "Host": "example.org"},
+                {**own, "Host": f"127.0.0.1.example.org:{running.port}"},
+                {**own, "Host": f"127.0.0.1:{running.port + 1}"},
+            ]
+            asks: list[tuple[str, str, Any]] = [
+                *(
+                    ("GET", path, None)
+                    for path in ("/robot", "/scenes", "/plans", "/metrics", "/docs", "/openapi.json")
+                ),
+                *(("POST", f"/{route}", body) for route, body in zip(ROUTES, BODIES, strict=True)),
+                ("PUT", "/scenes/new", BODIES[8]),
+                ("DELETE", "/scenes/bin", None),
+            ]
+            statuses = [_status(running, *ask, **headers) for ask in asks for headers in wrong]
+            mine = _status(running, "GET", "/robot", None, **own)
+    finally:
+        Path(file.name).unlink()
+    refused = sum(status in (401, 403, 421) for status in statuses)
+    return {"sent": len(statuses), "statuses": dict(Counter(statuses)), "refused": refused, "own": mine}
+
+
+def _status(running: Server, method: str, path: str, body: Any, **headers: str) -> int:
+    with connected(running.port) as link:
+        return link.ask(method, path, body, **headers).status
