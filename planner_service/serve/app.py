@@ -183,9 +183,8 @@ async def _response(server: PlanningServer, request: Request, job: str, seconds:
     waited = {"Preference-Applied": f"wait={seconds}"} if seconds else {}
     if answer is None and seconds:
         try:
-            if await _connected(request, server.wait(job, seconds), default=False):
-                answer = await server.answer(job)
-            elif await request.is_disconnected():
+            answer = await _connected(request, server.wait(job, seconds), default=None)
+            if answer is None and await request.is_disconnected():
                 raise asyncio.CancelledError
         except asyncio.CancelledError:  # as it is said where another server is in front
             if cancel:
@@ -219,8 +218,9 @@ async def _connected(request: Request, waiting: Awaitable[T], *, default: T) -> 
 
 
 async def _closed(request: Request) -> None:
-    while not await request.is_disconnected():
-        await asyncio.sleep(0.02)
+    """Return once the client has closed its connection; the body has been read."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 # Plans: what came of a request, of whatever kind.

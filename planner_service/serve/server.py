@@ -14,6 +14,7 @@ import shutil
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean
@@ -80,6 +81,8 @@ class _Live:
     Attributes:
         events: Name and data of each event.
         news: Set when there is another one; then replaced.
+        answer: Kept in the store, too, before anybody is told.
+        done: Set when it has ended, or the server stops.
     """
 
     job: Job
@@ -87,6 +90,8 @@ class _Live:
     events: list[tuple[str, Mapping[str, Any]]] = field(default_factory=list)
     ended: bool = False
     news: asyncio.Event = field(default_factory=asyncio.Event)
+    answer: StoredAnswer | None = None
+    done: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class PlanningServer:
@@ -138,6 +143,7 @@ class PlanningServer:
         self._stopping = True
         for live in list(self._live.values()):
             live.news.set()
+            live.done.set()
         await asyncio.to_thread(self._dispatcher.stop)
         await asyncio.to_thread(self._store.close)
         for page in self._pages:
@@ -280,6 +286,7 @@ class PlanningServer:
             logger.error("the answer to %s cannot be kept: %s", job.id, error)
             state, answer = State.REFUSED, Answer(problem_of(error).content, False, "NOT_KEPT", refused=True)
             self._store.end(job.id, state, answer.content, ok=False, reason=answer.reason)
+        live.answer = StoredAnswer(answer.content, answer.refused)
         self.metrics.ended(job.kind, time.monotonic() - live.began, answer)
         self._say(live, "state", {"state": _shown(state)}, last=True)
 
@@ -306,6 +313,7 @@ class PlanningServer:
             live.ended = last
             if last:
                 self._live.pop(live.job.id, None)
+                live.done.set()
             news, live.news = live.news, asyncio.Event()
             news.set()
 
@@ -338,18 +346,14 @@ class PlanningServer:
             return StoredAnswer(content, True)
         return StoredAnswer(content, _is_problem(content))
 
-    async def wait(self, job: str, seconds: float) -> bool:
-        """Whether a job has its answer within so many seconds."""
+    async def wait(self, job: str, seconds: float) -> StoredAnswer | None:
+        """The answer of a job if it has one within so many seconds."""
         live = self._live.get(job)
         if live is None:
-            return True
-        until = time.monotonic() + seconds
-        while not live.ended and not self._stopping:
-            try:
-                await asyncio.wait_for(live.news.wait(), until - time.monotonic())
-            except (TimeoutError, asyncio.TimeoutError):
-                return False
-        return live.ended
+            return await self.answer(job)
+        with suppress(TimeoutError, asyncio.TimeoutError):
+            await asyncio.wait_for(live.done.wait(), seconds)
+        return live.answer
 
     async def state(self, job: str) -> dict[str, Any]:
         """Where a job without an answer is."""
