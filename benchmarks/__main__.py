@@ -69,7 +69,7 @@ PARTS = {
     "many": ("same", "speed", "growth", "faults"),
     "constrained": ("panda", "wxai", "regions", "others"),
     "evidence": ("trails", "forgeries", "no-path", "explain"),
-    "serve": ("load", "memory", "overload", "cancel", "hostile"),
+    "serve": ("load", "memory", "overload", "cancel", "kill", "hostile"),
 }
 """What ``--part`` may be for measures that have parts."""
 
@@ -127,8 +127,8 @@ evidence  500 trails of proofs, checked by a program that shares no code with th
           or explain, --queries N (of these), --seed N
 serve     a server with 32 clients for a minute, 100,000 requests, ten times its capacity, requests withdrawn, and
           100,000 hostile ones: the library's bits, cost of a call, memory, refusals; locust and schemathesis are
-          installed for it; not among all; --part load, memory, overload, cancel or hostile, --queries N (requests),
-          --seed N
+          installed for it; not among all; --part load, memory, overload, cancel, kill or hostile, --queries N
+          (requests; turns of kill), --seed N
 bits      500 plans with every instruction set, without compiled code and from 1 to 8 threads: the same to the last bit;
           not among all
 law       2,000 random paths timed: toppra's durations, no limit exceeded, the reference's bits; not among all;

@@ -1,11 +1,11 @@
-"""One planner for many programs: under load, over its capacity, while requests are withdrawn, and under attack."""
+"""One planner for many programs: under load, over its capacity, with requests withdrawn, killed, and under attack."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.serve import cancel, hostile, load, memory, overload
+from benchmarks.studies.serve import cancel, hostile, kill, load, memory, overload
 
 __all__ = ["run"]
 
@@ -14,6 +14,7 @@ PARTS: dict[str, Callable[[int | None, int], Report]] = {
     "memory": memory.run,
     "overload": overload.run,
     "cancel": cancel.run,
+    "kill": kill.run,
     "hostile": hostile.run,
 }
 

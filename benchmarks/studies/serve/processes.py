@@ -131,14 +131,17 @@ def _cpu(pid: int) -> float:
 
 
 @contextmanager
-def server(*options: str, scenes: tuple[str, ...] = ("bin",)) -> Iterator[Server]:
-    """A server of the WidowX AI that is ready, with an empty state.
+def server(*options: str, scenes: tuple[str, ...] = ("bin",), folder: Path | None = None) -> Iterator[Server]:
+    """A server of the WidowX AI that is ready.
 
     Args:
         options: Of ``planner-service serve``, beside its robot, its scenes and where it is.
+        folder: Where its state is and stays; one of its own that is deleted if None.
     """
-    folder = Path(tempfile.mkdtemp(prefix="serve-"))
-    give_to_nobody(folder)
+    stays = folder is not None
+    if folder is None:
+        folder = Path(tempfile.mkdtemp(prefix="serve-"))
+        give_to_nobody(folder)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = int(taken.getsockname()[1])
@@ -159,7 +162,8 @@ def server(*options: str, scenes: tuple[str, ...] = ("bin",)) -> Iterator[Server
             process.wait(STOP_SECONDS)
         process.kill()
         process.wait()
-        shutil.rmtree(folder, ignore_errors=True)
+        if not stays:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _wait_until_ready(port: int, process: subprocess.Popen[bytes], log: Path) -> None:
