@@ -1,12 +1,15 @@
 """Boxes of joint values in which a robot collides wherever it is: its walls.
 
-At the centre of a box two solids overlap by some depth. While the joints stay in the box, no point of one moves by more
-than a bound against the other: for each joint, from the outermost inwards, half of the box's width times how far a
-point can be from the axis. Where the depth is larger than the bound, every configuration of the box collides.
+At the centre of a box a ball inside of one solid reaches into another one by some depth. While the joints stay in the
+box, the centre of the ball does not move by more than a bound against the other solid: for each joint, from the
+outermost inwards, half of the box's width times the distance from the axis, and never more than twice this distance.
+Where the depth is larger than the bound, every configuration of the box collides. A joint that the box says nothing
+about may be anywhere in its range; that costs little where the ball lies on its axis.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,13 +24,16 @@ from planner_service.infeasibility.depth import inside_of
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
-__all__ = ["Judgement", "SolidPair", "Walls", "solid_pairs"]
+__all__ = ["Judgement", "SolidPair", "Walls", "Witness", "solid_pairs"]
 
 ROUNDING = 1e-9
 """Relative, and far above what rounding does to a motion bound."""
 
+CHORD = 2.0
+"""Times the distance from an axis: no turn moves a point farther."""
+
 Frames = tuple[FloatArray, FloatArray]
-"""Orientations (m, 3, 3) and positions (m, 3)."""
+"""Orientations (m, 3, 3) and positions (m, 3), or those of all bodies, (m, bodies, ...)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,149 +48,295 @@ class SolidPair:
     """
 
     names: tuple[str, str]
-    solids: tuple[Piece, Piece]
+    solids: tuple[_Solid, _Solid]
     moving: tuple[tuple[int, ...], tuple[int, ...]]
     columns: frozenset[int]
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What was found out about boxes, (m,) each.
+    """What was found out about m boxes.
 
     Attributes:
-        pair: The number of a pair that overlaps all over the box; -1 where none is known to.
-        hopeless: No box within can ever be shown to be a wall.
+        pair: The number of a pair that overlaps all over the box, (m,); -1 where none is known to.
+        doubtful: Of each pair whether it may be shown to overlap in some box within, (m, pairs).
     """
 
     pair: IntArray
-    hopeless: BoolArray
+    doubtful: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """What shows that boxes are walls: a point of each of the two solids, and how deep it lies in it.
+
+    Attributes:
+        centres: (m, 2, 3), in the frame of the body that each solid is fixed to, or of the world.
+        depths: (m, 2), at least; of the second, negative where the point is outside by no more than that.
+    """
+
+    centres: FloatArray
+    depths: FloatArray
 
 
 def solid_pairs(robot: Robot, listed: ProofPairs) -> list[SolidPair]:
     """The pairs of a list whose overlap is a collision wherever the robot is: those of a fixed way out are not."""
     excepted = {frozenset(names) for retreat in robot.retreats for names in retreat.pairs}
-    pieces = (*listed.riding, *listed.standing)
+    solids = [_Solid(piece) for piece in (*listed.riding, *listed.standing)]
+    chains = [() if s.body == FIXED else tuple(chain_to_base(robot.bodies, s.body)) for s in solids]
     out = []
     for row, (a, b) in enumerate(listed.pairs[: listed.judged].tolist()):
-        names, solids = listed.names(row), (pieces[a], pieces[b])
-        one, two = (() if p.body == FIXED else tuple(chain_to_base(robot.bodies, p.body)) for p in solids)
+        names, one, two = listed.names(row), chains[a], chains[b]
         moving = tuple(k for k in one if k > 0 and k not in two), tuple(k for k in two if k > 0 and k not in one)
         columns = frozenset(robot.bodies[body].q_index for body in (*moving[0], *moving[1]))
         if columns and frozenset(names) not in excepted:
-            out.append(SolidPair(names, solids, moving, columns))
+            out.append(SolidPair(names, (solids[a], solids[b]), moving, columns))
     return out
 
 
 class Walls:
-    """Judges boxes of some joints of a robot, by the pairs that depend on no others.
-
-    Args:
-        columns: The entries of q of these joints.
+    """Judges boxes of some joints of a robot, by the pairs that can overlap whatever the other joints do.
 
     Attributes:
+        columns: The entries of q of these joints.
         pairs: Those pairs.
         asked: (box, pair) bounds so far.
     """
 
     def __init__(self, robot: Robot, pairs: Sequence[SolidPair], columns: Sequence[int]) -> None:
-        self._robot, self._columns = robot, list(columns)
-        self.pairs = [pair for pair in pairs if pair.columns <= set(columns)]
-        pieces = {id(piece): piece for pair in self.pairs for piece in pair.solids}
-        self._solids = {key: _Solid(piece) for key, piece in pieces.items()}
+        self._robot, self.columns = robot, tuple(columns)
+        lower, upper = robot.bounds
+        self._middle = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
+        self._free = 0.5 * (upper - lower) * (1.0 + ROUNDING)
+        self._free[list(self.columns)] = 0.0
+        here = robot.body_poses_batch(self._middle[None], portable=True)
+        self.pairs: list[SolidPair] = []
+        self._overlaps: list[tuple[_Overlap, ...]] = []
+        for pair in pairs:
+            if pair.columns & set(self.columns) and self._outermost(pair):
+                found = self._balls(pair, here)
+                if found:
+                    self.pairs.append(pair)
+                    self._overlaps.append(found)
         self.asked = 0
+
+    def _balls(self, pair: SolidPair, here: Frames) -> tuple[_Overlap, ...]:
+        """The balls of a pair's solids that other joints do not move too far, and what they reach into."""
+        out, (first, second) = [], pair.solids
+        for solid, other, turned in ((first, second, False), (second, first, True)):
+            if turned and not other.inside.exact:  # balls in balls are the same the other way round
+                continue
+            own, against = pair.moving[::-1] if turned else pair.moving
+            points = solid.points(here)
+            moved = self._motion(own, points, here, self._free[None])
+            moved += self._motion(against, points, here, self._free[None])
+            kept = moved[0] < solid.inside.radii + other.inside.radii.max(initial=-math.inf)
+            if kept.any():
+                out.append(_Overlap(solid, other, own, against, solid.centres[kept], solid.inside.radii[kept]))
+        return tuple(out)
+
+    def _outermost(self, pair: SolidPair) -> bool:
+        """Whether no joint of a box comes after one that is free to move: then it moves the solid always alike."""
+        bodies = self._robot.bodies
+        for chain in pair.moving:
+            boxed = [bodies[body].q_index in self.columns for body in chain]
+            if boxed != sorted(boxed):
+                return False
+        return True
 
     def reaches(self) -> list[float]:
         """How far a solid can be from the axis of each of the joints, about, in metres; 1 for one that slides."""
-        far = dict.fromkeys(self._columns, 0.0)
+        far = dict.fromkeys(self.columns, 0.0)
         bodies = self._robot.bodies
         for pair in self.pairs:
-            for chain, piece in zip(pair.moving, pair.solids, strict=True):
-                solid = self._solids[id(piece)]
-                length = solid.radius + _norm(solid.centre)
+            for chain, solid in zip(pair.moving, pair.solids, strict=True):
+                length = solid.radius + _norm(solid.middle)
                 for body in (bodies[k] for k in chain):
                     reach = abs(body.multiplier) * (1.0 if body.prismatic else length)
-                    far[body.q_index] = max(far[body.q_index], reach)
+                    if body.q_index in far:
+                        far[body.q_index] = max(far[body.q_index], reach)
                     length += _norm(body.placement[:3, 3])
         return list(far.values())
 
-    def judged(self, centres: FloatArray, half: FloatArray) -> Judgement:
-        """Judge boxes of one size.
+    def judged(self, centres: FloatArray, half: FloatArray, doubtful: BoolArray | None = None) -> Judgement:
+        """Judge boxes.
 
         Args:
             centres: Their centres (m, k), in the order of the joints.
-            half: Half of their widths, (k,).
+            half: Half of their widths, (m, k).
+            doubtful: The pairs that were in a box around each, (m, pairs); all if None.
         """
-        Q = np.repeat(self._robot.home[None], len(centres), axis=0)
-        Q[:, self._columns] = centres
-        bodies = self._robot.body_poses_batch(Q, portable=True)
-        travel = np.zeros(self._robot.n)
-        travel[self._columns] = half * (1.0 + ROUNDING)
-        wall, hopeless = np.full(len(Q), -1, dtype=np.intp), np.ones(len(Q), dtype=bool)
-        placed = {key: solid.placed(*bodies) for key, solid in self._solids.items()}
-        for row, pair in enumerate(self.pairs):
-            motion = np.zeros(len(Q))
-            for chain, piece in zip(pair.moving, pair.solids, strict=True):
-                motion += self._motion(chain, self._solids[id(piece)].radius, placed[id(piece)][1], bodies, travel)
-            motion *= 1.0 + ROUNDING
-            first, second = (self._solids[id(piece)] for piece in pair.solids)
-            depth = _depth(first, second, *(placed[id(piece)] for piece in pair.solids))
-            overlap = (wall < 0) & (depth > motion + 2.0 * MARGIN)
-            wall[overlap] = row
-            hopeless &= depth + motion <= 0.0
-        self.asked += len(self.pairs) * len(Q)
-        return Judgement(wall, hopeless)
+        bodies, travel = self._placed(centres, half)
+        wall = np.full(len(centres), -1, dtype=np.intp)
+        left = np.ones((len(centres), len(self.pairs)), dtype=np.bool_) if doubtful is None else doubtful.copy()
+        self.asked += int(left.sum())
+        for row, overlaps in enumerate(self._overlaps):
+            asked = np.flatnonzero((wall < 0) & left[:, row])
+            rows = asked[self._may_touch(overlaps[0], _of(bodies, asked), travel[asked])]
+            left[asked, row] = False
+            at = _of(bodies, rows)
+            for overlap in overlaps if len(rows) else ():
+                depth, motion = self._depth(overlap, at, travel[rows])
+                wall[rows[(depth - motion).max(axis=-1) > 2.0 * MARGIN]] = row
+                left[rows, row] |= (depth + motion).max(axis=-1) > 0.0
+        return Judgement(wall, left)
+
+    def witness(self, centres: FloatArray, half: FloatArray, pair: IntArray) -> Witness:
+        """What shows that boxes are walls, each by the pair (m,) that it was judged to be."""
+        bodies, travel = self._placed(centres, half)
+        out = Witness(np.zeros((len(centres), 2, 3)), np.zeros((len(centres), 2)))
+        for row in np.unique(pair).tolist():
+            best = np.full(len(centres), -math.inf)
+            rows = np.flatnonzero(pair == row)
+            at = _of(bodies, rows)
+            for overlap in self._overlaps[row]:
+                depth, motion = self._depth(overlap, at, travel[rows])
+                ball = (depth - motion).argmax(axis=-1)
+                sure = (depth - motion)[np.arange(len(rows)), ball]
+                better = sure > best[rows]
+                best[rows[better]] = sure[better]
+                order = [1, 0] if overlap.solid is self.pairs[row].solids[1] else [0, 1]
+                found = overlap.witness(_of(at, better), ball[better])
+                out.centres[rows[better]] = found.centres[:, order]
+                out.depths[rows[better]] = found.depths[:, order]
+        return out
+
+    def _placed(self, centres: FloatArray, half: FloatArray) -> tuple[Frames, FloatArray]:
+        """Where bodies are at the centres of boxes, and how far each entry of q may be from there, (m, n)."""
+        Q = np.repeat(self._middle[None], len(centres), axis=0)
+        Q[:, list(self.columns)] = centres
+        travel = np.repeat(self._free[None], len(centres), axis=0)
+        travel[:, list(self.columns)] = half * (1.0 + ROUNDING)
+        return self._robot.body_poses_batch(Q, portable=True), travel
+
+    def _may_touch(self, overlap: _Overlap, bodies: Frames, travel: FloatArray) -> BoolArray:
+        """Where in a box the balls around two solids may overlap, (m,)."""
+        first, second = (each.around(bodies) for each in (overlap.solid, overlap.other))
+        motion = self._motion(overlap.own, first, bodies, travel)
+        motion += self._motion(overlap.against, second, bodies, travel)
+        apart = _length(first - second) - overlap.solid.radius - overlap.other.radius
+        return np.asarray((motion - apart)[:, 0] > 0.0)
+
+    def _depth(self, overlap: _Overlap, bodies: Frames, travel: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How deep balls reach into a solid, at least, and how far they move against it, at most, (m, balls) each."""
+        points = _carried(overlap.solid.body, overlap.centres, bodies)
+        depth = overlap.radii + overlap.other.depth(points, bodies)
+        motion = self._motion(overlap.own, points, bodies, travel)
+        if overlap.against:
+            beside = overlap.other.beside(points, bodies)
+            motion += self._motion(overlap.against, points, bodies, travel, beside=beside)
+        return depth, motion * (1.0 + ROUNDING)
 
     def _motion(
-        self, chain: Sequence[int], radius: float, centres: FloatArray, bodies: Frames, travel: FloatArray
+        self,
+        chain: Sequence[int],
+        points: FloatArray,
+        bodies: Frames,
+        travel: FloatArray,
+        beside: FloatArray | float = 0.0,
     ) -> FloatArray:
-        """How far points of a ball move, at most, against the body that carries all of a chain, (m,)."""
+        """How far points (m, b, 3) move, at most, with a chain of bodies against the one that carries them, (m, b).
+
+        Args:
+            beside: How far the points that are meant are from these, at most.
+        """
         R, p = bodies
-        out = np.zeros(len(R))
+        out = np.zeros(points.shape[:2])
         for index in chain:
             body = self._robot.bodies[index]
-            way = float(travel[body.q_index]) * abs(body.multiplier)
+            way = travel[:, body.q_index, None] * abs(body.multiplier)
             if body.prismatic:
                 out += way
                 continue
-            a, b, c = _columns(_turned(R[:, index], body.axis))
-            x, y, z = _columns(centres - p[:, index])
+            a, b, c = (v[:, None] for v in _columns(_turned(R[:, index], body.axis)))
+            x, y, z = _columns(points - p[:, None, index])
             i, j, k = y * c - z * b, z * a - x * c, x * b - y * a
-            out += way * (np.sqrt(i * i + j * j + k * k) + radius + out)
+            out += np.minimum(way, CHORD) * (np.sqrt(i * i + j * j + k * k) + beside + out)
         return out
 
 
 class _Solid:
-    """A piece: a ball around it, balls inside of it, and its frame in its body or in the world."""
+    """A piece: a ball around it, balls inside of it, all in the frame of its body or of the world."""
 
     def __init__(self, piece: Piece) -> None:
         rows = np.array(piece.frame)
-        self._body, self._R, self._p = piece.body, rows[:, :3], rows[:, 3]
+        self.body, self._R, self._p = piece.body, rows[:, :3], rows[:, 3]
         self.inside = inside_of(piece.shape)
         middle = _middle(piece.shape)
         self.radius = _radius(piece.shape, middle)
-        self.middle = middle
-        self.centre: FloatArray = self._p + _turned(self._R[None], middle)[0]
+        self.middle = self._in_body(middle[None])[0]
+        self.centres = self._in_body(self.inside.centres)
 
-    def placed(self, R: FloatArray, p: FloatArray) -> Frames:
-        """Its orientations and the centres of the ball around it, the bodies being at R (m, bodies, 3, 3) and p."""
-        if self._body == FIXED:
-            return np.broadcast_to(self._R, (len(R), 3, 3)), np.broadcast_to(self.centre, (len(R), 3))
-        own = R[:, self._body]
-        turned: FloatArray = (
-            own[:, :, 0, None] * self._R[0] + own[:, :, 1, None] * self._R[1] + own[:, :, 2, None] * self._R[2]
-        )
-        return turned, _turned(own, self.centre) + p[:, self._body]
+    def _in_body(self, points: FloatArray) -> FloatArray:
+        return np.asarray(_turned(self._R[None], points) + self._p)
+
+    def points(self, bodies: Frames) -> FloatArray:
+        """The centres of its balls, (m, b, 3)."""
+        return _carried(self.body, self.centres, bodies)
+
+    def around(self, bodies: Frames) -> FloatArray:
+        """The centre of the ball around it, (m, 1, 3)."""
+        return _carried(self.body, self.middle[None], bodies)
+
+    def own(self, points: FloatArray, bodies: Frames) -> FloatArray:
+        """Points (m, b, 3) of the world in the frame of its body."""
+        if self.body == FIXED:
+            return points
+        R, p = bodies[0][:, self.body], bodies[1][:, self.body]
+        return _turned_back(R[:, None], points - p[:, None])
+
+    def depth(self, points: FloatArray, bodies: Frames) -> FloatArray:
+        """At least how deep points (m, b, 3) of the world lie in it; outside, minus at least the distance."""
+        return self.inside.depth(_turned_back(self._R[None, None], self.own(points, bodies) - self._p))
+
+    def beside(self, points: FloatArray, bodies: Frames) -> FloatArray | float:
+        """How far the centre of the ball that tells the depth of points is from them; 0 if the depth is exact."""
+        if self.inside.exact:
+            return 0.0
+        return _length(self.deepest(self.own(points, bodies))[0] - self.own(points, bodies))
+
+    def deepest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """For points (..., 3) in the frame of its body, a point inside it near each, and how deep that one lies."""
+        if self.inside.exact:
+            return points, self.inside.depth(_turned_back(self._R[None, None], points - self._p))
+        depths = self.inside.radii - _length(points[..., None, :] - self.centres)
+        ball = depths.argmax(axis=-1)
+        return self.centres[ball], self.inside.radii[ball]
 
 
-def _depth(first: _Solid, second: _Solid, at: Frames, other: Frames) -> FloatArray:
-    """How deep two solids overlap, at least, (m,); negative where they do not, as far as is known."""
-    best: FloatArray = np.full(len(at[0]), -np.inf)
-    for a, b, (R, c), (S, d) in ((first, second, at, other), (second, first, other, at)):
-        if b.inside.exact or a is first:  # balls in balls are the same the other way round
-            for centre, radius in zip(a.inside.centres, a.inside.radii.tolist(), strict=True):
-                way = _turned(R, centre - a.middle) + c - d
-                np.maximum(best, radius + b.inside.depth(_turned_back(S, way) + b.middle), out=best)
-    return best
+@dataclass(frozen=True, eq=False)
+class _Overlap:
+    """Balls of one solid that may reach into another.
+
+    Attributes:
+        own, against: The bodies that move the solid, and the other one, against each other; outermost first.
+        centres, radii: Of the balls, (b, 3) in the frame of their body and (b,).
+    """
+
+    solid: _Solid
+    other: _Solid
+    own: tuple[int, ...]
+    against: tuple[int, ...]
+    centres: FloatArray
+    radii: FloatArray
+
+    def witness(self, bodies: Frames, ball: IntArray) -> Witness:
+        """The chosen balls (m,), and what they reach into."""
+        centres = self.centres[ball]
+        points = _carried(self.solid.body, self.centres, bodies)[np.arange(len(ball)), ball]
+        second, depth = self.other.deepest(self.other.own(points[:, None], bodies))
+        return Witness(np.stack([centres, second[:, 0]], axis=1), np.stack([self.radii[ball], depth[:, 0]], axis=1))
+
+
+def _of(bodies: Frames, rows: IntArray | BoolArray) -> Frames:
+    return bodies[0][rows], bodies[1][rows]
+
+
+def _carried(body: int, points: FloatArray, bodies: Frames) -> FloatArray:
+    """Points (b, 3) of a body in the world, (m, b, 3)."""
+    if body == FIXED:
+        return np.broadcast_to(points, (len(bodies[0]), *points.shape))
+    return np.asarray(_turned(bodies[0][:, None, body], points) + bodies[1][:, None, body])
 
 
 def _middle(shape: Shape) -> FloatArray:
@@ -197,8 +349,7 @@ def _middle(shape: Shape) -> FloatArray:
 def _radius(shape: Shape, middle: FloatArray) -> float:
     """Of a ball about ``middle`` that holds a shape, in metres."""
     if isinstance(shape, Mesh):
-        x, y, z = (shape.vertices - middle).T
-        return float(np.sqrt((x * x + y * y + z * z).max())) * (1.0 + ROUNDING)
+        return float(_length(shape.vertices - middle).max()) * (1.0 + ROUNDING)
     if isinstance(shape, Sphere):
         return shape.radius
     if isinstance(shape, Capsule):
@@ -213,18 +364,22 @@ def _columns(vectors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return vectors[..., 0], vectors[..., 1], vectors[..., 2]
 
 
-def _turned(R: FloatArray, vectors: FloatArray) -> FloatArray:
-    """R v for matrices (m, 3, 3) and a vector (3,) or vectors (m, 3)."""
+def _length(vectors: FloatArray) -> FloatArray:
     x, y, z = _columns(vectors)
-    return np.asarray(R[:, :, 0] * x[..., None] + R[:, :, 1] * y[..., None] + R[:, :, 2] * z[..., None])
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _turned(R: FloatArray, vectors: FloatArray) -> FloatArray:
+    """R v for matrices (..., 3, 3) and vectors (..., 3)."""
+    x, y, z = _columns(vectors)
+    return np.asarray(R[..., 0] * x[..., None] + R[..., 1] * y[..., None] + R[..., 2] * z[..., None])
 
 
 def _turned_back(R: FloatArray, vectors: FloatArray) -> FloatArray:
-    """R^T v for matrices (m, 3, 3) and vectors (m, 3)."""
+    """R^T v for matrices (..., 3, 3) and vectors (..., 3)."""
     x, y, z = _columns(vectors)
-    return np.asarray(R[:, 0] * x[..., None] + R[:, 1] * y[..., None] + R[:, 2] * z[..., None])
+    return np.asarray(R[..., 0, :] * x[..., None] + R[..., 1, :] * y[..., None] + R[..., 2, :] * z[..., None])
 
 
 def _norm(vector: FloatArray) -> float:
-    x, y, z = vector.tolist()
-    return float(np.sqrt(x * x + y * y + z * z))
+    return float(_length(vector))
