@@ -31,6 +31,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
 from planner_service.infeasibility.no_path import prove_no_path
+from planner_service.infeasibility.reached import how_far
 from planner_service.infeasibility.remedies import SEARCHED, Explanation, find_remedies
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.parallel import Engine
@@ -197,18 +198,23 @@ class PlannerService:
             InvalidRequest: As ``plan``, or a number is none from 1 to 1,000.
         """
         plans, remedies = whole("plans", plans, 1, 1000), whole("remedies", remedies, 1, 1000)
-        result = self.plan(request)
+        traced = self.plan(request, trace=True)
+        result, grown = replace(traced, trace=None), None if traced.trace is None else traced.trace.graph
         if result.failure is None:
             return Explanation(result, None, (), 0)
-        no_path = None
+        no_path = reached = None
         goals = [goal for goal in request.goals(self.robot) if not isinstance(goal, Pose | PoseGoal)]
         if result.failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
             no_path = prove_no_path(self.robot, self.scene, np.asarray(request.start), goals, allowed=self._allowed)
+        if result.failure.reason in SEARCHED and grown is not None:
+            ends = [np.asarray(goal) for goal in goals]
+            reached = how_far(self.robot, grown, np.asarray(request.start), ends, self._new_certifier().clearances)
 
         def planned(changed: PlanRequest, scene: Scene) -> PlanResult:
             return self.with_scene(scene).plan(changed)
 
         found, tried = find_remedies(
+            self.robot,
             request,
             self.scene,
             result.failure,
@@ -217,7 +223,7 @@ class PlannerService:
             enough=remedies,
             hopeless=no_path is not None,
         )
-        return Explanation(result, no_path, found, tried)
+        return Explanation(result, no_path, found, tried, reached)
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None

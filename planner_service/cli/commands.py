@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,6 +27,7 @@ from planner_service.cli.run import run
 from planner_service.cli.serve import serve
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
+from planner_service.infeasibility import Reached
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
@@ -163,6 +164,7 @@ def explain(
             "failure": result_record(explained.result)["failure"],
             "proven": explained.proven,
             "no_path": None if explained.no_path is None else str(explained.no_path),
+            "reached": None if explained.reached is None else _reached_document(explained.reached),
             "remedies": [remedy.text for remedy in explained.remedies],
             "plans": explained.plans,
         }
@@ -170,6 +172,16 @@ def explain(
     else:
         emit(render(*str(explained).splitlines()))
     raise typer.Exit(0 if failure is None else NO_PLAN)
+
+
+def _reached_document(reached: Reached) -> dict[str, Any]:
+    return {
+        "nearest": reached.nearest.tolist(),
+        "gap": reached.gap,
+        "tool_gap": reached.tool_gap,
+        "clearance": None if math.isinf(reached.clearance) else reached.clearance,
+        "milestones": list(reached.milestones),
+    }
 
 
 def pick_place(

@@ -31,8 +31,14 @@ ALIKE = 0.6
 UNDECIDED = float(1 << 20)
 """What an undecided cell costs on a way, and an open one costs 1: sums of them are exact."""
 
-SLACK = 1.25
+SLACK = 1.5
 """Ways of up to so many times the fewest undecided cells are cut together."""
+
+LARGE = 0.4
+"""Of the width of the largest cell on these ways, from which on cells are cut."""
+
+FINEST = 2e-4
+"""Metres that a solid moves by in a cell that is not cut again."""
 
 AT_ONCE = 4_000
 """Cells judged at once."""
@@ -71,6 +77,7 @@ class Cells:
     Attributes:
         divisions: Units of the grid along each joint, (k,).
         count: Cells judged.
+        open: Whether cells that cannot be cut join the ends, so that looking on is no use.
     """
 
     def __init__(
@@ -88,7 +95,7 @@ class Cells:
         self.divisions: CellArray = np.full(k, FIRST[k] << CUTS, dtype=np.int64)
         self._lower, self._unit = lower, (upper - lower) / self.divisions
         self._metres = self._unit * np.array(reaches)
-        self.count = 0
+        self.count, self.open = 0, False
         self._low: CellArray = np.zeros((0, k), dtype=np.int64)
         self._size: CellArray = np.zeros((0, k), dtype=np.int64)
         self._pair = np.zeros(0, dtype=np.intp)
@@ -101,21 +108,25 @@ class Cells:
         self._homes = np.full(len(self._points), -1, dtype=np.intp)
 
     def separated(self, most: int) -> Region | None:
-        """A region that parts start and goals, found within so many cells; None if none was found."""
-        corners = _corners((self.divisions >> CUTS).tolist())
-        if len(corners) > most:
-            return None
-        new = self._add(corners << CUTS, np.full_like(corners, 1 << CUTS), [])
-        a, b = np.triu_indices(len(new), 1)
-        self._join(new[a], new[b])
+        """A region that parts start and goals, found within so many cells; None if none was found.
+
+        It may be asked again with more cells.
+        """
+        if not self.count:
+            corners = _corners((self.divisions >> CUTS).tolist())
+            if len(corners) > most:
+                return None
+            new = self._add(corners << CUTS, np.full_like(corners, 1 << CUTS), [])
+            self._join(*new[np.stack(np.triu_indices(len(new), 1))])
         while True:
             ways = self._ways()
             if isinstance(ways, Region):
                 return ways
-            sides = self._sides(ways)
-            chosen = ways[sides.any(axis=1)]
-            sides = sides[sides.any(axis=1)]
-            if not len(chosen) or self.count + int((1 << sides.sum(axis=1)).sum()) > most:
+            self.open = not len(ways)
+            widths = self._widths(ways).max(axis=1, initial=0.0)
+            chosen = ways[widths >= LARGE * widths.max(initial=0.0)]
+            sides = self._sides(chosen)
+            if self.open or self.count + int((1 << sides.sum(axis=1)).sum()) > most:
                 return None
             self._halve(chosen, sides)
 
@@ -153,10 +164,14 @@ class Cells:
         corners = np.stack([self._low, self._low + self._size], axis=1)
         return Region(of_start, corners[cells], corners[walls], self._pair[walls])
 
+    def _widths(self, cells: IntArray) -> FloatArray:
+        """How far a solid moves by each joint within cells, in metres, (m, k)."""
+        return np.asarray(self._size[cells] * self._metres)
+
     def _sides(self, cells: IntArray) -> BoolArray:
-        """Along which joints to halve cells, (m, k): the widest, in metres that a solid moves by."""
-        metres = self._size[cells] * self._metres
-        return np.asarray((metres >= ALIKE * metres.max(axis=1, initial=0.0, keepdims=True)) & (self._size[cells] > 1))
+        """Along which joints to halve cells, (m, k): the widest."""
+        widths = np.where(self._size[cells] > 1, self._widths(cells), 0.0)
+        return np.asarray(widths >= ALIKE * widths.max(axis=1, initial=0.0, keepdims=True))
 
     def _halve(self, chosen: IntArray, sides: BoolArray) -> None:
         """Cut cells along sides, (m, k), and judge what they become."""
@@ -205,6 +220,7 @@ class Cells:
         self._doubtful += [row for part in parts for row in part.doubtful]
         self._low, self._size = np.concatenate([self._low, low]), np.concatenate([self._size, size])
         self._pair = np.concatenate([self._pair, pair])
+        hopeless |= ((size * self._metres < FINEST) | (size == 1)).all(axis=1)
         self._cost = np.concatenate([self._cost, np.where(pair >= 0, np.inf, np.where(hopeless, 1.0, UNDECIDED))])
         self._cut = np.concatenate([self._cut, np.zeros(len(low), dtype=bool)])
         for end, point in enumerate(self._points):

@@ -31,8 +31,8 @@ __all__ = ["NoPath", "prove_no_path"]
 MOST_JOINTS = 4
 """That a proof cuts up together: with each more there are many times as many boxes."""
 
-SHARE = 0.5
-"""Of the boxes that are left, what joints may take that are not the last to be tried."""
+FIRST, MORE = 2_000, 4
+"""Boxes that each set of joints may take at first, and how many times as many whenever all have had theirs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ class NoPath:
     Attributes:
         joints: The joints whose values are cut into boxes.
         pairs: The pairs of links and objects whose overlaps are the walls, each once.
-        boxes: How many were judged.
-        distances: (box, pair) bounds asked.
+        boxes: How many of these joints were judged.
+        distances: (box, pair) bounds asked of them.
         encloses: What the region holds, "start" or "goals"; an end that collides lies in a wall instead.
         range_lower, range_upper: What is cut into boxes, (k,), in radians or metres; of a joint without end a whole
             turn, and both sides are the same.
@@ -124,15 +124,22 @@ def prove_no_path(
     begin = np.asarray(joint_vector("start", start, robot))
     left = whole("max_boxes", max_boxes, 1, 10**9)
     pairs = solid_pairs(robot, ProofPairs(robot, scene, pairs_of_names("allowed", allowed)))
-    choices = list(_choices(robot, pairs))
-    for number, walls in enumerate(choices):
-        most = left if number + 1 == len(choices) else max(1, int(SHARE * left))
-        found, used = _separated(robot, walls, begin, ends, most, charge)
-        if found is not None:
-            return found
-        left -= used
-        if left <= 0:
-            break
+    searches: Iterable[_Search] = (_Search(robot, walls, begin, ends, charge) for walls in _choices(robot, pairs))
+    most = FIRST
+    while left > 0:
+        unfinished = []
+        for search in searches:
+            before = search.cells.count
+            found = search.run(min(most, before + left))
+            if found is not None:
+                return found
+            left -= search.cells.count - before
+            if not search.cells.open:
+                unfinished.append(search)
+        if most >= max_boxes or not unfinished:
+            return None
+        searches = unfinished
+        most *= MORE
     return None
 
 
@@ -149,52 +156,58 @@ def _choices(robot: Robot, pairs: Sequence[SolidPair]) -> Iterator[Walls]:
             yield walls
 
 
-def _separated(
-    robot: Robot,
-    walls: Walls,
-    begin: FloatArray,
-    ends: Sequence[FloatArray],
-    most: int,
-    charge: Callable[[int], None] | None,
-) -> tuple[NoPath | None, int]:
-    """A proof by the walls of some joints within so many boxes, if there is one, and how many were judged."""
-    columns = list(walls.columns)
-    endless = [bool(robot.continuous) and robot.continuous[column] for column in columns]
-    lower, upper = (bound[columns] for bound in robot.bounds)
-    lower = np.where(endless, begin[columns] - math.pi, lower)
-    upper = np.where(endless, begin[columns] + math.pi, upper)
+class _Search:
+    """Looks for a proof by the walls of some joints."""
 
-    def judged(centres: FloatArray, half: FloatArray, doubtful: BoolArray | None) -> Judgement:
-        if charge is not None:
-            charge(int(doubtful.sum()) if doubtful is not None else len(centres) * len(walls.pairs))
-        return walls.judged(centres, half, doubtful)
+    def __init__(
+        self,
+        robot: Robot,
+        walls: Walls,
+        begin: FloatArray,
+        ends: Sequence[FloatArray],
+        charge: Callable[[int], None] | None,
+    ) -> None:
+        self._walls, self._charge = walls, charge
+        columns = list(walls.columns)
+        self._joints = tuple(robot.joint_names[column] for column in columns)
+        endless = [bool(robot.continuous) and robot.continuous[column] for column in columns]
+        lower, upper = (bound[columns] for bound in robot.bounds)
+        self._lower = np.where(endless, begin[columns] - math.pi, lower)
+        self._upper = np.where(endless, begin[columns] + math.pi, upper)
+        start, *goals = (_turned_into(q[columns], self._lower, endless) for q in (begin, *ends))
+        self.cells = Cells(self._lower, self._upper, endless, walls.reaches(), self._judged, start, goals)
 
-    start, *goals = (_turned_into(q[columns], lower, endless) for q in (begin, *ends))
-    cells = Cells(lower, upper, endless, walls.reaches(), judged, start, goals)
-    region = cells.separated(most)
-    if region is None:
-        return None, cells.count
-    unit = (upper - lower) / cells.divisions
-    half = 0.5 * (region.walls[:, 1] - region.walls[:, 0]) * unit
-    witness = walls.witness(lower + region.walls[:, 0] * unit + half, half, region.pairs)
-    used, numbers = np.unique(region.pairs, return_inverse=True)
-    names = [walls.pairs[pair].names for pair in used.tolist()]
-    distinct = list(dict.fromkeys(names))
-    proof = NoPath(
-        tuple(robot.joint_names[column] for column in columns),
-        tuple(distinct),
-        cells.count,
-        walls.asked,
-        "start" if region.of_start else "goals",
-        lower,
-        upper,
-        cells.divisions,
-        region.cells,
-        region.walls,
-        np.array([distinct.index(name) for name in names], dtype=np.intp)[numbers],
-        witness,
-    )
-    return proof, cells.count
+    def run(self, most: int) -> NoPath | None:
+        """A proof, if there is one within so many boxes."""
+        region = self.cells.separated(most)
+        if region is None:
+            return None
+        walls, divisions = self._walls, self.cells.divisions
+        unit = (self._upper - self._lower) / divisions
+        half = 0.5 * (region.walls[:, 1] - region.walls[:, 0]) * unit
+        witness = walls.witness(self._lower + region.walls[:, 0] * unit + half, half, region.pairs)
+        used, numbers = np.unique(region.pairs, return_inverse=True)
+        names = [walls.pairs[pair].names for pair in used.tolist()]
+        distinct = list(dict.fromkeys(names))
+        return NoPath(
+            self._joints,
+            tuple(distinct),
+            self.cells.count,
+            walls.asked,
+            "start" if region.of_start else "goals",
+            self._lower,
+            self._upper,
+            divisions,
+            region.cells,
+            region.walls,
+            np.array([distinct.index(name) for name in names], dtype=np.intp)[numbers],
+            witness,
+        )
+
+    def _judged(self, centres: FloatArray, half: FloatArray, doubtful: BoolArray | None) -> Judgement:
+        if self._charge is not None:
+            self._charge(int(doubtful.sum()) if doubtful is not None else len(centres) * len(self._walls.pairs))
+        return self._walls.judged(centres, half, doubtful)
 
 
 def _turned_into(q: FloatArray, lower: FloatArray, endless: Sequence[bool]) -> FloatArray:

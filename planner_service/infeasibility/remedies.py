@@ -14,13 +14,16 @@ from functools import partial
 
 import numpy as np
 
+from planner_service.collision import CollisionChecker
 from planner_service.constraints.values import Constraint, ToolRegion
 from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.shapes import Pose
 from planner_service.infeasibility.no_path import NoPath
+from planner_service.infeasibility.reached import Reached
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.scene.scene import Obstacle, Scene
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = ["SEARCHED", "Explanation", "Remedy", "find_remedies"]
 
@@ -28,6 +31,9 @@ MOVES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 """Metres by which an object is moved; between the last that fails and the first that helps it is halved."""
 
 HALVINGS = 4
+
+DEEPER = 1e-4
+"""Metres by which a moved object may stand deeper in another: bounds on depths are no finer."""
 
 DIRECTIONS = {
     "up": (0.0, 0.0, 1.0),
@@ -84,12 +90,14 @@ class Explanation:
         no_path: The proof that there is no path at all, if one was found.
         remedies: Changes that give a plan, cheapest first; none if there is a plan, or nothing that was tried helps.
         plans: How many plans were tried.
+        reached: How far the search came, if there was one and its planner says what it grew.
     """
 
     result: PlanResult
     no_path: NoPath | None
     remedies: tuple[Remedy, ...]
     plans: int
+    reached: Reached | None = None
 
     @property
     def proven(self) -> bool:
@@ -102,6 +110,7 @@ class Explanation:
         lines = [f"no plan: {self.result.failure}"]
         lines += [] if self.no_path is None else [str(self.no_path)]
         lines += ["proven: no plan exists for this request"] if self.proven else []
+        lines += [] if self.reached is None else [str(self.reached)]
         lines += [f"this helps: {remedy}" for remedy in self.remedies]
         return "\n".join(lines if self.remedies else [*lines, f"nothing that was tried helps ({self.plans} plans)"])
 
@@ -113,8 +122,8 @@ class _Spent(Exception):
 class _Trials:
     """Plans tried, and what helped."""
 
-    def __init__(self, planned: Planned, plans: int, enough: int) -> None:
-        self._planned, self._left, self._enough = planned, plans, enough
+    def __init__(self, robot: Robot, planned: Planned, plans: int, enough: int) -> None:
+        self.robot, self._planned, self._left, self._enough = robot, planned, plans, enough
         self.plans = 0
         self.found: list[Remedy] = []
 
@@ -141,6 +150,7 @@ class _Trials:
 
 
 def find_remedies(
+    robot: Robot,
     request: PlanRequest,
     scene: Scene,
     failure: Failure,
@@ -158,7 +168,7 @@ def find_remedies(
         enough: How many remedies are looked for.
         hopeless: Whether it is proven that no path exists, so that searching on is no use.
     """
-    trials = _Trials(planned, plans, enough)
+    trials = _Trials(robot, planned, plans, enough)
     steps = [_searched_longer] if failure.reason in SEARCHED and not hopeless else []
     steps += [_moved_end, _turned, _relaxed]
     steps += [_moved_objects, _without_objects] if failure.reason is not Reason.NO_IK_SOLUTION else []
@@ -239,21 +249,24 @@ def _called(constraint: Constraint) -> str:
 
 
 def _moved_objects(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
-    """Objects in the way moved by as little as helps, the least first, one of each direction at most."""
+    """Objects in the way moved by as little as helps, the least first, and not into others."""
     blamed = list(_blamed(scene, failure))
+    stood = {one.name: _overlaps(trials.robot, request, scene, one) for one in blamed}
     helped = set[str]()
     for before, distance in zip((0.0, *MOVES), MOVES, strict=False):
         for direction, axis in DIRECTIONS.items():
             for one in blamed:
-                if one.name in helped:
+                moved = _with_moved(scene, one, axis, distance)
+                if one.name in helped or not _has_room(trials.robot, request, moved, one.name, stood[one.name]):
                     continue
-                result = trials.gives(request, _with_moved(scene, one, axis, distance))
+                result = trials.gives(request, moved)
                 if result is not None:
                     helped.add(one.name)
                     shift = partial(_with_moved, scene, one, axis)
                     least, result = _least(request, trials, shift, before, distance, result)
-                    text = f"move {one.name} {direction} by {least * 1e3:.0f} mm"
-                    trials.keep(text, request, shift(least), result)
+                    if _has_room(trials.robot, request, shift(least), one.name, stood[one.name]):
+                        text = f"move {one.name} {direction} by {least * 1e3:.0f} mm"
+                        trials.keep(text, request, shift(least), result)
 
 
 def _least(
@@ -275,6 +288,23 @@ def _least(
             break
         low, high, result = (low, middle, better) if better is not None else (middle, high, result)
     return high, result
+
+
+def _overlaps(robot: Robot, request: PlanRequest, scene: Scene, one: Obstacle) -> dict[str, float]:
+    """How deep an obstacle stands in others, in metres, at most: it is judged as if the tool held it there."""
+    q = np.clip(request.start, *robot.bounds)
+    in_tool = product(Pose.from_matrix(robot.tool_pose(q)).inverse().matrix, one.pose.matrix)
+    held = Attached(one.name, one.shape, Pose.from_matrix(in_tool))
+    others = tuple(other for other in scene.obstacles if other.name != one.name)
+    checker = CollisionChecker(robot, Scene(others, attached=(held,)))
+    pairs = {frozenset((contact.a, contact.b)): contact.depth for contact in checker.contacts(q)}
+    return {other.name: pairs[pair] for other in others if (pair := frozenset((one.name, other.name))) in pairs}
+
+
+def _has_room(robot: Robot, request: PlanRequest, scene: Scene, name: str, before: dict[str, float]) -> bool:
+    """Whether a moved obstacle stands in no other one deeper than it did."""
+    now = _overlaps(robot, request, scene, scene.obstacle(name))
+    return all(depth <= before.get(other, 0.0) + DEEPER for other, depth in now.items())
 
 
 def _with_moved(scene: Scene, one: Obstacle, axis: tuple[float, float, float], distance: float) -> Scene:

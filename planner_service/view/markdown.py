@@ -59,6 +59,7 @@ def result_markdown(state: ViewState) -> str:
         rows = [plan_row(segment.name, [segment.result]) for segment in state.results]
         rows.append(plan_row("total", results))
     lines = [f"**no plan**: {markdown_escaped(str(state.failure))}"] if state.failure is not None else []
+    lines += ["**proven**: no plan exists"] if state.failure is not None and state.failure.proven else []
     lines += [*_proof(results), *_motion(results), CostTable("", rows).markdown()]
     lines += [f"- {markdown_escaped(note)}" for result in results for note in result.notes]
     return "\n\n".join(lines)
