@@ -1,8 +1,9 @@
 """Is a proof that there is no plan right, and is there one where there should be?
 
-- ``planar2`` among random discs: each query planned or proven impossible. A flood fill of joint space looks at every
-  tenth: start and goal are connected by states that keep what a cell can move by, or not even by states that are just
-  free, corners included; in between it decides nothing.
+- ``planar2`` among random discs: each query planned or proven impossible. A flood fill of joint space, by closed forms
+  of its own, looks at some: start and goal are joined by nodes of a grid that are farther from the discs than half a
+  step moves any point, or not even by nodes that overlap them by less, corners included; in between it decides nothing.
+- Stored pockets, which a link cannot leave (``benchmarks.worlds.pockets``): most are to be proven.
 - Tool poses of the WidowX AI, of which every configuration collides: all to be proven.
 - Queries with a known path, three robots: none may be proven impossible.
 """
@@ -10,17 +11,21 @@
 from __future__ import annotations
 
 import itertools
+import math
 import random
 import time
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 from scipy.ndimage import label
 
-from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table_of
+from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from benchmarks.studies.evidence.worlds import plans
-from planner_service import Box, CollisionChecker, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
+from benchmarks.worlds.pockets import Pocket
+from benchmarks.worlds.pockets import load as load_pockets
+from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.infeasibility import prove_no_path
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
@@ -30,11 +35,19 @@ from planner_service.robot.model import load_robot
 __all__ = ["run"]
 
 WORLDS = 1_000
-FLOODED = 10
-"""Of so many worlds one is filled: that takes a second."""
+FLOODED = 5
+"""Of so many worlds one is filled: that takes seconds."""
 
-CELL = 0.01
+CELL = 0.002
 """Radians."""
+
+REACHES = (1.5, 0.5)
+"""Metres that a point of ``planar2`` may be from the axis of each joint."""
+
+HALF_WIDTH = 0.01
+"""Metres, of its links."""
+
+POCKET_BOXES, POCKETS_PROVEN = 300_000, 0.8
 
 DRAWS = 200
 """Configurations among which two have to be free."""
@@ -46,13 +59,17 @@ BOXES = 3_000
 """For each query with a known path."""
 
 
+ComplexArray = NDArray[np.complex128] | NDArray[np.complex64]
+
+
 def run(queries: int | None, seed: int) -> Report:
     """Measure so many worlds."""
     count = queries or WORLDS
     worlds = [_planar(seed, number) for number in range(count)]
     poses = list(itertools.islice(_poses(seed), max(1, round(POSES * count))))
     known = [_known(plan) for plan in plans(max(1, round(KNOWN * count)), seed + 1)]
-    rows = (*worlds, *poses, *known)
+    pockets = [_pocket(pocket) for pocket in load_pockets()[: None if queries is None else queries]]
+    rows = (*worlds, *poses, *known, *pockets)
     open_ = [row for row in worlds if row["planned"] == row["proven"]]
     against = [row for row in worlds if row["flood"] is not None and row["flood"] != row["planned"]]
     flooded = sum(row["flood"] is not None for row in worlds)
@@ -65,9 +82,14 @@ def run(queries: int | None, seed: int) -> Report:
             f"{unproven} are not",
             not unproven,
         ),
+        Promise(
+            f"at least {POCKETS_PROVEN:.0%} of {len(pockets)} stored pockets are proven",
+            f"{sum(row['proven'] for row in pockets)}",
+            sum(row["proven"] for row in pockets) >= POCKETS_PROVEN * len(pockets),
+        ),
         Promise(f"none of {len(known):,} queries with a known path is proven impossible", f"{false} are", not false),
     )
-    return Report("evidence", rows, (_table(worlds),), promises)
+    return Report("evidence", rows, (_table(worlds), _pockets_table(pockets)), promises)
 
 
 def _planar(seed: int, number: int) -> Row:
@@ -96,23 +118,50 @@ def _discs(chance: random.Random) -> PlannerService:
 def _flooded(service: PlannerService, ends: list[FloatArray]) -> bool | None:
     """Whether a path exists, as far as a grid can tell."""
     low, high = service.robot.limits.lower, service.robot.limits.upper
-    axes = [np.linspace(a, b, int((b - a) / CELL) + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
-    Q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    axes = [np.linspace(a, b, math.ceil((b - a) / CELL) + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
     cells = [tuple(int(np.abs(axis - q).argmin()) for axis, q in zip(axes, end, strict=True)) for end in ends]
-    step = max(float(axis[1] - axis[0]) for axis in axes)
-    shape = tuple(map(len, axes))
-    free = service.checker.states_are_free(Q).reshape(shape)
-    if not _joined(free, cells, np.ones((3, 3))):
+    moved = 0.5 * sum(reach * float(axis[1] - axis[0]) for reach, axis in zip(REACHES, axes, strict=True))
+    gaps = _gaps(service.scene, axes[0], axes[1], 2.0 * moved)
+    if not _joined(gaps > -moved, cells, np.ones((3, 3))):
         return False
-    moved = float(np.sum(service.checker.reach)) * step
-    kept = CollisionChecker(service.robot, service.scene, padding=min(0.1, moved)).states_are_free(Q).reshape(shape)
-    return True if _joined(kept, cells, None) else None
+    return True if _joined(gaps > moved, cells, None) else None
+
+
+def _gaps(scene: Scene, shoulder: FloatArray, elbow: FloatArray, enough: float) -> FloatArray:
+    """The gaps between the arm and the discs, those above ``enough`` as that."""
+    gaps = np.full((len(shoulder), len(elbow)), enough)
+    turned, bent = np.exp(-1j * shoulder), np.exp(-1j * elbow).astype(np.complex64)
+    for disc in scene.obstacles:
+        assert isinstance(disc.shape, Cylinder)
+        x, y, _ = disc.pose.position
+        seen = (x + 1j * y) * turned
+        np.minimum(gaps, (_to_bar(seen, 1.0) - disc.shape.radius)[:, None], out=gaps)
+        rows = np.flatnonzero(np.abs(seen - 1.0) < 0.5 + HALF_WIDTH + disc.shape.radius + enough)
+        for part in np.array_split(rows, max(1, len(rows) // 200)):
+            from_elbow = (seen[part, None] - 1.0).astype(np.complex64) * bent
+            gaps[part] = np.minimum(gaps[part], _to_bar(from_elbow, 0.5) - np.float32(disc.shape.radius))
+    return gaps
+
+
+def _to_bar(points: ComplexArray, length: float) -> FloatArray:
+    """The distance to a link that begins at zero and lies along x."""
+    beyond = np.maximum(np.abs(points.real - 0.5 * length) - 0.5 * length, 0.0)
+    beside = np.maximum(np.abs(points.imag) - HALF_WIDTH, 0.0)
+    return np.asarray(np.hypot(beyond, beside))
 
 
 def _joined(free: BoolArray, cells: list[tuple[int, ...]], around: FloatArray | None) -> bool:
     names, _ = label(free, structure=around)
     first, second = (int(names[cell]) for cell in cells)
     return first == second != 0
+
+
+def _pocket(pocket: Pocket) -> Row:
+    """A stored query without a path."""
+    clock = time.process_time()
+    proof = prove_no_path(load_robot(pocket.robot), pocket.scene, pocket.start, [pocket.goal], max_boxes=POCKET_BOXES)
+    row: Row = {"kind": f"{pocket.robot}, {pocket.joints} joints", "proven": proof is not None}
+    return row | {"ms": (time.process_time() - clock) * 1e3, "boxes": proof.boxes if proof is not None else None}
 
 
 def _poses(seed: int) -> Iterator[Row]:
@@ -150,3 +199,12 @@ def _table(worlds: list[Row]) -> Table:
         "no proof ms": f"{p50(none):.0f} / {p95(none):.0f}" if none else "-",
     }
     return table_of("planar2 among random discs", [line], caption="p50 / p95 of CPU time")
+
+
+def _pockets_table(rows: list[Row]) -> Table:
+    lines = []
+    for kind, group in grouped(rows, "kind").items():
+        ms = [row["ms"] for row in group if row["proven"]]
+        line = {"kind": kind, "pockets": str(len(group)), "proven": str(len(ms))}
+        lines.append(line | {"ms": spread(ms) if ms else "-"})
+    return table_of("Pockets that a link cannot leave", lines, caption="ms: p50 / p95 of CPU time of proofs")

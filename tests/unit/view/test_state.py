@@ -348,6 +348,7 @@ def test_a_plan_that_fails_is_told_with_its_reason(discs: PlannerService) -> Non
     assert state.playback is None
     words = result_markdown(state)
     assert "GOAL\\_IN\\_COLLISION" in words
+    assert "**proven**: no plan exists" in words
     assert "| endpoints |" in words
 
 
