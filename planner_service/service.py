@@ -200,13 +200,17 @@ class PlannerService:
         plans, remedies = whole("plans", plans, 1, 1000), whole("remedies", remedies, 1, 1000)
         traced = self.plan(request, trace=True)
         result, grown = replace(traced, trace=None), None if traced.trace is None else traced.trace.graph
-        if result.failure is None:
+        failure = result.failure
+        if failure is None:
             return Explanation(result, None, (), 0)
         no_path = reached = None
         goals = [goal for goal in request.goals(self.robot) if not isinstance(goal, Pose | PoseGoal)]
-        if result.failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
+        if failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
             no_path = prove_no_path(self.robot, self.scene, np.asarray(request.start), goals, allowed=self._allowed)
-        if result.failure.reason in SEARCHED and grown is not None:
+        if no_path is not None:
+            failure = replace(failure, proven=True)
+            result = replace(result, failure=failure)
+        if failure.reason in SEARCHED and grown is not None:
             ends = [np.asarray(goal) for goal in goals]
             reached = how_far(self.robot, grown, np.asarray(request.start), ends, self._new_certifier().clearances)
 
@@ -217,7 +221,7 @@ class PlannerService:
             self.robot,
             request,
             self.scene,
-            result.failure,
+            failure,
             planned,
             plans=plans,
             enough=remedies,

@@ -2,8 +2,9 @@
 
 That the start is enclosed is decided by a flood fill, not by a proof of the product: plates are taken thinner by what
 any point of the link moves by between a configuration and the nearest node of a grid. What cannot be left in the steps
-of the grid, diagonals included, then cannot be left at all with the whole plates. ``python -m benchmarks.worlds.pockets``
-draws and stores them.
+of the grid, diagonals included, then cannot be left at all with the whole plates.
+
+``python -m benchmarks.worlds.pockets`` draws and stores them.
 """
 
 from __future__ import annotations

@@ -92,7 +92,8 @@ def test_walls_between_start_and_goal_are_proven_and_moved_away() -> None:
     service = PlannerService(arm, Scene(tuple(discs)))
     found = service.explain(PlanRequest([0.0, 0.0], [3.0, 0.0], max_checks=5_000, time_limit=None), remedies=1)
     assert found.no_path is not None
-    assert found.proven
+    assert found.result.failure is not None
+    assert found.result.failure.proven
     assert "no path exists" in str(found)
     assert found.remedies[0].text.startswith("move left")
 
