@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import hmac
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from planner_service.serve.problems import PROBLEM_JSON, Problem
 
-__all__ = ["MAX_BODY", "Guard"]
+__all__ = ["MAX_BODY", "MAX_HEAD", "Guard"]
 
 MAX_BODY = 20_000_000
 """Bytes of a body."""
+
+MAX_HEAD = 32_000
+"""Bytes of an address and the headers."""
 
 OPEN = frozenset({"/health", "/ready"})
 """Addresses that need no token."""
@@ -48,8 +52,7 @@ class Guard:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        headers = _headers(scope["headers"])
-        problem = self._problem(scope["path"], headers)
+        problem = self._problem(scope)
         if problem is not None:
             await _refuse(problem, send)
             return
@@ -74,8 +77,14 @@ class Guard:
         except _TooLarge:
             if not began:
                 await _refuse(Problem("too-large", f"a body has at most {MAX_BODY:,} bytes"), send)
+        except ClientDisconnect:  # within its body
+            return
 
-    def _problem(self, path: str, headers: Mapping[str, list[str]]) -> Problem | None:
+    def _problem(self, scope: Scope) -> Problem | None:
+        size = sum(len(name) + len(value) for name, value in scope["headers"]) + len(scope["query_string"])
+        if size + len(scope["path"]) > MAX_HEAD:
+            return Problem("header-too-large", f"a request has at most {MAX_HEAD:,} bytes before its body")
+        headers = _headers(scope["headers"])
         hosts = headers.get("host", [])
         if self.hosts is not None and (len(hosts) != 1 or hosts[0].lower() not in self.hosts):
             return Problem("wrong-host", "Host: expected this machine's address and port")
@@ -84,7 +93,7 @@ class Guard:
             return Problem("cross-origin", "Origin: pages of other origins are not served")
         if headers.get("sec-fetch-site", ["none"])[0] not in ("none", "same-origin"):
             return Problem("cross-origin", "Sec-Fetch-Site: pages of other origins are not served")
-        if self.token is not None and path not in OPEN:
+        if self.token is not None and scope["path"] not in OPEN:
             sent = headers.get("authorization", [])
             if len(sent) != 1 or not hmac.compare_digest(sent[0].encode(), f"Bearer {self.token}".encode()):
                 return Problem("unauthorized", "Authorization: expected Bearer and the token")

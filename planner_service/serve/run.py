@@ -20,6 +20,7 @@ from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.serve.app import create_app
+from planner_service.serve.connection import Connection
 from planner_service.serve.guard import LOOPBACK, Guard
 from planner_service.serve.server import PlanningServer
 from planner_service.serve.store import Store
@@ -106,7 +107,7 @@ def serve(
             date_header=False,
             lifespan="on",
             ws="none",
-            http="httptools",
+            http=Connection,
             timeout_graceful_shutdown=5,
             limit_concurrency=1_000,
         )

@@ -1,0 +1,75 @@
+"""One connection of a client: what it sends is read only so far and so long."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from planner_service.serve.guard import MAX_BODY, MAX_HEAD
+from planner_service.serve.problems import PROBLEM_JSON, Problem
+
+__all__ = ["Connection"]
+
+MAX_REQUEST = MAX_HEAD + 2 * MAX_BODY
+"""Bytes of a whole request, with what a chunked body has between its chunks and after them."""
+
+MAX_SECONDS = 60.0
+"""For a whole request to arrive; also for its first byte after a client has connected."""
+
+
+class Connection(HttpToolsProtocol):
+    """Ends when a request is too large or too slow, which uvicorn does not limit while it reads one."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._in_head, self._bytes = True, 0
+        self._late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """The client has connected."""
+        super().connection_made(transport)
+        self._expect()
+
+    def data_received(self, data: bytes) -> None:
+        """Some bytes have come, of one request or of several."""
+        self._bytes += len(data)
+        super().data_received(data)
+        if self._in_head and self._bytes > MAX_HEAD:
+            problem = Problem("header-too-large", f"a request has at most {MAX_HEAD:,} bytes before its body")
+            head = f"content-type: {PROBLEM_JSON}\r\ncontent-length: {len(problem.content)}\r\nconnection: close"
+            self.transport.write(f"HTTP/1.1 {problem.status} \r\n{head}\r\n\r\n".encode("ascii") + problem.content)
+            self.transport.close()
+        elif self._bytes > MAX_REQUEST:
+            self.transport.close()
+
+    def on_message_begin(self) -> None:
+        """The first byte of a request has come."""
+        super().on_message_begin()
+        self._expect()
+
+    def on_headers_complete(self) -> None:
+        """What comes before the body has come."""
+        self._in_head = False
+        super().on_headers_complete()
+
+    def on_message_complete(self) -> None:
+        """The whole request has come."""
+        self._in_head, self._bytes = True, 0
+        self._expect_nothing()
+        super().on_message_complete()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection has ended."""
+        self._expect_nothing()
+        super().connection_lost(exc)
+
+    def _expect(self) -> None:
+        self._expect_nothing()
+        self._late = self.loop.call_later(MAX_SECONDS, self.transport.close)
+
+    def _expect_nothing(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
