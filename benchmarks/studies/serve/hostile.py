@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from benchmarks.attack.jail import become_nobody, give_to_nobody
 from benchmarks.harness.report import Promise, Report, Row, table_of
@@ -54,10 +55,13 @@ def run(queries: int | None = None, seed: int = 0) -> Report:
     """
     count = REQUESTS if queries is None else queries
     with server("--workers", "1", "--queue", "16") as running:
+        scene = _scene(running)
         first, before = _plan(running), running.megabytes
         examined = _examined(running, seed, EXAMPLES if queries is None else 2)
         statuses = _bombarded(running, count, seed)
         end, alive = running.megabytes, running.process.poll() is None
+        if alive:
+            _restore(running, scene)
         same = alive and _plan(running) == first
     refused = _strangers()
     faults = {status: number for status, number in statuses.items() if status.startswith("5")}
@@ -88,6 +92,22 @@ def run(queries: int | None = None, seed: int = 0) -> Report:
         ),
     )
     return Report("serve", tuple(rows), (table_of("Bare sockets", lines, caption=caption),), promises)
+
+
+def _scene(running: Server) -> dict[str, Any]:
+    """The scene that plans are made in, as it is stored."""
+    with connected(running.port) as link:
+        document = link.ask("GET", f"/scenes/{asked.SCENE}").document
+    return {name: document[name] for name in ("description", "obstacles", "attached")}
+
+
+def _restore(running: Server, scene: dict[str, Any]) -> None:
+    """Leave the server no scene but that one: whoever may use a server may delete its scenes, too."""
+    with connected(running.port) as link:
+        for stored in link.ask("GET", "/scenes").document["scenes"]:
+            link.ask("DELETE", f"/scenes/{quote(stored['name'], safe='')}")
+        reply = link.ask("PUT", f"/scenes/{asked.SCENE}", scene)
+        assert reply.status in (200, 201), reply.data
 
 
 def _plan(running: Server) -> str:
