@@ -182,7 +182,7 @@ def _answer(port: int, data: bytes) -> str:
     try:
         with socket.create_connection(("127.0.0.1", port), PATIENCE) as link:
             with suppress(OSError):  # refused before it was sent whole
-                link.sendall(data)
+                link.sendall(data.replace(b"Host: localhost", b"Host: 127.0.0.1:%d" % port))
                 link.shutdown(socket.SHUT_WR)
             answer = b""
             while len(answer) < 12 or answer.startswith(b"HTTP/1.1 100"):
