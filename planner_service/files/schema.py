@@ -265,7 +265,7 @@ def _located(where: str, problem: str) -> str:
 
 def _unknown_key(key: Any, parent: Any, reading: Reading) -> str:
     model = reading.models.get(id(parent))
-    known = [] if model is None else list(model.model_fields)
+    known = [] if model is None else [field.alias or name for name, field in model.model_fields.items()]
     reading.hints += 1
     near = get_close_matches(str(key), known, n=1) if reading.hints <= MAX_HINTS and len(str(key)) <= MAX_LABEL else []
     hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"

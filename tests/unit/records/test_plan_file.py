@@ -307,6 +307,7 @@ def test_a_damaged_file_names_the_place_and_what_would_be_right(
         (lambda d: d["nearest"].append("x"), "unreachable.nearest: got [0.1, 0.333"),
         (lambda d: d["suggestion"]["slips"].append("inches"), "unreachable.suggestion.slips: got"),
         (lambda d: d["suggestion"]["pose"].update(quaternion_wxyz=[2, 0, 0, 0]), "a unit quaternion"),
+        (lambda d: d["suggestion"]["pose"].update(quaternion=[1, 0, 0, 0]), "did you mean 'quaternion_wxyz'?"),
         (lambda d: d["beyond"].update(needed=None), "unreachable.beyond.needed: got None"),
     ],
 )
