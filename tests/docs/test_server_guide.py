@@ -1,0 +1,47 @@
+"""The guide to the server shows what a server answers.
+
+``WRITE_OUTPUTS=1`` in the environment writes the outputs of today into the page.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.served import served
+
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "server.md"
+SHOWN_AT = "http://localhost:8080"
+BLOCK = re.compile(r"^```console\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+COMMAND = re.compile(r"^\$ (?:.*\\\n)*.*\n", re.MULTILINE)
+
+
+def answered(command: str, url: str, folder: Path) -> str:
+    """What a command of the page prints."""
+    text = command.removeprefix("$ ").replace(SHOWN_AT, url)
+    text = text.replace("planner-service", f"{sys.executable} -m planner_service")
+    done = subprocess.run(["bash", "-c", text], cwd=folder, capture_output=True, text=True, check=True, timeout=120)
+    return done.stdout if done.stdout.endswith("\n") or not done.stdout else f"{done.stdout}\n"
+
+
+@pytest.mark.slow
+def test_the_guide_to_the_server_shows_its_answers(tmp_path: Path) -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    with served(tmp_path, "--robot", "wxai", "--scene", "bin", "--workers", "1") as url:
+
+        def of_today(block: re.Match[str]) -> str:
+            commands = COMMAND.findall(block[1])
+            if not any(SHOWN_AT in command for command in commands):
+                return block[0]
+            lines = "".join(command + answered(command, url, tmp_path) for command in commands)
+            return f"```console\n{lines}```\n"
+
+        today = BLOCK.sub(of_today, page)
+    if "WRITE_OUTPUTS" in os.environ:  # to take over what changed on purpose; read the diff
+        PAGE.write_text(today, encoding="utf-8")
+    assert page.splitlines() == today.splitlines()
