@@ -374,10 +374,10 @@ def test_a_cloud_hides_nothing_of_what_one_box_shows() -> None:
     one = CollisionChecker(robot, Scene((Obstacle("wall", whole, Pose((0.35, 0.1225, 0.15))),)))
     assert many.pair_count > 50 * one.pair_count // 2
     hits = 0
-    for q in RNG.uniform(robot.limits.lower, robot.limits.upper, (1500, 6)):
+    for q in RNG.uniform(robot.limits.lower, robot.limits.upper, (500, 6)):
         if not one.state_is_free(q):
             hits += 1
             assert not many.state_is_free(q)
         elif hits % 8 == 0 and many.state_is_free(q):
             assert many.clearance(q) <= one.clearance(q) + 1e-6
-    assert hits > 100
+    assert hits > 30

@@ -234,9 +234,8 @@ def test_an_optimum_that_no_law_can_drive_is_not_kept(discs: PlannerService, mon
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
-def test_optima_and_what_replaces_them_have_the_same_bits_in_other_processes(cpu: dict[str, str]) -> None:
-    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "12345", **cpu}
+def test_optima_and_what_replaces_them_have_the_same_bits_in_a_process_for_an_older_cpu() -> None:
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "12345", **OTHER_CPU}
     code = "from tests.unit.planning.test_polishing import told; print(told())"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -529,19 +528,19 @@ def test_what_the_command_line_cannot_use_is_named(more: tuple[str, ...], told: 
 
 @pytest.mark.slow
 def test_the_measure_keeps_its_promises_on_a_part() -> None:
-    rows = list(hybrid_rows(("post",), 4))
-    warned = list(warning_rows(("post",), 6))
+    rows = list(hybrid_rows(("post",), 2))
+    warned = list(warning_rows(("post",), 3))
     kept = {promise.text: promise.kept for promise in promises(rows, warned, [])}
-    assert [row["failure"] for row in rows] == [None] * 4
+    assert [row["failure"] for row in rows] == [None] * 2
     for words in ("smallest clearance", "length at most", "motion time at most", "no result without", "an optimum of"):
         assert [value for text, value in kept.items() if text.startswith(words)] == [True], words
 
 
 @pytest.mark.slow
 def test_the_measure_sees_a_plan_without_its_distance() -> None:
-    rows = list(hybrid_rows(("post",), 2, polish=Optimise(clearance=0.0)))
+    rows = list(hybrid_rows(("post",), 1, polish=Optimise(clearance=0.0)))
     held = [row | {"wanted": 0.02} for row in rows]
-    told = promises(held, list(warning_rows(("post",), 6)), [])
+    told = promises(held, list(warning_rows(("post",), 1)), [])
     assert not told[0].kept
 
 
