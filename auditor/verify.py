@@ -15,8 +15,9 @@ r_k being the largest distance of its points from axis k meanwhile. Only the joi
 the piece by at most the sum of theirs, m_k; so ``r_k <= (r_k at one end + r_k at the other + m_k) / 2``, from the tool
 inwards. Two pieces of the robot move against each other by the joints that carry only one of them.
 
-Not checked: the timing along the curve; pairs that the file declares to be no concern, which are listed; and that the
-robot and the scene in the file are those in the room: compare the digests.
+A constraint has no trail: ``kept`` says how it is shown. Not checked: the timing along the curve; pairs that the file
+declares to be no concern, which are listed; and that the robot and the scene in the file are those in the room:
+compare the digests.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ import math
 import sys
 import zlib
 from collections.abc import Iterator
-from typing import Any
+from functools import cache
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,13 +39,10 @@ __all__ = ["Invalid", "main", "verify"]
 
 Array = Any
 Json = Any
-Frame = tuple[Array, Array]  # a rotation (3, 3) and an origin (3,)
 
-ROUNDING = 1e-8  # metres: directions are written to nine digits
+ROUNDING = 2e-8  # metres: directions are written to nine digits
 SLACK = 1e-9  # of joints, places and constraints: rounding
-UNIT = 2.0**30  # a direction's length in a table
 MOST_BYTES, MOST_STRETCHES = 200_000_000, 200_000
-STILL: Frame = (np.eye(3), np.zeros(3))
 
 
 class Invalid(Exception):
@@ -67,101 +67,105 @@ def digest(record: Json) -> str:
     return hashlib.sha256(json.dumps(record, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def joined(a: Frame, b: Frame) -> Frame:
-    return a[0] @ b[0], a[0] @ b[1] + a[1]
+# Frames (4, 4), the solids in them, and the bodies of a robot
 
 
-def pose(record: Json) -> Frame:
-    w, x, y, z = q = np.array(record["quaternion_wxyz"], float) / np.linalg.norm(record["quaternion_wxyz"])
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    require(np.isfinite(q), "a quaternion of length 0")
-    return np.eye(3) + 2 * (w * K + K @ K), np.array(record["position"], float)
+def frame(R: Any, t: Any) -> Array:
+    T = np.vstack([np.column_stack([R, t]), [0, 0, 0, 1]]).astype(float)
+    require(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)) < SLACK, "a frame that is no rotation")
+    return T
 
 
-# Solids
+def turned(axis: Any, sine: Any, versine: Any) -> Array:
+    """Rotations (..., 3, 3) about a unit vector; about a shorter one if sine and versine are larger (Rodrigues)."""
+    K = np.cross(np.eye(3), np.array(axis, float))
+    return np.eye(3) + sine * K + versine * (K @ K)
 
 
-class Piece:
-    """The hull of points, each with a ball around it and a disc square to an axis, in the frame of what carries it."""
+def pose(record: Json) -> Array:
+    w, *axis = np.array(record["quaternion_wxyz"], float) / np.linalg.norm(record["quaternion_wxyz"])
+    return frame(turned(axis, 2 * w, 2.0), record["position"])
 
-    def __init__(self, points: Array, ball: float = 0.0, disc: float = 0.0, axis: Any = (0, 0, 1), at: Frame = STILL):
-        self.points, self.ball, self.disc, self.axis = points @ at[0].T + at[1], ball, disc, at[0] @ np.array(axis)
-        self.centre = self.points.mean(axis=0)
-        self.radius = math.hypot(np.linalg.norm(self.points - self.centre, axis=1).max(), disc) + ball
 
-    def extent(self, n: Array) -> Array:
-        """How far it reaches along directions (k, 3) of any length."""
-        far = (n @ self.points.T).max(axis=1) + self.ball * np.linalg.norm(n, axis=1)
-        return far + self.disc * np.linalg.norm(np.cross(n, self.axis), axis=1) if self.disc else far
+class Piece(NamedTuple):
+    """The hull of points, each with a ball around it and a disc square to an axis, in the frame of a body."""
+
+    points: Array
+    axis: Array
+    ball: float = 0.0
+    disc: float = 0.0
+
+
+def pieces(name: str, solid: Json, at: Array, boxes: Json) -> list[Piece]:
+    """The convex pieces of a solid in the order in which a trail numbers them."""
+    kind, length, r = solid["kind"], float(solid.get("length", 0.0)), float(solid.get("radius", 0.0))
+    if kind == "compound":
+        parts = [(part["shape"], at @ pose(part["pose"])) for part in solid["parts"]]
+        return [piece for shape, T in parts for piece in pieces(name, shape, T, boxes)]
+    if kind in ("cloud", "heights"):
+        rows, (low, high) = unpacked(boxes[name], "<f8", 6).reshape(-1, 2, 3), cells(solid)
+        left = np.ones(len(low), bool)
+        for row in rows:
+            left &= ((low < row[0] - SLACK) | (high > row[1] + SLACK)).any(axis=1)
+        require(~left, f"{name}: the boxes of the evidence leave some of it out")
+        hulls = [corners(*row) for row in rows]
+    elif kind == "mesh":
+        hulls = [unpacked(solid["vertices"], "<f8", 3, small=False)]
+    else:
+        require(kind in ("box", "sphere", "capsule", "cylinder") and r >= 0, f"{name}: no such solid: {kind}")
+        half = np.array(solid["size"] if kind == "box" else [0, 0, length], float) / 2
+        hulls = [corners(-half, half)]
+    ball, disc = (0.0, r) if kind == "cylinder" else (r, 0.0)
+    return [Piece(hull @ at[:3, :3].T + at[:3, 3], at[:3, 2], ball, disc) for hull in hulls]
 
 
 def corners(low: Array, high: Array) -> Array:
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return np.unique(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])], axis=0
+    )
 
 
-def pieces(name: str, solid: Json, at: Frame, boxes: Json) -> list[Piece]:
-    """The convex pieces of a solid in the order in which a trail numbers them."""
-    kind, r = solid["kind"], float(solid.get("radius", 0.0))
-    require(r >= 0, f"{name}: a negative radius")
-    ends = np.array([[0, 0, -0.5], [0, 0, 0.5]]) * float(solid.get("length", 0.0))
-    if kind == "compound":
-        parts = [(part["shape"], joined(at, pose(part["pose"]))) for part in solid["parts"]]
-        return [piece for shape, frame in parts for piece in pieces(name, shape, frame, boxes)]
-    if kind in ("cloud", "heights"):
-        rows = unpacked(boxes[name], "<f8", 6)
-        require(held(solid, rows), f"{name}: the boxes of the evidence leave some of it out")
-        return [Piece(corners(row[:3], row[3:]), at=at) for row in rows]
-    if kind == "mesh":
-        return [Piece(unpacked(solid["vertices"], "<f8", 3, small=False), at=at)]
-    if kind == "box":
-        return [Piece(corners(-0.5 * np.array(solid["size"]), 0.5 * np.array(solid["size"])), at=at)]
-    require(kind in ("sphere", "capsule", "cylinder"), f"{name}: a solid of unknown kind {kind}")
-    return [Piece(ends, **{"disc" if kind == "cylinder" else "ball": r}, at=at)]
-
-
-def held(solid: Json, rows: Array) -> bool:
-    """Whether boxes hold every cell of a cloud, or every column of a height field."""
-    low: Array
-    size: Array
+def cells(solid: Json) -> tuple[Array, Array]:
+    """Lower and upper corners (k, 3) of the cells of a cloud, or of the columns of a height field."""
     if solid["kind"] == "cloud":
         low = unpacked(solid["cells"], "<i8", 3, small=False).astype(float)
-        high, size = low + 1, np.full(3, float(solid["resolution"]))
-    else:
-        heights = unpacked(solid["heights"], "<f8", solid["columns"], small=False)
-        at, tops = np.argwhere(heights > solid["floor"]), heights[heights > solid["floor"]]
-        low = np.column_stack([at, np.full(len(at), solid["floor"])])
-        high, size = np.column_stack([at + 1, tops]), np.array([solid["cell"], solid["cell"], 1.0])
-    left = np.ones(len(low), bool)
-    for row in rows:
-        left &= ~((row[:3] / size <= low + SLACK).all(1) & (row[3:] / size >= high - SLACK).all(1))
-    return not left.any()
+        return low * solid["resolution"], (low + 1) * solid["resolution"]
+    heights, floor, size = (
+        unpacked(solid["heights"], "<f8", solid["columns"], small=False),
+        solid["floor"],
+        solid["cell"],
+    )
+    at, tops = np.argwhere(heights > floor), heights[heights > floor]
+    return np.column_stack([at * size, tops * 0 + floor]), np.column_stack([(at + 1) * size, tops])
 
 
-# The robot, and the curve in joint space
+def around(piece: Piece) -> float:
+    """The radius of a ball about the mean of its points that holds a piece."""
+    far = np.linalg.norm(piece.points - piece.points.mean(axis=0), axis=1).max()
+    return math.hypot(far, piece.disc) + piece.ball
 
 
-class Body:
+class Body(NamedTuple):
     """What a joint moves: ``times`` q[column], about or along ``axis``; at rest its frame is ``at`` in the parent's."""
 
-    def __init__(self, parent: int, at: Frame, axis: Any, slides: bool, column: int, times: float = 1.0):
-        self.parent, self.at, self.axis, self.slides = parent, at, np.array(axis, float), slides
-        self.column, self.times, (x, y, z) = column, times, axis
-        require(parent < 0 or abs(np.linalg.norm(self.axis) - 1) < SLACK, "an axis that is no unit vector")
-        require(np.abs(at[0] @ at[0].T - np.eye(3)) < SLACK, "a placement that is no rotation")
-        self.K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    parent: int
+    at: Array
+    axis: Any
+    slides: bool
+    column: int
+    times: float = 1.0
 
 
-def placed(bodies: list[Body], q: Array) -> list[Frame]:
-    """Rotations (m, 3, 3) and origins (m, 3) of all bodies at configurations q (m, n)."""
-    out: list[Frame] = [(np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3)))]
+def placed(bodies: list[Body], q: Array) -> list[Array]:
+    """Frames (m, 4, 4) of all bodies at configurations q (m, n)."""
+    out = [np.tile(np.eye(4), (len(q), 1, 1))]
     for body in bodies[1:]:
-        (R, t), x = out[body.parent], (q[:, body.column] * body.times)[:, None]
-        R, t = R @ body.at[0], t + R @ body.at[1]
+        T, x = np.tile(np.eye(4), (len(q), 1, 1)), q[:, body.column, None] * body.times
         if body.slides:
-            t = t + (R @ body.axis) * x
-        else:  # Rodrigues
-            R = R @ (np.eye(3) + np.sin(x)[:, None] * body.K + (1 - np.cos(x))[:, None] * (body.K @ body.K))
-        out.append((R, t))
+            T[:, :3, 3] = x * body.axis
+        else:
+            T[:, :3, :3] = turned(body.axis, np.sin(x)[:, None], 1 - np.cos(x)[:, None])
+        out.append(out[body.parent] @ body.at @ T)
     return out
 
 
@@ -172,307 +176,263 @@ def chain(bodies: list[Body], body: int) -> list[int]:
 
 class Curve:
     """Waypoints joined by lines; a corner with a blend of width d has instead, from d before to d after it, the tangent
-    ``u + (v - u) f(y)``, ``f(y) = 1/2 + (5 y - y^5) / 8``, y from -1 to 1: a joint turns back on it at most once."""
+    ``u + (v - u) f(y)``, ``f(y) = 1/2 + (5 y - y^5) / 8``, y from -1 to 1: a joint turns back on it at most once.
 
-    def __init__(self, waypoints: Any, blends: Any):
-        self.points = np.array(waypoints, float)
-        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        self.tangents = np.diff(self.points, axis=0) / np.maximum(steps, 1e-300)[:, None]
-        self.knots, self.d = np.cumsum([0.0, *steps]), np.array([*blends] or np.zeros(len(steps) + 1), float)
-        self.length = self.knots[-1]
-        require(
-            self.d.shape == self.knots.shape and len(steps) and (self.d >= 0).all(), "no curve: waypoints and blends"
-        )
-        require((self.d[1:] + self.d[:-1] <= steps * (1 + SLACK)).all() and not self.d[[0, -1]].any(), "blends overlap")
-        self.rounded: Array = np.flatnonzero(self.d)
-        self.breaks = np.unique([self.knots - self.d, self.knots + self.d])
-        places = [np.sort([*self.knots[self.d == 0], *self.turns(j)]) for j in range(self.points.shape[1])]
-        at = [self.at(s)[:, j] for j, s in enumerate(places)]
-        self.walked = [(s, q, np.cumsum(np.abs(np.diff(q, prepend=q[0])))) for s, q in zip(places, at, strict=True)]
+    ``places`` are such that between one and the next all joints move one way, on one line or blend.
+    """
 
-    def turns(self, joint: int) -> Iterator[float]:
-        """Where on its blends a joint turns back."""
-        for k in self.rounded:
-            (u, v), low, high = self.tangents[k - 1 : k + 1, joint], -1.0, 1.0
-            for _ in range(60 if u * v < 0 else 0):
-                y = (low + high) / 2
-                low, high = (y, high) if 0.5 + (5 * y - y**5) / 8 < u / (u - v) else (low, y)
-            if u * v < 0:
-                yield self.knots[k] + low * self.d[k]
+    def __init__(self, waypoints: Array, blends: Json):
+        self.points, steps = waypoints, np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+        knots, d = np.cumsum([0.0, *steps]), np.array([*blends] or [0.0] * len(waypoints), float)
+        fits = len(d) == len(knots) > 1 and (d >= 0).all() and not d[[0, -1]].any()
+        require(fits and (d[1:] + d[:-1] <= steps * (1 + SLACK)).all(), "no curve, or blends that overlap")
+        tangents = np.diff(waypoints, axis=0) / np.maximum(steps, 1e-300)[:, None]
+        self.first, self.bends, self.length = tangents[0], np.diff(tangents, axis=0), knots[-1]
+        self.corners, self.d, u = knots[1:-1], d[1:-1], tangents[:-1]
+        low, high = -np.ones_like(u), np.ones_like(u)
+        for _ in range(60):  # to where a joint turns back, if it does
+            y = (low + high) / 2
+            ahead = u * (u + self.bends * (0.5 + (5 * y - y**5) / 8)) > 0
+            low, high = np.where(ahead, y, low), np.where(ahead, high, y)
+        ends = [*knots, *(self.corners - self.d), *(self.corners + self.d)]
+        self.places = np.unique([*ends, *(self.corners[:, None] + self.d[:, None] * low).ravel()])
+        self.walked = np.cumsum(np.abs(np.diff(self.at(self.places), axis=0, prepend=waypoints[:1])), axis=0)
 
-    def at(self, s: Array) -> Array:
-        """Configurations at places s (m,)."""
-        line = np.clip(np.searchsorted(self.knots, s, "right") - 1, 0, len(self.tangents) - 1)
-        q = self.points[line] + self.tangents[line] * (s - self.knots[line])[:, None]
-        for k in self.rounded:
-            on, d, (u, v) = np.abs(s - self.knots[k]) < self.d[k], self.d[k], self.tangents[k - 1 : k + 1]
-            y = ((s[on] - self.knots[k]) / d)[:, None]
-            area = (y + 1) / 2 + (y**2 - 1) * 5 / 16 - (y**6 - 1) / 48  # the integral of f from -1 to y
-            q[on] = self.points[k] - d * u + d * (u * (y + 1 - area) + v * area)
-        return q
+    def at(self, s: Array, order: int = 0) -> Array:
+        """Configurations at places s (m,), or tangents there."""
+        x = s[:, None] - self.corners
+        y = np.clip(x / np.maximum(self.d, 1e-300), -1, 1)
+        if order:
+            return self.first + (0.5 + (5 * y - y**5) / 8) @ self.bends
+        area = (y + 1) / 2 + (y**2 - 1) * 5 / 16 - (y**6 - 1) / 48  # the integral of f from -1 to y
+        return self.points[0] + s[:, None] * self.first + (self.d * area + np.maximum(x - self.d, 0)) @ self.bends
 
     def travelled(self, s: Array) -> Array:
         """How far each joint has moved from the start to places s (m,), back and forth, (m, n)."""
-        q, out = self.at(s), np.zeros((len(s), len(self.walked)))
-        for j, (places, there, walked) in enumerate(self.walked):
-            k = np.maximum(np.searchsorted(places, s, "right") - 1, 0)
-            out[:, j] = walked[k] + np.abs(q[:, j] - there[k])
-        return out
+        k = np.maximum(np.searchsorted(self.places, s, "right") - 1, 0)
+        return self.walked[k] + np.abs(self.at(s) - self.at(self.places)[k])
 
-    def rates(self, s: Array) -> tuple[Array, Array]:
-        """Bounds of abs(dq/ds) and abs(d2q/ds2) on the pieces between breaks on which s (m,) are, (m, n) each."""
-        line = np.clip(np.searchsorted(self.knots, s, "right") - 1, 0, len(self.tangents) - 1)
-        speeds, bends = np.abs(self.tangents[line]), np.zeros((len(s), self.points.shape[1]))
-        for k in self.rounded:
-            on, (u, v) = np.abs(s - self.knots[k]) < self.d[k], self.tangents[k - 1 : k + 1]
-            speeds[on], bends[on] = np.maximum(np.abs(u), np.abs(v)), np.abs(v - u) * 0.625 / self.d[k]
-        return speeds, bends
+    def rates(self, s: Array, h: Array) -> tuple[Array, Array]:
+        """Bounds of abs(dq/ds) and abs(d2q/ds2) on stretches of lengths h about s, each on one line or blend."""
+        on = np.abs(s[:, None] - self.corners) < self.d
+        bends = (on * 0.625 / np.maximum(self.d, 1e-300)) @ np.abs(self.bends)
+        return np.abs(self.at(s, 1)) + bends * h[:, None] / 2, bends
 
 
-# What is to be proven, and whether a trail proves it
+class Solid(NamedTuple):
+    """The pieces ``first`` to ``end - 1``, on a body; ``home`` is the body that carries them while fingers stand."""
+
+    name: str
+    body: int
+    home: int
+    first: int
+    end: int
 
 
 class World:
-    """The pieces of a robot, of what it holds and of what stands around it, numbered as a trail numbers them.
+    """The solids of a robot, of what it holds and of what stands around it; a trail numbers their pieces in this order.
 
-    Args:
-        width: Of the gripper; if None, its fingers come last and are moved by one more joint.
+    The fingers are moved by one more joint; a file says how far, and ``stands`` compares that with the width. In a
+    trail of the gripper alone they come after the robot's other shapes.
     """
 
-    def __init__(self, robot: Json, obstacles: Json, attached: Json, allowed: Json, boxes: Json, width: float | None):
-        self.bodies, grip = [], robot["gripper"]
-        for record in robot["bodies"]:
-            T, times = np.array(record["placement"], float), record.get("multiplier", 1.0)
-            at = T[:3, :3], T[:3, 3]
-            self.bodies.append(
-                Body(record["parent"], at, record["axis"], record["prismatic"], record["q_index"], times)
-            )
-        parents = [body.parent for body in self.bodies]
-        require(all(0 <= parent < k for k, parent in enumerate(parents[1:], start=1)), "a body before its parent")
-        self.boxes, self.arm, self.column = boxes, len(self.bodies), len(robot["joint_names"])
-        self.pieces, self.owner, self.body, self.home = list[Piece](), list[tuple[str, str]](), list[int](), list[int]()
-        links, names = {shape["link"] for shape in robot["shapes"]}, {item["name"] for item in (*obstacles, *attached)}
-        require(len(names) == len(obstacles) + len(attached), "two objects of one name")
-        self.twice, fingers = links & names, set(grip["links"]) if grip else set()
-        hands = self.hands = list(self.fingers(grip)) if grip else []
-        if grip and width is not None:
-            x = self.opened(grip, width)
-            hands = [
-                (shape["body"], self.standing(hand, shape["body"], x))
-                for shape, hand in zip(grip["closed"], hands, strict=True)
-            ]
-        closed = iter(zip(grip["closed"] if grip else [], hands, strict=True))
-        for shape in sorted(robot["shapes"], key=lambda shape: width is None and shape["link"] in fingers):
-            home, hand = shape["body"], (shape["body"], pose(shape["pose"]))
+    def __init__(self, robot: Json, obstacles: Json, held: Json, allowed: Json, boxes: Json, *, alone: bool = False):
+        self.alone, self.arm, self.column = alone, len(robot["bodies"]), len(robot["joint_names"])
+        self.boxes, self.solids, self.pieces, self.bodies = boxes, list[Solid](), list[Piece](), list[Body]()
+        for k, b in enumerate(robot["bodies"]):
+            at, times = frame(*np.split(np.array(b["placement"])[:3], [3], axis=1)), b.get("multiplier", 1.0)
+            self.bodies.append(Body(b["parent"], at, b["axis"], b["prismatic"], b["q_index"], times))
+            require(b["parent"] < max(k, 1) and (b["parent"] >= 0 or k == 0), "a body before its parent")
+        self.grip = robot["gripper"] or {"links": [], "closed": [], "kind": "none"}
+        self.across = np.array(self.grip.get("across", [0, 0, 0]), float)
+        hands, fingers = list(self.fingers()), self.grip["links"]
+        self.hands = len(hands)
+        require([abs(np.linalg.norm(b.axis) - 1) < SLACK for b in self.bodies[1:]], "an axis that is no unit vector")
+        links, objects = {shape["link"] for shape in robot["shapes"]}, [item["name"] for item in (*obstacles, *held)]
+        require(len(set(objects)) == len(objects), "two objects of one name")
+        self.twice = links.intersection(objects)
+        for shape in sorted(robot["shapes"], key=lambda shape: alone and shape["link"] in fingers):
+            solid, body, at = shape["shape"], shape["body"], pose(shape["pose"])
             if shape["link"] in fingers:
-                shape, hand = next(closed)
-            self.add(("link", shape["link"]), shape["shape"], hand, home)
-        T, self.held = np.array(robot["tool_placement"], float), len(self.pieces)
-        self.tool = robot["tool_body"], (T[:3, :3], T[:3, 3])
-        for item in attached:
-            hand = self.tool[0], joined(self.tool[1], pose(item["pose"]))
-            self.add(("object", item["name"]), item["shape"], hand, self.tool[0])
+                solid, body, at = hands.pop(0)
+            self.add("link", shape["link"], solid, body, at, shape["body"])
+        tool, self.held = frame(*np.split(np.array(robot["tool_placement"])[:3], [3], axis=1)), len(self.pieces)
+        self.tool = body, at = robot["tool_body"], tool
+        for item in held:
+            self.add("object", item["name"], item["shape"], body, at @ pose(item["pose"]), body)
         self.riding = len(self.pieces)
         for item in obstacles:
-            self.add(("object", item["name"]), item["shape"], (0, pose(item["pose"])), -1)
+            self.add("object", item["name"], item["shape"], 0, pose(item["pose"]), 0)
         contacts = [(("link", a), ("link", b)) for a, b in (each["links"] for each in robot["allowed_contacts"])]
-        contacts += [(("object", item["name"]), ("link", link)) for item in attached for link in item["touch_links"]]
-        self.may_touch = {frozenset(map(self.label, pair)) for pair in contacts} | set(map(frozenset, allowed))
-        self.points = np.concatenate([piece.points for piece in self.pieces])
+        contacts += [(("object", item["name"]), ("link", link)) for item in held for link in item["touch_links"]]
+        labels = [(self.label(*one), self.label(*two)) for one, two in contacts]
+        self.may_touch = {frozenset(pair) for pair in (*labels, *allowed)}
         self.starts = np.cumsum([0, *(len(piece.points) for piece in self.pieces)])
-        self.flat = np.array([not piece.ball and not piece.disc for piece in self.pieces])
-        self.limits = np.append(np.abs([robot["limits"]["lower"], robot["limits"]["upper"]]).max(axis=0), 100.0)
+        every = [(*point, *piece[1], *piece[2:]) for piece in self.pieces for point in piece.points]
+        self.points, self.axes, self.balls, self.discs = np.split(np.array(every).reshape(-1, 8), [3, 6, 7], axis=1)
 
-    def fingers(self, grip: Json) -> Iterator[tuple[int, Frame]]:
-        """Fingers as bodies that one more joint moves; of each closed shape its body, and its frame in that."""
-        for k, shape in enumerate(grip["closed"]):
-            (R, t), body, at = pose(shape["pose"]), shape["body"], STILL[1]
-            if grip.get("kind", "parallel") == "parallel":
-                self.bodies.append(Body(body, STILL, grip["directions"][k], True, self.column))
+    def fingers(self) -> Iterator[tuple[Json, int, Array]]:
+        """Solid, body and frame in it of each shape of a finger; adds the bodies that the one more joint moves."""
+        for k, shape in enumerate(self.grip["closed"]):
+            body: int = shape["body"]
+            at: Array = np.zeros(3)
+            if self.grip.get("kind", "parallel") == "parallel":
+                self.bodies.append(Body(body, np.eye(4), self.grip["directions"][k], True, self.column))
                 body = len(self.bodies) - 1
-            for turn in grip["turns"][k] if grip.get("turns") else ():
-                frame, at = (np.eye(3), np.array(turn["point"], float) - at), np.array(turn["point"], float)
-                self.bodies.append(Body(body, frame, turn["axis"], False, self.column, turn["ratio"]))
+            for turn in self.grip["turns"][k] if self.grip.get("turns") else ():
+                step, at = np.array(turn["point"], float) - at, np.array(turn["point"], float)
+                self.bodies.append(Body(body, frame(np.eye(3), step), turn["axis"], False, self.column, turn["ratio"]))
                 body = len(self.bodies) - 1
-            yield body, (R, t - at)
+            yield shape["shape"], body, frame(np.eye(3), -at) @ pose(shape["pose"])
 
-    def standing(self, hand: tuple[int, Frame], home: int, x: float) -> Frame:
-        """The frame of a finger shape in the body that carries its finger, which has moved by x."""
-        frames = [(R[0], t[0]) for R, t in placed(self.bodies, np.append(np.zeros(self.column), x)[None])]
-        back = frames[home][0].T, -frames[home][0].T @ frames[home][1]
-        return joined(back, joined(frames[hand[0]], hand[1]))
+    def add(self, kind: str, name: str, solid: Json, body: int, at: Array, home: int) -> None:
+        require(0 <= body < len(self.bodies), f"{name}: on a body that is not there")
+        first, found = len(self.pieces), pieces(name, solid, at, self.boxes)
+        self.pieces += found
+        self.solids.append(Solid(self.label(kind, name), body, home, first, first + len(found)))
 
-    def opened(self, grip: Json, width: float) -> float:
-        """How far fingers have moved at a width: half of it, or, by bisection, the angle of their leader."""
-        if grip.get("kind", "parallel") != "revolute" or not grip["lower"] < width < grip["upper"]:
-            near, far = grip.get("positions", [0.0, 0.0])
-            return (
-                width / 2
-                if grip.get("kind", "parallel") != "revolute"
-                else float(near if width <= grip["lower"] else far)
+    def label(self, kind: str, name: str) -> str:
+        plain = name not in self.twice and not name.endswith((" (link)", " (object)"))
+        return name if plain else f"{name} ({kind})"
+
+    def wanted(self) -> Iterator[tuple[Solid, Solid]]:
+        """Those that must be apart: an obstacle from what a joint moves, parts of the robot that are on different
+        bodies, and what is held from all of it. If the gripper alone moves: what belongs to a finger."""
+        for one, two in combinations(self.solids, 2):
+            apart = two.first >= self.held or one.home != two.home
+            if two.first >= self.riding:
+                apart = one.first < self.riding and (one.body if self.alone else one.home) > 0
+            apart &= one.name != two.name and frozenset((one.name, two.name)) not in self.may_touch
+            if apart and (not self.alone or max(one.body, two.body) >= self.arm):
+                yield one, two
+
+    def step(self, body: Body, curve: Curve) -> float:
+        """How far a body's origin is from that of its parent at most."""
+        slide = abs(body.times) * np.abs(curve.points[:, body.column]).max() if body.slides else 0.0
+        return float(np.linalg.norm(body.at[:3, 3]) + slide)
+
+    def extents(self, first: int, end: int, n: Array) -> Array:
+        """How far pieces of one body reach along unit vectors n (k, 3) in its frame, (k,)."""
+        k = slice(self.starts[first], self.starts[end])
+        reach = n @ self.points[k].T + self.balls[k, 0]
+        if self.discs[k].any():
+            reach += self.discs[k, 0] * np.sqrt(np.maximum(1 - (n @ self.axes[k].T) ** 2, 0))
+        return reach.max(axis=1)
+
+    def stands(self, x: float, width: float) -> bool:
+        """Whether fingers that have moved by x leave this width between them."""
+        grip = self.grip
+        if grip.get("kind", "parallel") != "revolute":
+            return not self.hands or bool(abs(2 * x - width) < SLACK)
+        near, far = grip["positions"]
+        if not grip["lower"] < width < grip["upper"]:
+            return bool(abs(x - (near if width <= grip["lower"] else far)) < SLACK)
+        bodies, gap = placed(self.bodies, np.append(np.zeros(self.column), x)[None]), 0.0
+        for tip, sign in zip(grip["tips"], (1, -1), strict=True):
+            solids, n = [solid for solid in self.solids if solid.name == self.label("link", tip)], sign * self.across
+            frames = [np.linalg.inv(bodies[solid.home][0]) @ bodies[solid.body][0] for solid in solids]
+            gap -= max(
+                float(self.extents(solid.first, solid.end, n[None] @ T[:3, :3])[0] + n @ T[:3, 3])
+                for solid, T in zip(solids, frames, strict=True)
             )
-        (near, far), n = grip["positions"], np.array([grip["across"]], float)
-        for _ in range(60):
-            middle, reach = 0.5 * (near + far), [-math.inf, -math.inf]
-            for shape, hand in zip(grip["closed"], self.hands, strict=True):
-                for side, tip in enumerate(grip["tips"]):
-                    if shape["link"] == tip:
-                        parts = pieces(tip, shape["shape"], self.standing(hand, shape["body"], middle), {})
-                        reach[side] = max(reach[side], *(part.extent(n - 2 * n * side)[0] for part in parts))
-            near, far = (middle, far) if -sum(reach) < width else (near, middle)
-        return float(0.5 * (near + far))
-
-    def add(self, owner: tuple[str, str], solid: Json, hand: tuple[int, Frame], home: int) -> None:
-        require(0 <= hand[0] < len(self.bodies), f"{owner[1]}: on a body that is not there")
-        for piece in pieces(owner[1], solid, hand[1], self.boxes):
-            self.pieces.append(piece)
-            self.owner.append(owner)
-            self.body.append(hand[0])
-            self.home.append(home)
-
-    def label(self, owner: tuple[str, str]) -> str:
-        plain = owner[1] not in self.twice and not owner[1].endswith((" (link)", " (object)"))
-        return owner[1] if plain else f"{owner[1]} ({owner[0]})"
-
-    def wanted(self) -> Iterator[tuple[str, str, range, range]]:
-        """Owners and pieces that must be apart: an obstacle from what a joint moves, parts of the robot that are on
-        different bodies, and what is held from all of it. If the gripper alone moves: what belongs to a finger."""
-        kinds = [
-            (owner, home, k >= self.held) for k, (owner, home) in enumerate(zip(self.owner, self.home, strict=True))
-        ]
-        starts = [k for k in range(len(kinds)) if k == 0 or kinds[k] != kinds[k - 1]]
-        runs = [range(k, end) for k, end in zip(starts, [*starts[1:], len(kinds)], strict=True)]
-        gripper = any(body >= self.arm for body in self.body)
-        for k, one in enumerate(runs):
-            for two in runs[k + 1 :]:
-                (i, j), names = (one[0], two[0]), (self.label(self.owner[one[0]]), self.label(self.owner[two[0]]))
-                carried = self.held <= i < self.riding or self.held <= j < self.riding
-                apart = (
-                    self.home[i] > 0 and i < self.riding
-                    if j >= self.riding
-                    else self.home[i] != self.home[j] or carried
-                )
-                still = gripper and max(self.body[i], self.body[j]) < self.arm
-                if apart and not still and names[0] != names[1] and frozenset(names) not in self.may_touch:
-                    yield (*names, one, two)
+        return bool(abs(gap - width) < SLACK and min(near, far) <= x <= max(near, far))
 
 
-class Trail:
-    """The trail of one proof: places s on the curve, and rows (pair, place, place, direction, direction)."""
+# Whether a trail proves it
 
-    def __init__(self, world: World, proof: Json, curve: Curve, stand: Array | None = None):
-        self.world, self.proof, self.s = world, proof, unpacked(proof["s"], "<f8", 1)[:, 0]
-        self.pairs, rows = unpacked(proof["pairs"], "<i4", 3).astype(int), unpacked(proof["rows"], "<i4", 9).astype(int)
-        self.rows, self.n, (first, second, count) = rows[:, :3], rows[:, 3:].reshape(-1, 2, 3) / UNIT, self.pairs.T
-        require(
-            (np.diff(self.s) > 0) & (self.s[:-1] >= -SLACK) & (self.s[1:] <= curve.length + SLACK), "places in disorder"
-        )
-        require((first >= 0) & (first < second) & (first < world.riding) & (count > 0), "a pair of no pieces")
-        require(
-            ((count == 1) | (second >= world.riding)) & (second + count <= len(world.pieces)), "a pair of no pieces"
-        )
-        require((self.rows >= 0) & (self.rows < [len(self.pairs), *[len(self.s)] * 2]), "a row that refers to nothing")
-        require(self.rows[:, 1] <= self.rows[:, 2], "a stretch that runs backwards")
-        length = np.linalg.norm(self.n, axis=2)
-        require(np.minimum(length, np.abs(length - 1)) < 1e-6, "a direction that is no unit vector")
-        self.shown = length > 0.5
-        self.n, q, moved = (
-            self.n / np.where(self.shown, length, 1)[:, :, None],
-            curve.at(self.s),
-            curve.travelled(self.s),
-        )
-        if stand is not None:  # the arm stands, and the curve is the gripper's
-            q, moved = (np.column_stack([np.repeat(x, len(q), 0), y]) for x, y in ((stand, q), (0 * stand, moved)))
-        elif world.arm < len(world.bodies):
-            q, moved = (np.column_stack([x, np.zeros(len(q))]) for x in (q, moved))
-        self.at, self.moved, self.known = placed(world.bodies, q), moved, dict[tuple[int, int], Array]()
 
-    def extents(self, first: int, count: int, n: Array, node: Array) -> Array:
-        """How far pieces that follow each other reach along directions n (k, 3) at places (k,), from the base."""
-        world = self.world
-        if first >= world.riding and world.flat[first : first + count].all():
-            return (n @ world.points[world.starts[first] : world.starts[first + count]].T).max(axis=1)
-        R, t = (x[node] for x in self.at[world.body[first]])
-        local = np.einsum("kij,ki->kj", R, n)
-        return np.max([world.pieces[k].extent(local) for k in range(first, first + count)], axis=0) + (n * t).sum(1)
+def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> float:
+    """The clearance that a trail shows between two places of a curve, metres; it must be what is claimed.
 
-    def radii(self, piece: int, body: int) -> Array:
+    It has places s on the curve, and rows (pair, place, place, direction, direction).
+    """
+    claimed = 1e9 if proof["clearance"] is None else float(proof["clearance"])
+    require(claimed > float(proof["padding"]) >= 0, "a clearance that is no more than the padding")
+    s, pairs = unpacked(proof["s"], "<f8", 1)[:, 0], unpacked(proof["pairs"], "<i4", 3).astype(int)
+    require(
+        len(s) and abs(s[0] - begin) < SLACK and abs(s[-1] - end) < SLACK, "the trail does not reach from end to end"
+    )
+    rows, n = np.split(unpacked(proof["rows"], "<i4", 9).astype(int), [3], axis=1)
+    n = n.reshape(-1, 2, 3) / 2.0**30
+    length = np.linalg.norm(n, axis=2)
+    require(np.minimum(length, np.abs(length - 1)) < 1e-6, "a direction that is no unit vector")
+    ordered = (np.diff(s) > 0).all() and (rows[:, 1] >= 0).all() and (rows[:, 1] <= rows[:, 2]).all()
+    require(ordered, "places in disorder")
+    at, moved, n = placed(world.bodies, curve.at(s)), curve.travelled(s), n / np.maximum(length, 0.5)[:, :, None]
+    of = [solid for solid in world.solids for _ in range(solid.first, solid.end)]
+
+    def extents(first: int, end: int, n: Array, place: Array) -> Array:
+        """How far pieces of one body reach along unit vectors n (k, 3) at places (k,), from the base."""
+        T = at[of[first].body][place]
+        return world.extents(first, end, (n[:, None] @ T[:, :3, :3])[:, 0]) + (n * T[:, :3, 3]).sum(1)
+
+    @cache
+    def radii(piece: int, body: int) -> Array:
         """How far points of a piece are from the axis of a body, at most, at every place.
 
         With c from the axis to the centre, square to it, and w from there to a point, what of c + w is across the axis
         has a square of at most c.c + 2 c.w + w.w.
         """
-        if (piece, body) not in self.known:
-            it, (R, t), (B, o) = self.world.pieces[piece], self.at[self.world.body[piece]], self.at[body]
-            z, x = B @ self.world.bodies[body].axis, R @ it.centre + t - o
-            c = x - (x * z).sum(1)[:, None] * z
-            local = np.einsum("kij,ki->kj", R, c)
-            self.known[piece, body] = np.sqrt(
-                (c * c).sum(1) + 2 * (it.extent(local) - local @ it.centre) + it.radius**2
-            )
-        return self.known[piece, body]
+        it, T, B = world.pieces[piece], at[of[piece].body], at[body]
+        middle, z = it.points.mean(axis=0), B[:, :3, :3] @ world.bodies[body].axis
+        centre = T[:, :3, :3] @ middle + T[:, :3, 3]
+        c = centre - B[:, :3, 3]
+        c -= (c * z).sum(1)[:, None] * z
+        far = np.linalg.norm(c, axis=1)
+        u = c / np.maximum(far, 1e-300)[:, None]
+        beyond = extents(piece, piece + 1, u, np.arange(len(s))) - (u * centre).sum(1)
+        return np.sqrt(far**2 + 2 * far * beyond + around(it) ** 2)
 
-    def motion(self, piece: int, other: int, left: Array, right: Array) -> Array:
-        """How far points of a piece move from places to others by the joints that do not move the other piece."""
-        world, m = self.world, np.zeros(len(left))
-        both = set(chain(world.bodies, world.body[other]))
-        far = np.linalg.norm(world.pieces[piece].centre) + world.pieces[piece].radius  # from the next axis, in any case
-        for k in chain(world.bodies, world.body[piece]):
+    def motion(piece: int, other: int, left: Array, right: Array) -> Array:
+        """How far points of a piece move from places to others by the joints that do not move the other piece.
+
+        However the joints stand, no point is farther from the next axis than ``far``: steps along the chain, added up.
+        """
+        it, solid = world.pieces[piece], of[piece]
+        start = solid.body if world.alone else solid.home
+        to_start = np.linalg.inv(at[start][0]) @ at[solid.body][0]
+        middle = it.points.mean(axis=0)
+        far = np.linalg.norm(to_start[:3, :3] @ middle + to_start[:3, 3]) + around(it)
+        m = np.zeros(len(left))
+        for k in chain(world.bodies, start):
             body = world.bodies[k]
-            if k not in both:
-                r = np.minimum((self.radii(piece, k)[left] + self.radii(piece, k)[right] + m) / 2, far)
-                t = abs(body.times) * (self.moved[right, body.column] - self.moved[left, body.column])
-                m = m + (t if body.slides else r * t)
-            far += np.linalg.norm(body.at[1]) + body.slides * abs(body.times) * world.limits[body.column]
+            if k not in chain(world.bodies, of[other].body):
+                t = abs(body.times) * (moved[right, body.column] - moved[left, body.column])
+                r = np.minimum((radii(piece, k)[left] + radii(piece, k)[right] + m) / 2, far)
+                m = m + t * (1.0 if body.slides else r)
+            far += world.step(body, curve)
         return m
 
-    def bounds(self) -> Array:
-        """What each row proves, in metres."""
-        out = np.full(len(self.rows), -np.inf)
-        for number, (first, second, count) in enumerate(self.pairs.tolist()):
-            on = np.flatnonzero(self.rows[:, 0] == number)
-            left, right = self.rows[on, 1:].T
-            m = self.motion(first, second, left, right)
-            m = m + self.motion(second, first, left, right) if second < self.world.riding else m
+    least, (one, two, count) = math.inf, pairs.T
+    starts, stops = s[: max(len(s) - 1, 1)], s[-max(len(s) - 1, 1) :]
+    faults = list[tuple[float, str]]()
+    for first, second in world.wanted():
+        apart = np.full((first.end - first.first, second.end - second.first, len(starts)), -math.inf)
+        inside = (one >= first.first) & (one < first.end) & (two >= second.first) & (two + count <= second.end)
+        for number in np.flatnonzero(inside & (count > 0) & ((count == 1) | (second.first >= world.riding))):
+            (a, b, many), on = pairs[number], np.flatnonzero(rows[:, 0] == number)
+            left, right = rows[on, 1:].T
+            m = motion(a, b, left, right) + motion(b, a, left, right)
             g, h = (
-                np.where(shown, -self.extents(first, 1, -n, node) - self.extents(second, count, n, node), -np.inf)
-                for node, n, shown in zip((left, right), self.n[on].swapaxes(0, 1), self.shown[on].T, strict=True)
+                -extents(a, a + 1, -x, at) - extents(b, b + many, x, at)
+                for at, x in ((left, n[on, 0]), (right, n[on, 1]))
             )
-            out[on] = np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
-        return out
-
-    def check(self, begin: float, end: float) -> float:
-        """The clearance that is shown between two places, metres."""
-        claimed = math.inf if self.proof["clearance"] is None else float(self.proof["clearance"])
-        require(claimed > float(self.proof["padding"]) >= 0, "a clearance that is no more than the padding")
-        world, bounds, starts, stops = self.world, self.bounds(), self.s[:-1], self.s[1:]
-        bad = np.flatnonzero(~(bounds >= min(claimed, 1e9) - ROUNDING))
-        for k in bad[np.argsort(self.s[self.rows[bad, 1]], kind="stable")]:
-            one, two = (world.label(world.owner[x]) for x in self.pairs[self.rows[k, 0], :2])
-            low, high = self.s[self.rows[k, 1:]]
-            why = f"{bounds[k] * 1e3:.4f} mm are shown, {claimed * 1e3:.4f} mm claimed"
-            raise Invalid(f"{one} x {two} from s = {low:.6g} to {high:.6g}: {why}")
-        if end <= begin:  # a point
-            starts = stops = self.s
-        exempt = [(each["s_start"], each["s_end"], set(map(frozenset, each["pairs"]))) for each in self.proof["exempt"]]
-        rows = np.column_stack([self.pairs[self.rows[:, 0]], self.rows[:, 1:]])
-        for one, two, first, second in world.wanted():
-            left = (stops > begin) & (starts < end) if end > begin else np.ones(len(starts), bool)
-            whole = len(self.s) > 0 and self.s[0] <= begin + SLACK and self.s[-1] >= end - SLACK
-            for low, high, names in exempt:
-                if frozenset((one, two)) in names:
-                    left &= ~((starts >= low - SLACK) & (stops <= high + SLACK))
-                    whole = whole or (low <= begin + SLACK and high >= end - SLACK)
-            require(whole, f"{one} x {two}: the trail does not reach from end to end")
-            for a in first:
-                shown = np.zeros((len(starts), len(second)), bool)
-                for _, b, count, low, high in rows[rows[:, 0] == a].tolist():
-                    shown[
-                        low : max(high, low + (end <= begin)), max(b - second[0], 0) : max(b + count - second[0], 0)
-                    ] = 1
-                missing = np.flatnonzero(left & ~shown.all(axis=1))
-                require(not len(missing), f"{one} x {two}: nothing is shown from s = {starts[missing[:1]]}")
-        return float(bounds.min(initial=math.inf))
+            g, h = np.where(length[on].T > 0.5, (g, h), -math.inf)
+            bound = np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
+            for low, high, gap in zip(left, np.maximum(right, left + 1), bound, strict=True):
+                part = apart[a - first.first, b - second.first : b - second.first + many, low:high]
+                np.maximum(part, gap, out=part)
+        sure = apart.min(axis=(0, 1))
+        for each in proof["exempt"]:
+            if {first.name, second.name} in map(set, each["pairs"]):
+                sure[(starts >= each["s_start"] - SLACK) & (stops <= each["s_end"] + SLACK)] = math.inf
+        least = min(least, sure.min())
+        for k in np.flatnonzero(~(sure >= claimed - ROUNDING))[:1]:
+            where = f"{first.name} x {second.name} from s = {starts[k]:.9g} to {stops[k]:.9g}"
+            found = f"{sure[k] * 1e3:.4f} mm are shown" if sure[k] > -math.inf else "nothing is shown"
+            faults.append((starts[k], f"{where}: {found}, {claimed * 1e3:.4f} mm claimed"))
+    require(not faults, min(faults, default=(0.0, ""))[1])
+    return float(least)
 
 
 def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float, end: float) -> None:
@@ -481,73 +441,57 @@ def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float
     It is written as functions of s that must not be negative. On a stretch of length h such a function, A and B at its
     ends, is at least ``(1 - t) A + t B - M t (1 - t) h^2 / 2`` at the share t of it, M bounding the second derivative;
     a stretch on which that may be negative is cut in half. With v and a the sums of speeds and accelerations of the
-    joints between the two frames, M is v^2 + a for a direction, v^2 / 4 + a / 2 for a quaternion, and for a point
-    r (v^2 + a), r being the farthest that it can be from these joints; where one slides, 2 v v' + a' are added.
+    joints between the two frames, M is v^2 + a for a direction, twice that for two, and for a point r (v^2 + a), r
+    being the farthest that it can be from these joints; where one slides, 2 v v' + a' are added.
+
+    The turn psi about z follows from ``(cos psi, sin psi) (1 + Q_zz) = (Q_xx + Q_yy, Q_yx - Q_xy)``.
     """
-    cuts = np.unique(np.clip([begin, end, *curve.breaks], begin, end))
+    cuts = np.unique(np.clip([begin, end, *curve.places], begin, end))
     if constraint["kind"] == "joint range":
-        j = robot["joint_names"].index(constraint["joint"])
-        q = curve.at(np.clip([*cuts, *curve.walked[j][0]], begin, end))[:, j]
+        q = curve.at(cuts)[:, robot["joint_names"].index(constraint["joint"])]
         inside = (q >= constraint["lower"] - SLACK) & (q <= constraint["upper"] + SLACK)
         require(inside, f"{constraint['joint']} is not kept in its range")
         return
     frames = {each["link"]: (each["body"], pose(each["pose"])) for each in robot.get("link_frames", [])}
-    (b, tool), (c, base) = (
-        (body, joined(at, pose(constraint[own])))
-        for link, other, own in (("link", world.tool, "tool"), ("relative_to", (0, STILL), "frame"))
-        for body, at in [other if constraint[link] is None else frames[constraint[link]]]
-    )
-    turning, sliding, far = (
-        np.zeros(len(world.limits)),
-        np.zeros(len(world.limits)),
-        np.linalg.norm(tool[1]) + np.linalg.norm(base[1]),
-    )
+    b, tool = world.tool if constraint["link"] is None else frames[constraint["link"]]
+    c, base = (0, np.eye(4)) if constraint["relative_to"] is None else frames[constraint["relative_to"]]
+    tool, base = tool @ pose(constraint["tool"]), base @ pose(constraint["frame"])
+    turning, sliding = np.zeros((2, len(curve.first)))
+    far = np.linalg.norm(tool[:3, 3]) + np.linalg.norm(base[:3, 3])
     for body in (world.bodies[k] for k in set(chain(world.bodies, b)) ^ set(chain(world.bodies, c))):
         (sliding if body.slides else turning)[body.column] += abs(body.times)
-        far += np.linalg.norm(body.at[1]) + body.slides * abs(body.times) * world.limits[body.column]
-    lower, upper, tilt, turn = (constraint[name] for name in ("lower", "upper", "tilt", "turn"))
-    half = math.pi / 2 if turn is None else min(turn / 2, math.pi / 2)
+        far += world.step(body, curve)
+    edges = [(1, k, -edge) for k, edge in enumerate(constraint["lower"]) if edge is not None]
+    edges += [(-1, k, edge) for k, edge in enumerate(constraint["upper"]) if edge is not None]
+    tilt, turn = (math.pi if constraint[name] is None else float(constraint[name]) for name in ("tilt", "turn"))
+    steep = max(math.sin(tilt), 1e-6)
+    weights = np.array([*[far] * len(edges), 1 / steep, 2, 2])[:, None]
 
-    def values(s: Array) -> tuple[Array, Array]:
-        """What must not be negative, (k, m), and the part of the quaternion that turns about z, (2, m)."""
-        bodies = placed(world.bodies, np.column_stack([curve.at(s), np.zeros(len(s))]))
-        (A, p), (B, o) = (joined(bodies[k], at) for k, at in ((b, tool), (c, base)))
-        x, Q = np.einsum("kij,ki->jk", B, p - o), B.swapaxes(1, 2) @ A
-        found = [*(x[k] - edge for k, edge in enumerate(lower) if edge is not None)]
-        found += [*(edge - x[k] for k, edge in enumerate(upper) if edge is not None)]
-        found += [] if tilt is None else [Q[:, 2, 2] - math.cos(tilt)]
-        w, z = (np.sqrt(np.maximum(1 + Q[:, 2, 2] + i * (Q[:, 0, 0] + Q[:, 1, 1]), 0)) / 2 for i in (1, -1))
-        return np.array(found).reshape(-1, len(s)), np.array([w, np.copysign(z, Q[:, 1, 0] - Q[:, 0, 1])])
+    def values(s: Array) -> Array:
+        """What must not be negative, (k, m): of points, of the tilt, and two of the turn."""
+        bodies = placed(world.bodies, curve.at(s))
+        T = (np.linalg.inv(bodies[c] @ base) @ bodies[b] @ tool).transpose(1, 2, 0)
+        C, S, points = T[0, 0] + T[1, 1], T[1, 0] - T[0, 1], [sign * T[k, 3] + edge for sign, k, edge in edges]
+        psi = [math.sin(turn) * C + sign * math.cos(turn) * S for sign in (1, -1)]
+        return np.array([*points, (T[2, 2] - math.cos(tilt)) / steep, *psi])
 
-    left, right, looked = (cuts[:-1], cuts[1:], 0) if len(cuts) > 1 else (cuts, cuts, 0)
-    points = sum(edge is not None for edge in (*lower, *upper))
+    def holds(f: Array) -> Array:
+        """Both bounds of a turn up to a right angle must hold, one of them of a larger one."""
+        fits = f > -2 * SLACK
+        aside = fits[-2:].all(axis=0) if turn <= math.pi / 2 else fits[-2:].any(axis=0)
+        return fits[:-2].all(axis=0) & (aside | (turn >= math.pi))
+
+    left, right, looked = cuts[: max(len(cuts) - 1, 1)], cuts[-max(len(cuts) - 1, 1) :], 0
     while len(left):
-        looked += len(left)
-        require(looked < MOST_STRETCHES, f"{constraint['name']} is not shown to be kept near s = {left[0]:.6g}")
-        (A, q), (B, p), h, (speeds, bends) = (
-            values(left),
-            values(right),
-            right - left,
-            curve.rates(0.5 * (left + right)),
-        )
-        n = speeds.shape[1]
-        v, a, v_slide, a_slide = speeds @ turning[:n], bends @ turning[:n], speeds @ sliding[:n], bends @ sliding[:n]
-        M = np.array([far * (v * v + a) + 2 * v * v_slide + a_slide] * points + [v * v + a] * (len(A) - points))
-        sure = np.ones(len(left), bool)
-        if half < math.pi / 2:  # of the angle 2 atan2(z, w), by both its bounds
-            sure = h * v / 2 < np.sqrt((q * q).sum(0))  # then the nearer of the two signs is the same branch
-            p = p * np.where((p * q).sum(0) < 0, -1, 1)
-            sides = np.array([[math.sin(half), math.cos(half)], [math.sin(half), -math.cos(half)]])
-            A, B, M = np.vstack([A, sides @ q]), np.vstack([B, sides @ p]), np.vstack([*M, *[v * v / 4 + a / 2] * 2])
-        E = M.reshape(len(A), -1) * h * h / 2
+        A, B, h, middle, looked = values(left), values(right), right - left, (left + right) / 2, looked + len(left)
+        where = f"{constraint['name']} is not kept from s = {left[0]:.9g} to {right[-1]:.9g}"
+        require(looked < MOST_STRETCHES and (holds(A) & holds(B)).all(), where)
+        speeds, bends = curve.rates(middle, h)
+        v, slides = speeds @ turning, 2 * (speeds @ turning) * (speeds @ sliding) + bends @ sliding
+        E = (weights * (v**2 + bends @ turning) + slides) * h**2 / 2
         t = np.clip(0.5 - (B - A) / np.maximum(2 * E, 1e-300), 0, 1)
-        low = (1 - t) * A + t * B - E * t * (1 - t)
-        require(
-            np.minimum(A, B) > -2 * SLACK, f"{constraint['name']} is not kept from s = {left[0]:.6g} to {right[-1]:.6g}"
-        )
-        cut = ~(sure & (low > -2 * SLACK).all(axis=0))
-        middle = 0.5 * (left + right)[cut]
-        left, right = np.concatenate([left[cut], middle]), np.concatenate([middle, right[cut]])
+        cut = ~holds((1 - t) * A + t * B - E * t * (1 - t))
+        left, right = np.concatenate([left[cut], middle[cut]]), np.concatenate([middle[cut], right[cut]])
 
 
 # The file
@@ -555,58 +499,55 @@ def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float
 
 def motions(document: Json) -> Iterator[tuple[str, Json, float, Json, Json]]:
     """Each motion of a plan or a task: name, result, width of the gripper, obstacles, what is held."""
-    width, scene = document["robot"]["gripper_width"], document["scene"]
-    if document["format"] == "planner-service/plan":
-        yield "motion", document["result"], width, scene["obstacles"], scene["attached"]
-        return
-    first, obstacles, attached = (
+    scene, alone = document["scene"], {"name": "motion", "scene": None, "gripper_width": None}
+    first, (obstacles, held) = (
         {item["name"]: item for item in scene["obstacles"]},
-        scene["obstacles"],
-        scene["attached"],
+        (scene["obstacles"], scene["attached"]),
     )
-    for segment in document["segments"]:
+    for segment in document.get("segments") or [{**alone, "result": document["result"]}]:
         if segment["scene"] is not None:
             obstacles = [first[item] if isinstance(item, str) else item for item in segment["scene"]["obstacles"]]
-            attached = segment["scene"]["attached"]
-        own = segment["gripper_width"]
-        yield segment["name"], segment["result"], width if own is None else own, obstacles, attached
+            held = segment["scene"]["attached"]
+        width = segment["gripper_width"]
+        width = document["robot"]["gripper_width"] if width is None else width
+        yield segment["name"], segment["result"], width, obstacles, held
 
 
 def verify(document: Json) -> Iterator[str]:
     """What a plan file's evidence shows, line by line; Invalid if that is not all that the file claims."""
     robot, section, allowed = document["robot"], document["sections"]["evidence"], document["allowed"]
-    require(document["version"] == 3 and section["version"] == 1, "another version")
+    require(document["version"] == 3 and section["version"] == 2, "another version")
     for part in ("robot", "scene"):
         require(section[part] == digest(document[part]), f"the evidence is for another {part}")
         yield f"{part} {section[part]}"
     proofs, before, ends, whole = [*section["proofs"]], robot["gripper_width"], None, [*motions(document)]
-    require(len(whole) > 0, "no motion")
     scene, endless = [*whole[0][3:]], np.array(robot.get("continuous") or [False])
+    lower, upper = (np.array(robot["limits"][name], float) for name in ("lower", "upper"))
     for number, (name, result, width, *after) in enumerate(whole):
-        curve, claim = Curve(result["path"]["waypoints"], result["path"]["blends"]), result["certificate"]
-        require(ends is None or np.abs(curve.points[0] - ends) < SLACK, f"{name}: begins elsewhere")
-        ends = curve.points[-1]
-        was, now = ({item["name"]: item["shape"] for item in (*stand, *hold)} for stand, hold in (scene, after))
-        moved = [old["name"] for old in scene[0] for new in after[0] if old["name"] == new["name"] and old != new]
-        require(was == now and not moved, f"{name}: the scene changes by more than what is taken or left")
-        inside = (curve.points >= np.array(robot["limits"]["lower"]) - SLACK).all(0) | endless
-        inside &= (curve.points <= np.array(robot["limits"]["upper"]) + SLACK).all(0) | endless
+        points, claim = np.array(result["path"]["waypoints"], float), result["certificate"]
+        inside = (points >= lower - SLACK) & (points <= upper + SLACK) | endless
         require(inside, f"{name}: a joint leaves its limits")
-        for fingers in (True, False) if robot["gripper"] and before != width else (False,):
-            proof = proofs.pop(0)
-            claims = proof["motion"] == number and proof["gripper"] == [before if fingers else width, width]
-            require(claims, f"{name}: the evidence is for something else")
-            stood, holding = scene if fingers else after
-            world = World(robot, stood, holding, allowed, section["boxes"], None if fingers else width)
-            line, stand = curve, None
-            if fingers:
-                line = Curve([[world.opened(robot["gripper"], x)] for x in (before, width)], [])
-                stand = curve.at(np.zeros(1))
-            begin, end = proof["part"] or (0.0, line.length)
-            require(0 <= begin <= end <= line.length + SLACK, f"{name}: a part that is not on the path")
+        require(ends is None or np.abs(points[0] - ends) < SLACK, f"{name}: begins elsewhere")
+        was, now = ({item["name"]: item["shape"] for item in (*stand, *hold)} for stand, hold in (scene, after))
+        moved = any(old != new for old in scene[0] for new in after[0] if old["name"] == new["name"])
+        require(was == now and not moved, f"{name}: the scene changes by more than what is taken or left")
+        for alone in (True, False) if robot["gripper"] and before != width else (False,):
+            proof, words = proofs.pop(0), "gripper before " * alone + name
+            widths = [before if alone else width, width]
+            require(proof["motion"] == number and proof["gripper"] == widths, f"{words}: the evidence is for another")
+            stand, hold = scene if alone else after
+            world = World(robot, stand, hold, allowed, section["boxes"], alone=alone)
+            for x, gap in zip(proof["moved"], widths, strict=True):
+                require(world.stands(x, gap), f"{words}: fingers elsewhere")
+            q = points[[0, 0]] if alone else points
+            moves = np.linspace(proof["moved"][0], proof["moved"][1], len(q))[:, None]
+            curve = Curve(np.hstack([q, moves]), [] if alone else result["path"]["blends"])
+            begin, end = proof["part"] or (0.0, curve.length)
+            require(0 <= begin <= end <= curve.length + SLACK, f"{words}: a part that is not on the path")
+            constraints = []
             try:
-                least, constraints = Trail(world, proof, line, stand).check(begin, end), []
-                if not fingers:
+                least = shown(world, proof, curve, begin, end)
+                if not alone:
                     same = all(claim[key] == proof[key] for key in ("clearance", "padding", "exempt", "part"))
                     require(same, "the certificate claims something else")
                     carried = [each for item in after[1] for each in item.get("constraints", ())]
@@ -615,15 +556,14 @@ def verify(document: Json) -> Iterator[str]:
                 for constraint in constraints:
                     kept(world, robot, constraint, curve, begin, end)
             except Invalid as why:
-                raise Invalid(f"{'gripper before ' * fingers}{name}: {why}") from None
-            words = f", {len(constraints)} constraints kept" if constraints else ""
-            yield f"{'gripper before ' * fingers}{name}: {1e3 * least:.4f} mm{words}"
+                raise Invalid(f"{words}: {why}") from None
+            yield f"{words}: {1e3 * least:.4f} mm" + f", {len(constraints)} constraints kept" * bool(constraints)
             if proof["part"]:
                 yield f"  judged from s = {begin:.6g} to {end:.6g} alone"
             for each in proof["exempt"]:
                 where = f"from s = {each['s_start']:.6g} to {each['s_end']:.6g}"
                 yield f"  not judged {where}: {each['pairs']} ({each['reason']})"
-        before, scene = width, after
+        before, scene, ends = width, after, points[-1]
     require(not proofs, "proofs of motions that are not in the file")
     body = {shape["link"]: shape["body"] for shape in robot["shapes"]}
     for contact in robot["allowed_contacts"]:

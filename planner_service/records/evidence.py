@@ -40,7 +40,7 @@ __all__ = ["EVIDENCE", "packed", "save_plan", "with_evidence"]
 EVIDENCE = "evidence"
 """The section's name."""
 
-VERSION = 1
+VERSION = 2
 
 FASTEST = 1
 """Of zlib's levels: the best makes a trail a tenth smaller and takes longer than the proof."""
@@ -121,9 +121,16 @@ def _proofs(number: int, proven: ProvenMotion) -> Iterator[dict[str, Any]]:
     motion, trails = proven.motion, proven.trails
     if proven.gripper is not None:
         gripper = proven.gripper
-        yield {"motion": number, "gripper": [gripper.start, gripper.end], **_trail(trails[1], gripper.certificate)}
+        fingers = _fingers(motion.robot, gripper.start, gripper.end)
+        yield {"motion": number, **fingers, **_trail(trails[1], gripper.certificate)}
     width = motion.robot.gripper_width
-    yield {"motion": number, "gripper": [width, width], **_trail(trails[0], proven.certificate)}
+    yield {"motion": number, **_fingers(motion.robot, width, width), **_trail(trails[0], proven.certificate)}
+
+
+def _fingers(robot: Robot, before: float, after: float) -> dict[str, Any]:
+    """Widths of the gripper, and how far its fingers are moved at these, so that a verifier need not search for it."""
+    moved = [0.0 if robot.gripper is None else robot.gripper.position(width) for width in (before, after)]
+    return {"gripper": [before, after], "moved": moved}
 
 
 def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:

@@ -268,7 +268,7 @@ def hung_elsewhere(copy: Document, proof: Document) -> None:
     [
         (at_wall, "wall"),
         (nearer, "wall"),
-        (through, "s ="),
+        (through, "s =|does not reach"),
         (raised, "claimed"),
         (only_in_the_certificate, "claims something else"),
         (dropped, "nothing is shown|does not reach"),
