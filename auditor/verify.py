@@ -2,7 +2,7 @@
 
     python verify.py plan.json
 
-One file, numpy alone; nothing here searches. A trail names stretches of the curve, pairs of convex pieces, and at the
+One file, numpy alone; nothing here searches. A trail names stretches of the curve, pairs of convex pieces, and at both
 ends of each stretch a direction between the two. This file puts the pieces there, measures, and compares.
 
 A unit direction n from b to a shows that two pieces are at least ``min n.a - max n.b`` apart, over all their points. If
@@ -15,9 +15,9 @@ r_k being the largest distance of its points from axis k meanwhile. Only the joi
 the piece by at most the sum of theirs, m_k; so ``r_k <= (r_k at one end + r_k at the other + m_k) / 2``, from the tool
 inwards. Two pieces of the robot move against each other by the joints that carry only one of them.
 
-A constraint has no trail: ``kept`` says how it is shown. Not checked: the timing along the curve; pairs that the file
-declares to be no concern, which are listed; and that the robot and the scene in the file are those in the room:
-compare the digests.
+A constraint has no trail: ``kept`` says how it is shown. Not checked: the timing along the curve; where in the hand an
+object is taken; pairs that the file declares to be no concern, which are listed; and that the robot and the scene in
+the file are those in the room: compare the digests.
 """
 
 from __future__ import annotations
@@ -30,12 +30,10 @@ import sys
 import zlib
 from collections.abc import Iterator
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
-
-__all__ = ["Invalid", "main", "verify"]
 
 Array = Any
 Json = Any
@@ -87,13 +85,23 @@ def pose(record: Json) -> Array:
     return frame(turned(axis, 2 * w, 2.0), record["position"])
 
 
+def matrix(rows: Json) -> Array:
+    return frame(*np.split(np.array(rows, float)[:3], [3], axis=1))
+
+
 class Piece(NamedTuple):
     """The hull of points, each with a ball around it and a disc square to an axis, in the frame of a body."""
 
     points: Array
     axis: Array
-    ball: float = 0.0
-    disc: float = 0.0
+    ball: float
+    disc: float
+
+    @property
+    def around(self) -> float:
+        """The radius of a ball about the mean of its points that holds it."""
+        far = np.linalg.norm(self.points - self.points.mean(axis=0), axis=1).max()
+        return math.hypot(far, self.disc) + self.ball
 
 
 def pieces(name: str, solid: Json, at: Array, boxes: Json) -> list[Piece]:
@@ -120,29 +128,17 @@ def pieces(name: str, solid: Json, at: Array, boxes: Json) -> list[Piece]:
 
 
 def corners(low: Array, high: Array) -> Array:
-    return np.unique(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])], axis=0
-    )
+    return np.unique([*product(*zip(low, high, strict=True))], axis=0)
 
 
 def cells(solid: Json) -> tuple[Array, Array]:
     """Lower and upper corners (k, 3) of the cells of a cloud, or of the columns of a height field."""
     if solid["kind"] == "cloud":
-        low = unpacked(solid["cells"], "<i8", 3, small=False).astype(float)
-        return low * solid["resolution"], (low + 1) * solid["resolution"]
-    heights, floor, size = (
-        unpacked(solid["heights"], "<f8", solid["columns"], small=False),
-        solid["floor"],
-        solid["cell"],
-    )
-    at, tops = np.argwhere(heights > floor), heights[heights > floor]
+        low, size = unpacked(solid["cells"], "<i8", 3, small=False), solid["resolution"]
+        return low * size, (low + 1) * size
+    tops, floor, size = unpacked(solid["heights"], "<f8", solid["columns"], small=False), solid["floor"], solid["cell"]
+    at, tops = np.argwhere(tops > floor), tops[tops > floor]
     return np.column_stack([at * size, tops * 0 + floor]), np.column_stack([(at + 1) * size, tops])
-
-
-def around(piece: Piece) -> float:
-    """The radius of a ball about the mean of its points that holds a piece."""
-    far = np.linalg.norm(piece.points - piece.points.mean(axis=0), axis=1).max()
-    return math.hypot(far, piece.disc) + piece.ball
 
 
 class Body(NamedTuple):
@@ -212,12 +208,6 @@ class Curve:
         k = np.maximum(np.searchsorted(self.places, s, "right") - 1, 0)
         return self.walked[k] + np.abs(self.at(s) - self.at(self.places)[k])
 
-    def rates(self, s: Array, h: Array) -> tuple[Array, Array]:
-        """Bounds of abs(dq/ds) and abs(d2q/ds2) on stretches of lengths h about s, each on one line or blend."""
-        on = np.abs(s[:, None] - self.corners) < self.d
-        bends = (on * 0.625 / np.maximum(self.d, 1e-300)) @ np.abs(self.bends)
-        return np.abs(self.at(s, 1)) + bends * h[:, None] / 2, bends
-
 
 class Solid(NamedTuple):
     """The pieces ``first`` to ``end - 1``, on a body; ``home`` is the body that carries them while fingers stand."""
@@ -240,24 +230,20 @@ class World:
         self.alone, self.arm, self.column = alone, len(robot["bodies"]), len(robot["joint_names"])
         self.boxes, self.solids, self.pieces, self.bodies = boxes, list[Solid](), list[Piece](), list[Body]()
         for k, b in enumerate(robot["bodies"]):
-            at, times = frame(*np.split(np.array(b["placement"])[:3], [3], axis=1)), b.get("multiplier", 1.0)
-            self.bodies.append(Body(b["parent"], at, b["axis"], b["prismatic"], b["q_index"], times))
             require(b["parent"] < max(k, 1) and (b["parent"] >= 0 or k == 0), "a body before its parent")
-        self.grip = robot["gripper"] or {"links": [], "closed": [], "kind": "none"}
-        self.across = np.array(self.grip.get("across", [0, 0, 0]), float)
-        hands, fingers = list(self.fingers()), self.grip["links"]
-        self.hands = len(hands)
+            moves = b["axis"], b["prismatic"], b["q_index"], b.get("multiplier", 1.0)
+            self.bodies.append(Body(b["parent"], matrix(b["placement"]), *moves))
+        self.grip = {"kind": "parallel", "links": [], "closed": [], **(robot["gripper"] or {})}
+        hands = [*self.fingers()]
         require([abs(np.linalg.norm(b.axis) - 1) < SLACK for b in self.bodies[1:]], "an axis that is no unit vector")
         links, objects = {shape["link"] for shape in robot["shapes"]}, [item["name"] for item in (*obstacles, *held)]
         require(len(set(objects)) == len(objects), "two objects of one name")
         self.twice = links.intersection(objects)
-        for shape in sorted(robot["shapes"], key=lambda shape: alone and shape["link"] in fingers):
-            solid, body, at = shape["shape"], shape["body"], pose(shape["pose"])
-            if shape["link"] in fingers:
-                solid, body, at = hands.pop(0)
-            self.add("link", shape["link"], solid, body, at, shape["body"])
-        tool, self.held = frame(*np.split(np.array(robot["tool_placement"])[:3], [3], axis=1)), len(self.pieces)
-        self.tool = body, at = robot["tool_body"], tool
+        for shape in sorted(robot["shapes"], key=lambda shape: alone and shape["link"] in self.grip["links"]):
+            at = shape["shape"], shape["body"], pose(shape["pose"])
+            self.add("link", shape["link"], *(hands.pop(0) if shape["link"] in self.grip["links"] else at), at[1])
+        self.held, (body, at) = len(self.pieces), (robot["tool_body"], matrix(robot["tool_placement"]))
+        self.tool = body, at
         for item in held:
             self.add("object", item["name"], item["shape"], body, at @ pose(item["pose"]), body)
         self.riding = len(self.pieces)
@@ -268,21 +254,20 @@ class World:
         labels = [(self.label(*one), self.label(*two)) for one, two in contacts]
         self.may_touch = {frozenset(pair) for pair in (*labels, *allowed)}
         self.starts = np.cumsum([0, *(len(piece.points) for piece in self.pieces)])
-        every = [(*point, *piece[1], *piece[2:]) for piece in self.pieces for point in piece.points]
+        every = [(*point, *piece.axis, piece.ball, piece.disc) for piece in self.pieces for point in piece.points]
         self.points, self.axes, self.balls, self.discs = np.split(np.array(every).reshape(-1, 8), [3, 6, 7], axis=1)
 
     def fingers(self) -> Iterator[tuple[Json, int, Array]]:
         """Solid, body and frame in it of each shape of a finger; adds the bodies that the one more joint moves."""
         for k, shape in enumerate(self.grip["closed"]):
-            body: int = shape["body"]
-            at: Array = np.zeros(3)
-            if self.grip.get("kind", "parallel") == "parallel":
-                self.bodies.append(Body(body, np.eye(4), self.grip["directions"][k], True, self.column))
-                body = len(self.bodies) - 1
-            for turn in self.grip["turns"][k] if self.grip.get("turns") else ():
-                step, at = np.array(turn["point"], float) - at, np.array(turn["point"], float)
-                self.bodies.append(Body(body, frame(np.eye(3), step), turn["axis"], False, self.column, turn["ratio"]))
-                body = len(self.bodies) - 1
+            body, at = shape["body"], np.zeros(3)
+            if self.grip["kind"] == "revolute":
+                joints = [(np.array(j["point"], float), j["axis"], False, j["ratio"]) for j in self.grip["turns"][k]]
+            else:  # a cup moves along none
+                joints = [(at, axis, True, 1.0) for axis in self.grip["directions"][k : k + 1]]
+            for point, axis, slides, times in joints:
+                self.bodies.append(Body(body, frame(np.eye(3), point - at), axis, slides, self.column, times))
+                body, at = len(self.bodies) - 1, point
             yield shape["shape"], body, frame(np.eye(3), -at) @ pose(shape["pose"])
 
     def add(self, kind: str, name: str, solid: Json, body: int, at: Array, home: int) -> None:
@@ -311,31 +296,29 @@ class World:
         slide = abs(body.times) * np.abs(curve.points[:, body.column]).max() if body.slides else 0.0
         return float(np.linalg.norm(body.at[:3, 3]) + slide)
 
-    def extents(self, first: int, end: int, n: Array) -> Array:
-        """How far pieces of one body reach along unit vectors n (k, 3) in its frame, (k,)."""
-        k = slice(self.starts[first], self.starts[end])
-        reach = n @ self.points[k].T + self.balls[k, 0]
+    def reach(self, first: int, end: int, n: Array, T: Array) -> Array:
+        """How far pieces of one body reach along unit vectors n (k, 3) if the body is at T (k, 4, 4), (k,)."""
+        k, own = slice(self.starts[first], self.starts[end]), (n[:, None] @ T[:, :3, :3])[:, 0]
+        reach = own @ self.points[k].T + self.balls[k, 0]
         if self.discs[k].any():
-            reach += self.discs[k, 0] * np.sqrt(np.maximum(1 - (n @ self.axes[k].T) ** 2, 0))
-        return reach.max(axis=1)
+            reach += self.discs[k, 0] * np.sqrt(np.maximum(1 - (own @ self.axes[k].T) ** 2, 0))
+        return reach.max(axis=1) + (n * T[:, :3, 3]).sum(1)
 
     def stands(self, x: float, width: float) -> bool:
         """Whether fingers that have moved by x leave this width between them."""
-        grip = self.grip
-        if grip.get("kind", "parallel") != "revolute":
-            return not self.hands or bool(abs(2 * x - width) < SLACK)
-        near, far = grip["positions"]
-        if not grip["lower"] < width < grip["upper"]:
-            return bool(abs(x - (near if width <= grip["lower"] else far)) < SLACK)
-        bodies, gap = placed(self.bodies, np.append(np.zeros(self.column), x)[None]), 0.0
-        for tip, sign in zip(grip["tips"], (1, -1), strict=True):
-            solids, n = [solid for solid in self.solids if solid.name == self.label("link", tip)], sign * self.across
-            frames = [np.linalg.inv(bodies[solid.home][0]) @ bodies[solid.body][0] for solid in solids]
-            gap -= max(
-                float(self.extents(solid.first, solid.end, n[None] @ T[:3, :3])[0] + n @ T[:3, 3])
-                for solid, T in zip(solids, frames, strict=True)
+        grip, gap = self.grip, 2 * x
+        if grip["kind"] == "revolute":
+            (near, far), at = grip["positions"], placed(self.bodies, np.append(np.zeros(self.column), x)[None])
+            if not grip["lower"] < width < grip["upper"]:
+                return bool(abs(x - (near if width <= grip["lower"] else far)) < SLACK)
+            tips = [[solid for solid in self.solids if solid.name == self.label("link", tip)] for tip in grip["tips"]]
+            n = (at[tips[0][0].home][0, :3, :3] @ grip["across"])[None]
+            gap = -sum(
+                max(self.reach(tip.first, tip.end, sign * n, at[tip.body])[0] for tip in those)
+                for sign, those in zip((1, -1), tips, strict=True)
             )
-        return bool(abs(gap - width) < SLACK and min(near, far) <= x <= max(near, far))
+            gap = gap if min(near, far) <= x <= max(near, far) else math.nan
+        return not grip["closed"] or bool(abs(gap - width) < SLACK)
 
 
 # Whether a trail proves it
@@ -344,27 +327,21 @@ class World:
 def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> float:
     """The clearance that a trail shows between two places of a curve, metres; it must be what is claimed.
 
-    It has places s on the curve, and rows (pair, place, place, direction, direction).
+    It has places s on the curve, and rows (pair, place, a later place, direction, direction).
     """
     claimed = 1e9 if proof["clearance"] is None else float(proof["clearance"])
     require(claimed > float(proof["padding"]) >= 0, "a clearance that is no more than the padding")
     s, pairs = unpacked(proof["s"], "<f8", 1)[:, 0], unpacked(proof["pairs"], "<i4", 3).astype(int)
-    require(
-        len(s) and abs(s[0] - begin) < SLACK and abs(s[-1] - end) < SLACK, "the trail does not reach from end to end"
-    )
+    reaches = len(s) > 1 and abs(s[0] - begin) < SLACK and abs(s[-1] - end) < SLACK
+    require(reaches, "the trail does not reach from end to end")
     rows, n = np.split(unpacked(proof["rows"], "<i4", 9).astype(int), [3], axis=1)
     n = n.reshape(-1, 2, 3) / 2.0**30
     length = np.linalg.norm(n, axis=2)
     require(np.minimum(length, np.abs(length - 1)) < 1e-6, "a direction that is no unit vector")
-    ordered = (np.diff(s) > 0).all() and (rows[:, 1] >= 0).all() and (rows[:, 1] <= rows[:, 2]).all()
+    ordered = (np.diff(s) >= 0).all() and (rows[:, 1] >= 0).all() and (rows[:, 1] < rows[:, 2]).all()
     require(ordered, "places in disorder")
     at, moved, n = placed(world.bodies, curve.at(s)), curve.travelled(s), n / np.maximum(length, 0.5)[:, :, None]
     of = [solid for solid in world.solids for _ in range(solid.first, solid.end)]
-
-    def extents(first: int, end: int, n: Array, place: Array) -> Array:
-        """How far pieces of one body reach along unit vectors n (k, 3) at places (k,), from the base."""
-        T = at[of[first].body][place]
-        return world.extents(first, end, (n[:, None] @ T[:, :3, :3])[:, 0]) + (n * T[:, :3, 3]).sum(1)
 
     @cache
     def radii(piece: int, body: int) -> Array:
@@ -374,26 +351,22 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
         has a square of at most c.c + 2 c.w + w.w.
         """
         it, T, B = world.pieces[piece], at[of[piece].body], at[body]
-        middle, z = it.points.mean(axis=0), B[:, :3, :3] @ world.bodies[body].axis
-        centre = T[:, :3, :3] @ middle + T[:, :3, 3]
+        z, centre = B[:, :3, :3] @ world.bodies[body].axis, T[:, :3, :3] @ it.points.mean(axis=0) + T[:, :3, 3]
         c = centre - B[:, :3, 3]
         c -= (c * z).sum(1)[:, None] * z
         far = np.linalg.norm(c, axis=1)
         u = c / np.maximum(far, 1e-300)[:, None]
-        beyond = extents(piece, piece + 1, u, np.arange(len(s))) - (u * centre).sum(1)
-        return np.sqrt(far**2 + 2 * far * beyond + around(it) ** 2)
+        return np.sqrt(far**2 + 2 * far * (world.reach(piece, piece + 1, u, T) - (u * centre).sum(1)) + it.around**2)
 
     def motion(piece: int, other: int, left: Array, right: Array) -> Array:
         """How far points of a piece move from places to others by the joints that do not move the other piece.
 
         However the joints stand, no point is farther from the next axis than ``far``: steps along the chain, added up.
         """
-        it, solid = world.pieces[piece], of[piece]
+        it, solid, m = world.pieces[piece], of[piece], np.zeros(len(left))
         start = solid.body if world.alone else solid.home
-        to_start = np.linalg.inv(at[start][0]) @ at[solid.body][0]
-        middle = it.points.mean(axis=0)
-        far = np.linalg.norm(to_start[:3, :3] @ middle + to_start[:3, 3]) + around(it)
-        m = np.zeros(len(left))
+        middle = np.linalg.inv(at[start][0]) @ at[solid.body][0] @ np.append(it.points.mean(axis=0), 1)
+        far = np.linalg.norm(middle[:3]) + it.around
         for k in chain(world.bodies, start):
             body = world.bodies[k]
             if k not in chain(world.bodies, of[other].body):
@@ -403,34 +376,32 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
             far += world.step(body, curve)
         return m
 
-    least, (one, two, count) = math.inf, pairs.T
-    starts, stops = s[: max(len(s) - 1, 1)], s[-max(len(s) - 1, 1) :]
-    faults = list[tuple[float, str]]()
+    least, (one, two, count), faults = math.inf, pairs.T, list[tuple[float, str]]()
     for first, second in world.wanted():
-        apart = np.full((first.end - first.first, second.end - second.first, len(starts)), -math.inf)
+        apart = np.full((first.end - first.first, second.end - second.first, len(s) - 1), -math.inf)
         inside = (one >= first.first) & (one < first.end) & (two >= second.first) & (two + count <= second.end)
         for number in np.flatnonzero(inside & (count > 0) & ((count == 1) | (second.first >= world.riding))):
             (a, b, many), on = pairs[number], np.flatnonzero(rows[:, 0] == number)
             left, right = rows[on, 1:].T
-            m = motion(a, b, left, right) + motion(b, a, left, right)
-            g, h = (
-                -extents(a, a + 1, -x, at) - extents(b, b + many, x, at)
-                for at, x in ((left, n[on, 0]), (right, n[on, 1]))
-            )
-            g, h = np.where(length[on].T > 0.5, (g, h), -math.inf)
+            m, gaps = motion(a, b, left, right) + motion(b, a, left, right), list[Array]()
+            for k, place in enumerate((left, right)):
+                A, B, x = at[first.body][place], at[second.body][place], n[on, k]
+                gap = -world.reach(a, a + 1, -x, A) - world.reach(b, b + many, x, B)
+                gaps.append(np.where(length[on, k] > 0.5, gap, -math.inf))
+            g, h = gaps
             bound = np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
-            for low, high, gap in zip(left, np.maximum(right, left + 1), bound, strict=True):
+            for low, high, gap in zip(left, right, bound, strict=True):
                 part = apart[a - first.first, b - second.first : b - second.first + many, low:high]
                 np.maximum(part, gap, out=part)
-        sure = apart.min(axis=(0, 1))
+        sure = apart.min(axis=(0, 1), initial=math.inf)
         for each in proof["exempt"]:
             if {first.name, second.name} in map(set, each["pairs"]):
-                sure[(starts >= each["s_start"] - SLACK) & (stops <= each["s_end"] + SLACK)] = math.inf
+                sure[(s[:-1] >= each["s_start"] - SLACK) & (s[1:] <= each["s_end"] + SLACK)] = math.inf
         least = min(least, sure.min())
         for k in np.flatnonzero(~(sure >= claimed - ROUNDING))[:1]:
-            where = f"{first.name} x {second.name} from s = {starts[k]:.9g} to {stops[k]:.9g}"
+            where = f"{first.name} x {second.name} from s = {s[k]:.9g} to {s[k + 1]:.9g}"
             found = f"{sure[k] * 1e3:.4f} mm are shown" if sure[k] > -math.inf else "nothing is shown"
-            faults.append((starts[k], f"{where}: {found}, {claimed * 1e3:.4f} mm claimed"))
+            faults.append((s[k], f"{where}: {found}, {claimed * 1e3:.4f} mm claimed"))
     require(not faults, min(faults, default=(0.0, ""))[1])
     return float(least)
 
@@ -441,12 +412,12 @@ def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float
     It is written as functions of s that must not be negative. On a stretch of length h such a function, A and B at its
     ends, is at least ``(1 - t) A + t B - M t (1 - t) h^2 / 2`` at the share t of it, M bounding the second derivative;
     a stretch on which that may be negative is cut in half. With v and a the sums of speeds and accelerations of the
-    joints between the two frames, M is v^2 + a for a direction, twice that for two, and for a point r (v^2 + a), r
+    joints between the two frames, M is v^2 + a for a direction, thrice that for three, and for a point r (v^2 + a), r
     being the farthest that it can be from these joints; where one slides, 2 v v' + a' are added.
 
-    The turn psi about z follows from ``(cos psi, sin psi) (1 + Q_zz) = (Q_xx + Q_yy, Q_yx - Q_xy)``.
+    The turn psi about z follows from ``cos psi (1 + Q_zz) = Q_xx + Q_yy``.
     """
-    cuts = np.unique(np.clip([begin, end, *curve.places], begin, end))
+    cuts = np.array([begin, *curve.places[(curve.places > begin) & (curve.places < end)], end])
     if constraint["kind"] == "joint range":
         q = curve.at(cuts)[:, robot["joint_names"].index(constraint["joint"])]
         inside = (q >= constraint["lower"] - SLACK) & (q <= constraint["upper"] + SLACK)
@@ -463,34 +434,32 @@ def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float
         far += world.step(body, curve)
     edges = [(1, k, -edge) for k, edge in enumerate(constraint["lower"]) if edge is not None]
     edges += [(-1, k, edge) for k, edge in enumerate(constraint["upper"]) if edge is not None]
-    tilt, turn = (math.pi if constraint[name] is None else float(constraint[name]) for name in ("tilt", "turn"))
-    steep = max(math.sin(tilt), 1e-6)
-    weights = np.array([*[far] * len(edges), 1 / steep, 2, 2])[:, None]
+    angles = [(name, constraint[name]) for name in ("tilt", "turn") if constraint[name] not in (None, math.pi)]
+    require([0 < angle < math.pi for _, angle in angles], f"{constraint['name']}: no such angle")
+    steep = {name: max(math.sin(min(angle, math.pi / 2)), 1e-6) for name, angle in angles}
+    bends_of = [(far, 1)] * len(edges) + [({"tilt": 1, "turn": 3}[name] / steep[name], 0) for name, _ in angles]
+    weights, points = np.array(bends_of).reshape(-1, 2).T[:, :, None]
 
     def values(s: Array) -> Array:
-        """What must not be negative, (k, m): of points, of the tilt, and two of the turn."""
+        """What must not be negative, (k, m): of points, of the tilt and of the turn."""
         bodies = placed(world.bodies, curve.at(s))
         T = (np.linalg.inv(bodies[c] @ base) @ bodies[b] @ tool).transpose(1, 2, 0)
-        C, S, points = T[0, 0] + T[1, 1], T[1, 0] - T[0, 1], [sign * T[k, 3] + edge for sign, k, edge in edges]
-        psi = [math.sin(turn) * C + sign * math.cos(turn) * S for sign in (1, -1)]
-        return np.array([*points, (T[2, 2] - math.cos(tilt)) / steep, *psi])
+        cosines = {"tilt": (T[2, 2], 1), "turn": (T[0, 0] + T[1, 1], 1 + T[2, 2])}
+        aside = [(cosines[name][0] - math.cos(angle) * cosines[name][1]) / steep[name] for name, angle in angles]
+        return np.array([*(sign * T[k, 3] + edge for sign, k, edge in edges), *aside]).reshape(-1, len(s))
 
-    def holds(f: Array) -> Array:
-        """Both bounds of a turn up to a right angle must hold, one of them of a larger one."""
-        fits = f > -2 * SLACK
-        aside = fits[-2:].all(axis=0) if turn <= math.pi / 2 else fits[-2:].any(axis=0)
-        return fits[:-2].all(axis=0) & (aside | (turn >= math.pi))
-
-    left, right, looked = cuts[: max(len(cuts) - 1, 1)], cuts[-max(len(cuts) - 1, 1) :], 0
+    left, right, looked = cuts[:-1], cuts[1:], 0
     while len(left):
         A, B, h, middle, looked = values(left), values(right), right - left, (left + right) / 2, looked + len(left)
         where = f"{constraint['name']} is not kept from s = {left[0]:.9g} to {right[-1]:.9g}"
-        require(looked < MOST_STRETCHES and (holds(A) & holds(B)).all(), where)
-        speeds, bends = curve.rates(middle, h)
+        require(looked < MOST_STRETCHES and (A > -2 * SLACK).all() and (B > -2 * SLACK).all(), where)
+        bends = (np.abs(middle[:, None] - curve.corners) < curve.d) * 0.625 / np.maximum(curve.d, 1e-300)
+        bends = bends @ np.abs(curve.bends)  # at most abs(q''); f' is at most 0.625
+        speeds = np.abs(curve.at(middle, 1)) + bends * h[:, None] / 2
         v, slides = speeds @ turning, 2 * (speeds @ turning) * (speeds @ sliding) + bends @ sliding
-        E = (weights * (v**2 + bends @ turning) + slides) * h**2 / 2
+        E = (weights * (v**2 + bends @ turning) + points * slides) * h**2 / 2
         t = np.clip(0.5 - (B - A) / np.maximum(2 * E, 1e-300), 0, 1)
-        cut = ~holds((1 - t) * A + t * B - E * t * (1 - t))
+        cut = ((1 - t) * A + t * B - E * t * (1 - t) <= -2 * SLACK).any(axis=0)
         left, right = np.concatenate([left[cut], middle[cut]]), np.concatenate([middle[cut], right[cut]])
 
 
@@ -500,17 +469,13 @@ def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float
 def motions(document: Json) -> Iterator[tuple[str, Json, float, Json, Json]]:
     """Each motion of a plan or a task: name, result, width of the gripper, obstacles, what is held."""
     scene, alone = document["scene"], {"name": "motion", "scene": None, "gripper_width": None}
-    first, (obstacles, held) = (
-        {item["name"]: item for item in scene["obstacles"]},
-        (scene["obstacles"], scene["attached"]),
-    )
+    first = {item["name"]: item for item in scene["obstacles"]}
     for segment in document.get("segments") or [{**alone, "result": document["result"]}]:
-        if segment["scene"] is not None:
-            obstacles = [first[item] if isinstance(item, str) else item for item in segment["scene"]["obstacles"]]
-            held = segment["scene"]["attached"]
+        scene = segment["scene"] or scene
+        obstacles = [first[item] if isinstance(item, str) else item for item in scene["obstacles"]]
         width = segment["gripper_width"]
         width = document["robot"]["gripper_width"] if width is None else width
-        yield segment["name"], segment["result"], width, obstacles, held
+        yield segment["name"], segment["result"], width, obstacles, scene["attached"]
 
 
 def verify(document: Json) -> Iterator[str]:
@@ -521,7 +486,7 @@ def verify(document: Json) -> Iterator[str]:
         require(section[part] == digest(document[part]), f"the evidence is for another {part}")
         yield f"{part} {section[part]}"
     proofs, before, ends, whole = [*section["proofs"]], robot["gripper_width"], None, [*motions(document)]
-    scene, endless = [*whole[0][3:]], np.array(robot.get("continuous") or [False])
+    scene, endless, stood = [*whole[0][3:]], np.array(robot.get("continuous") or [False]), None
     lower, upper = (np.array(robot["limits"][name], float) for name in ("lower", "upper"))
     for number, (name, result, width, *after) in enumerate(whole):
         points, claim = np.array(result["path"]["waypoints"], float), result["certificate"]
@@ -533,14 +498,13 @@ def verify(document: Json) -> Iterator[str]:
         require(was == now and not moved, f"{name}: the scene changes by more than what is taken or left")
         for alone in (True, False) if robot["gripper"] and before != width else (False,):
             proof, words = proofs.pop(0), "gripper before " * alone + name
-            widths = [before if alone else width, width]
+            widths, (stand, hold) = [before if alone else width, width], scene if alone else after
             require(proof["motion"] == number and proof["gripper"] == widths, f"{words}: the evidence is for another")
-            stand, hold = scene if alone else after
-            world = World(robot, stand, hold, allowed, section["boxes"], alone=alone)
-            for x, gap in zip(proof["moved"], widths, strict=True):
-                require(world.stands(x, gap), f"{words}: fingers elsewhere")
-            q = points[[0, 0]] if alone else points
-            moves = np.linspace(proof["moved"][0], proof["moved"][1], len(q))[:, None]
+            world, fingers = World(robot, stand, hold, allowed, section["boxes"], alone=alone), proof["moved"]
+            fits = (alone or fingers[0] == fingers[1]) and stood in (None, fingers[0])
+            require(fits and all(map(world.stands, fingers, widths)), f"{words}: fingers elsewhere")
+            q, stood = points[[0, 0]] if alone else points, fingers[1]
+            moves = np.linspace(*fingers, len(q))[:, None]
             curve = Curve(np.hstack([q, moves]), [] if alone else result["path"]["blends"])
             begin, end = proof["part"] or (0.0, curve.length)
             require(0 <= begin <= end <= curve.length + SLACK, f"{words}: a part that is not on the path")
@@ -563,6 +527,8 @@ def verify(document: Json) -> Iterator[str]:
             for each in proof["exempt"]:
                 where = f"from s = {each['s_start']:.6g} to {each['s_end']:.6g}"
                 yield f"  not judged {where}: {each['pairs']} ({each['reason']})"
+            for item in hold:
+                yield f"  not judged: {item['name']}, which is held, with {item['touch_links']}"
         before, scene, ends = width, after, points[-1]
     require(not proofs, "proofs of motions that are not in the file")
     body = {shape["link"]: shape["body"] for shape in robot["shapes"]}

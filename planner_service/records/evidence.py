@@ -143,6 +143,8 @@ def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
     motion, leaves = trail.motion, trail.leaves
     s, ends = np.unique(leaves[:, 1:3], return_inverse=True)
     ends = ends.reshape(-1, 2)
+    if len(s) == 1:  # a path on which nothing moves: one stretch of length 0
+        s, ends = np.repeat(s, 2), ends + np.arange(2)
     used, pair = np.unique(leaves[:, 0].astype(np.int64), return_inverse=True)
     rotations = _rotations(motion, trail.path(s))
     second = motion.second[leaves[:, 0].astype(np.int64)]

@@ -33,6 +33,7 @@ from planner_service import (
 )
 from planner_service.certify import Certifier, Trail
 from planner_service.constraints import KeepUpright
+from planner_service.path.joint_path import JointPath
 from planner_service.records.evidence import with_evidence
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan
 from planner_service.tasks.pick_place import plan_pick_place
@@ -231,6 +232,21 @@ def stretched(copy: Document, proof: Document) -> None:
     rows(proof, whole)
 
 
+def only_at_the_start(copy: Document, proof: Document) -> None:
+    """Every pair is apart there, and the wall may be anywhere else."""
+
+    def first(table: Any) -> Any:
+        table = table[table[:, 1] == 0]
+        table[:, 3:6] = np.where(table[:, 3:6].any(axis=1)[:, None], table[:, 3:6], table[:, 6:])
+        table[:, 2], table[:, 6:] = 0, table[:, 3:6]
+        return table
+
+    rows(proof, first)
+    proof["s"] = packed([[0.0], [copy["result"]["path"]["length"]]], "<f8")
+    for claim in (proof, copy["result"]["certificate"]):
+        claim["clearance"] = 1e-3
+
+
 def long_directions(copy: Document, proof: Document) -> None:
     def doubled(table: Any) -> Any:
         table[:, 3:] = np.clip(table[:, 3:] * 1.5, -(2**31), 2**31 - 1)
@@ -274,6 +290,7 @@ def hung_elsewhere(copy: Document, proof: Document) -> None:
         (dropped, "nothing is shown|does not reach"),
         (shortened, "nothing is shown|does not reach"),
         (stretched, "are shown"),
+        (only_at_the_start, "disorder"),
         (long_directions, "unit vector"),
         (turned_directions, "are shown"),
         (beyond_a_limit, "limits"),
@@ -316,6 +333,30 @@ def test_a_constraint_that_is_not_kept_is_refused() -> None:
     assert robot.n == 6
     with pytest.raises(Invalid, match="not kept"):
         shown(copy)
+
+
+@pytest.mark.parametrize("bound", ["tilt", "turn", "upper"])
+def test_a_region_is_shown_to_be_kept_to_a_hair_and_no_farther(plain: Document, bound: str) -> None:
+    robot, waypoints = load_robot("wxai"), np.array(plain["result"]["path"]["waypoints"])
+    path = JointPath(waypoints, np.array(plain["result"]["path"]["blends"]))
+    aside = Pose.from_rpy((0.0, 0.0, 0.0), (0.5, 0.4, 0.0))
+    T = np.array([robot.tool_pose(q) for q in path(np.linspace(0.0, path.length, 1_500))]) @ aside.matrix
+    first = Pose.from_matrix(T[len(T) // 2])
+    R = first.rotation.T @ T[:, :3, :3]
+    across, along = R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1]
+    most = {"tilt": np.arccos(R[:, 2, 2]), "turn": np.abs(np.arctan2(across, along))}.get(bound, T[:, 0, 3]).max()
+    nowhere = {"position": [0.0, 0.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    tool, turned = ({**nowhere, "quaternion_wxyz": list(at.quaternion)} for at in (aside, first))
+    free: Document = {"lower": [None] * 3, "upper": [None] * 3, "tilt": None, "turn": None, "link": None}
+    region = {**free, "kind": "tool region", "name": "region", "relative_to": None, "tool": tool, "frame": turned}
+
+    def kept_to(value: float) -> Document:
+        asked = {bound: value} if bound != "upper" else {bound: [value, None, None], "frame": nowhere}
+        return {**plain, "request": {"constraints": [{**region, **asked}]}}
+
+    assert any("1 constraints kept" in line for line in shown(kept_to(most + 1e-4)))
+    with pytest.raises(Invalid, match="region is not kept"):
+        shown(kept_to(most - 1e-4))
 
 
 def present(request: PlanRequest | None) -> PlanRequest:
