@@ -59,7 +59,13 @@ T = TypeVar("T")
 
 _POSE = "pose:"
 
-_FILE_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": motion_plot.OURS, "--png": still.OURS}
+_FILE_KINDS = {
+    "--out": plan_file.OURS,
+    "--evidence": plan_file.OURS,
+    "--plan": plan_file.OURS,
+    "--plot": motion_plot.OURS,
+    "--png": still.OURS,
+}
 """The beginning of the files that each option may overwrite."""
 
 

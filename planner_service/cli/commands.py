@@ -34,6 +34,7 @@ from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
+from planner_service.records.no_path_file import save_no_path
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.result import result_record
 from planner_service.robot.model import length_unit, load_robot, robot_blocks
@@ -136,6 +137,10 @@ def explain(
     upright: options.Upright = None,
     region: options.Region = None,
     plans: Annotated[int, typer.Option(metavar="N", help="Plans that may be tried.")] = 60,
+    evidence: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Save the proof that no path exists, if one is found, for others."),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Explain why there is no plan, whether that is proven, and what would help.
@@ -144,6 +149,7 @@ def explain(
     turned, a constraint relaxed, an object moved by as little as suffices, or taken away.
     """
     with bad_input_exits():
+        arguments.require_outputs({"--evidence": evidence})
         service = arguments.service_for(robot, scene)
         q_start = arguments.configuration("--start", start, service.robot)
         constraints, _ = arguments.constraints(upright, region, service.robot, q_start)
@@ -157,6 +163,8 @@ def explain(
             constraints=constraints,
         )
         explained = service.explain(request, plans=plans)
+        if evidence is not None and explained.no_path is not None:
+            save_no_path(explained.no_path, service.world, q_start, request.goals(service.robot), evidence)
     failure = explained.result.failure
     if as_json:
         document = {
@@ -170,7 +178,11 @@ def explain(
         }
         emit(json_text(document))
     else:
-        emit(render(*str(explained).splitlines()))
+        lines = str(explained).splitlines()
+        if evidence is not None:
+            found = f"the proof that no path exists is in {evidence}"
+            lines.append("no proof that no path exists was found" if explained.no_path is None else found)
+        emit(render(*lines))
     raise typer.Exit(0 if failure is None else NO_PLAN)
 
 

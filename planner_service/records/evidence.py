@@ -28,14 +28,15 @@ from planner_service.geometry.composite import HeightField, PointCloud
 from planner_service.geometry.shapes import Box
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.records.recertify import ProvenMotion, Recertified, recertify
+from planner_service.records.recertify import ProvenMotion, recertify
 from planner_service.records.result import certificate_record
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
 from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
 from planner_service.tasks.result import TaskResult
 
-__all__ = ["EVIDENCE", "packed", "save_plan", "with_evidence"]
+__all__ = ["EVIDENCE", "boxes_of", "packed", "save_plan", "with_evidence"]
 
 EVIDENCE = "evidence"
 """The section's name."""
@@ -68,7 +69,7 @@ def with_evidence(plan: SavedPlan | SavedTask) -> SavedPlan | SavedTask:
         "version": VERSION,
         "robot": _robot_digest(plan.robot),
         "scene": _digest(SceneRecord.of(plan.scene).document()),
-        "boxes": dict(_boxes(proven)),
+        "boxes": dict(item for motion in proven.motions for item in boxes_of(motion.motion.scene)),
         "proofs": [proof for k, motion in enumerate(proven.motions) for proof in _proofs(k, motion)],
     }
     return replace(plan, sections={**plan.sections, EVIDENCE: section})
@@ -182,16 +183,14 @@ def _pieces(motion: Motion, pair: int) -> tuple[int, int, int]:
     return int(motion.first[pair]), begin, int(motion.second[high]) - begin + 1
 
 
-def _boxes(proven: Recertified) -> Iterator[tuple[str, str]]:
-    """The boxes that make up each cloud and height field, lower corners and upper ones in its own axes."""
-    for motion in proven.motions:
-        scene = motion.motion.scene
-        for name, solid in [(item.name, item.shape) for items in (scene.obstacles, scene.attached) for item in items]:
-            if isinstance(solid, PointCloud | HeightField):
-                parts = solid.pieces
-                half = np.array([box.half for box in parts.shapes if isinstance(box, Box)])
-                centre = parts.frames[:, :3, 3]
-                yield name, packed(np.column_stack([centre - half, centre + half]), "<f8")
+def boxes_of(scene: Scene) -> Iterator[tuple[str, str]]:
+    """The boxes that make up each cloud and height field, lower corners and upper ones in its own axes, packed."""
+    for name, solid in [(item.name, item.shape) for items in (scene.obstacles, scene.attached) for item in items]:
+        if isinstance(solid, PointCloud | HeightField):
+            parts = solid.pieces
+            half = np.array([box.half for box in parts.shapes if isinstance(box, Box)])
+            centre = parts.frames[:, :3, 3]
+            yield name, packed(np.column_stack([centre - half, centre + half]), "<f8")
 
 
 def packed(array: NDArray[Any], kind: str) -> str:
