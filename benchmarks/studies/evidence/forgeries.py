@@ -1,8 +1,8 @@
 """Forged evidence: plan files whose author changed them and worked out every digest anew.
 
 A forgery says something false if a sample of its curve contradicts it: FCL finds a collision there, or a joint is
-outside its limits. Such a one must be refused, and for what was changed. Where one is accepted Coal looks, too, for
-anything that is nearer than the clearance that it claims.
+outside its limits. Such a one must be refused, and for what was changed. Where one is accepted, or claims a larger
+clearance than was proven, Coal looks, too, for anything that is nearer than that.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MOST_CLEARANCE = 0.05
 """Metres: what is worth forging."""
 
 SAMPLES, AUDITED = 4_000, 200
-"""Along a curve: by the compiled checker, and by Coal of forgeries that were accepted."""
+"""Along a curve: by the compiled checker, and by Coal."""
 
 MARGIN = 5e-6
 """Metres by which one of Coal's gaps must be smaller than what is claimed to contradict it: these err."""
@@ -243,7 +243,7 @@ def _judged(kind: str, forger: _Forger) -> Row:
         why = ""
     except Invalid as refused:
         why = str(refused)
-    contradiction = _contradiction(forger, audited=not why)
+    contradiction = _contradiction(forger, audited=not why or kind.startswith("raised"))
     concerned = forger.changed in why or "joint leaves" in why
     return {"kind": kind, "accepted": not why, "false": contradiction, "concerned": concerned, "why": why[:120]}
 
