@@ -75,7 +75,7 @@ def test_compiled_and_in_python_there_are_the_same_bits_and_what_is_projected_ke
             assert step == reference.step(*args)
             if step is not None:
                 edges += 1
-                samples = np.linspace(near, step, 200)
+                samples = np.linspace(near, step, 25)
                 assert not any(violated(robot, constraints, sample) for sample in samples)
     assert found > 5
     assert edges > 5
