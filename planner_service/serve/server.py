@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from statistics import fmean
 from typing import Any, ParamSpec, TypeVar
@@ -57,6 +58,9 @@ MAX_PAGES = 4
 RECENT = 100
 """Requests whose times say how long one takes."""
 
+SCENES_AT_HAND = 16
+"""Scenes that are read from the disk, and checked against their hash, only once while they are used."""
+
 
 @dataclass(frozen=True)
 class StoredAnswer:
@@ -80,6 +84,7 @@ class _Live:
 
     Attributes:
         events: Name and data of each event.
+        followers: Clients that are told events as they come.
         news: Set when there is another one; then replaced.
         answer: Kept in the store, too, before anybody is told.
         done: Set when it has ended, or the server stops.
@@ -88,6 +93,7 @@ class _Live:
     job: Job
     began: float = field(default_factory=time.monotonic)
     events: list[tuple[str, Mapping[str, Any]]] = field(default_factory=list)
+    followers: int = 0
     ended: bool = False
     news: asyncio.Event = field(default_factory=asyncio.Event)
     answer: StoredAnswer | None = None
@@ -126,6 +132,7 @@ class PlanningServer:
         self._arriving = self._followers = 0
         self._stopping = False
         self._pages: deque[OpenPage] = deque()
+        self._scene_content = lru_cache(SCENES_AT_HAND)(store.content)
         for scene in scenes:
             if all(stored.name != scene.name for stored in store.scenes()):
                 store.put_scene(scene.name, scene.hash, _scene_document(scene))
@@ -244,7 +251,8 @@ class PlanningServer:
         return found.answer
 
     def _assignment(self, job: Job, body: bytes, sources: Mapping[str, str]) -> Assignment:
-        contents = {name: Source(content, self._store.content(content)) for name, content in sources.items()}
+        read = {"scene": self._scene_content}
+        contents = {name: Source(key, read.get(name, self._store.content)(key)) for name, key in sources.items()}
         return Assignment(job.id, job.kind, body, contents)
 
     def _submit(self, live: _Live, assignment: Assignment, left: float | None) -> None:
@@ -306,18 +314,19 @@ class PlanningServer:
         return State.REFUSED if outcome.refused else State.DONE, outcome
 
     def _say(self, live: _Live, name: str, data: Mapping[str, Any], *, last: bool = False) -> None:
-        """Tell an event to those who follow a job; from any thread."""
+        """Tell an event to those who follow a job; from any thread. The loop is woken only if there are any."""
 
-        def say() -> None:
-            live.events.append((name, data))
-            live.ended = last
+        def wake() -> None:
             if last:
+                live.ended = True
                 self._live.pop(live.job.id, None)
                 live.done.set()
             news, live.news = live.news, asyncio.Event()
             news.set()
 
-        self._loop.call_soon_threadsafe(say)
+        live.events.append((name, data))
+        if last or live.followers:
+            self._loop.call_soon_threadsafe(wake)
 
     # What clients ask about jobs.
 
@@ -403,17 +412,20 @@ class PlanningServer:
 
     async def _follow(self, live: _Live) -> AsyncIterator[bytes]:
         self._followers += 1
+        live.followers += 1  # before it looks at the events: whatever is said from now on wakes it
         try:
             told = 0
             while not self._stopping:
-                for name, data in live.events[told:]:
+                news, ended, events = live.news, live.ended, live.events[told:]
+                for name, data in events:
                     yield _event(name, data)
-                told = len(live.events)
-                if live.ended:
+                told += len(events)
+                if ended:
                     return
-                await live.news.wait()
+                await news.wait()
         finally:
             self._followers -= 1
+            live.followers -= 1
 
     async def view(self, job: str) -> str:
         """The address of a page that shows a plan or a task.
