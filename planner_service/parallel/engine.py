@@ -40,7 +40,10 @@ class TalkingWork(Protocol):
     """A work that takes notes while it is at an item, and sends some; see ``Backend.tell`` and ``Noted``."""
 
     def connect(self, send: Callable[[Any], None]) -> None:
-        """Take the function that sends a note; called once, before ``prepare``, and used by the item's thread alone."""
+        """Take the function that sends a note; called once, before ``prepare``, and used while it is at an item.
+
+        One thread at a time may use it.
+        """
 
     def told(self, note: Any, /) -> None:
         """Take a note, in another thread than the item's. It may come before its item, or when that is answered."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 from planner_service.parallel.pool import Answered, Backend, Died, Event, Noted, Raised
-from planner_service.serve.work import Answer, Assignment, Cancellation, Ending
+from planner_service.serve.work import Answer, Assignment, Cancellation, Ending, Following
 
 __all__ = ["Dispatcher", "Listener", "Task"]
 
@@ -40,6 +40,7 @@ class Task:
         deaths: Workers that died of it.
         ending: Why it is being ended.
         kill_at: When its worker is ended if it has not obeyed.
+        followed: Whether its stages are noted as they end.
     """
 
     assignment: Assignment
@@ -47,6 +48,7 @@ class Task:
     deaths: int = 0
     ending: Ending | None = None
     kill_at: float | None = None
+    followed: bool = False
 
     @property
     def id(self) -> str:
@@ -148,6 +150,16 @@ class Dispatcher(Generic[Worker]):
             self.listener.ended(waiting, ending)
         return True
 
+    def follow(self, job: str) -> None:
+        """Have the stages of a task noted as they end, from the first on; else they come with its answer."""
+        with self._lock:
+            for task in self._queue:
+                task.followed |= task.id == job
+            for worker, state in self._workers.items():
+                if state.task is not None and state.task.id == job and not state.task.followed:
+                    state.task.followed = True
+                    self.backend.tell(worker, Following(job))
+
     def _tell_to_end(self, worker: Worker, ending: Ending) -> None:
         task = self._workers[worker].task
         if task is not None and task.ending is None:
@@ -205,6 +217,8 @@ class Dispatcher(Generic[Worker]):
                 state.task = self._queue.popleft()
                 self.listener.started(state.task)
                 self.backend.send(worker, state.task.assignment)
+                if state.task.followed:
+                    self.backend.tell(worker, Following(state.task.id))
 
     def _lose(self, worker: Worker, event: Event) -> None:
         """Go on without a worker that has died, or cannot plan."""

@@ -279,6 +279,8 @@ class PlanningServer:
         """See ``Listener``."""
         live = self._live[task.id]
         self._seconds.append(time.monotonic() - live.began)
+        for note in outcome.untold if isinstance(outcome, Answer) else ():
+            self._say(live, "stage", note)
         self._end(live, task.assignment, outcome)
 
     def _end(self, live: _Live, assignment: Assignment, outcome: Answer | Ending | Raised) -> None:
@@ -414,6 +416,7 @@ class PlanningServer:
         self._followers += 1
         live.followers += 1  # before it looks at the events: whatever is said from now on wakes it
         try:
+            await asyncio.to_thread(self._dispatcher.follow, live.job.id)
             told = 0
             while not self._stopping:
                 news, ended, events = live.news, live.ended, live.events[told:]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -44,7 +45,18 @@ from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.result import Handling
 from planner_service.tasks.tool_motions import move_linear
 
-__all__ = ["FILES", "TASKS", "Answer", "Assignment", "Cancellation", "Ending", "ServerWork", "Source", "unrun"]
+__all__ = [
+    "FILES",
+    "TASKS",
+    "Answer",
+    "Assignment",
+    "Cancellation",
+    "Ending",
+    "Following",
+    "ServerWork",
+    "Source",
+    "unrun",
+]
 
 FILES = frozenset({"plans", "move_linear", "replan", "pick", "place", "pick_place"})
 """Kinds of requests whose answer is a plan file or a task file, also if they are not carried out."""
@@ -115,6 +127,13 @@ class Cancellation:
 
 
 @dataclass(frozen=True)
+class Following:
+    """A note to a worker: a client wants to be told the stages of this request as they end."""
+
+    id: str
+
+
+@dataclass(frozen=True)
 class Answer:
     """What came of a request.
 
@@ -125,6 +144,7 @@ class Answer:
         counts: The checks it took.
         stages: Seconds by stage.
         roadmap: Hash and file of a roadmap that was grown.
+        untold: The stages of which no note was sent, as such notes.
     """
 
     content: bytes
@@ -134,10 +154,14 @@ class Answer:
     counts: CheckCounts = field(default_factory=CheckCounts)
     stages: tuple[tuple[str, float], ...] = ()
     roadmap: tuple[str, bytes] | None = None
+    untold: tuple[Mapping[str, Any], ...] = ()
 
 
 class ServerWork:
     """Carries out requests for one robot; see ``TalkingWork``.
+
+    Stages are sent as they end only while a client follows the request; a note for each would cost more than a short
+    plan's search.
 
     Args:
         world: The robot, how its motions are checked, and the scene to be prepared for.
@@ -151,6 +175,9 @@ class ServerWork:
         self._send = send
         self._running = ("", CancelToken())
         self._cancelled: OrderedDict[str, Ending] = OrderedDict()
+        self._followed = ""
+        self._untold: list[Mapping[str, Any]] = []
+        self._telling = threading.Lock()
         self._services: OrderedDict[tuple[tuple[str, ...], float | None], PlannerService] = OrderedDict()
 
     def prepare(self) -> None:
@@ -158,7 +185,12 @@ class ServerWork:
         PlannerService.of(self.world).plan(PlanRequest(self.world.robot.home, self.world.robot.home))
 
     def told(self, note: Any, /) -> None:
-        """Take a cancellation."""
+        """Take a cancellation, or that a client follows."""
+        if isinstance(note, Following):
+            with self._telling:
+                self._followed = note.id  # of the request that runs, or is about to
+                self._tell()
+            return
         assert isinstance(note, Cancellation)
         self._cancelled[note.id] = note.ending
         if len(self._cancelled) > MAX_CANCELLATIONS:
@@ -177,7 +209,10 @@ class ServerWork:
         def stage_ended(report: StageReport) -> None:
             stages.append((report.stage.value, report.seconds))
             counts = {"states": report.counts.states, "edges": report.counts.edges}
-            self._send({"stage": report.stage.value, **counts, "seconds": report.seconds, "note": report.note})
+            note = {"stage": report.stage.value, **counts, "seconds": report.seconds, "note": report.note}
+            with self._telling:
+                self._untold.append(note)
+                self._tell()
 
         try:
             with told_of_stages(stage_ended):
@@ -186,8 +221,18 @@ class ServerWork:
             answer = Answer(problem_of(error).content, False, "INVALID_REQUEST", refused=True)
         except (_Ended, Cancelled):
             answer = unrun(item, self.world, self._cancelled[item.id])
-        self._running = ("", cancel)
-        return replace(answer, stages=tuple(stages))
+        finally:
+            with self._telling:  # a note that was sent later would be taken for one on the next request
+                self._running = ("", cancel)
+                untold, self._untold = self._untold, []
+        return replace(answer, stages=tuple(stages), untold=tuple(untold))
+
+    def _tell(self) -> None:
+        """Send the stages that were not, if a client follows the request that runs."""
+        if self._followed == self._running[0]:
+            for note in self._untold:
+                self._send(note)
+            self._untold.clear()
 
     def _answer(self, item: Assignment, cancel: CancelToken) -> Answer:
         body = bodies.read_body(bodies.BODIES[item.kind], item.body, self.world.robot)
