@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: demo quick test lint types bench attack mutants measures docs wheel clean
 .DEFAULT_GOAL := demo
 
-INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 NATIVE := CMakeLists.txt $(wildcard planner_service/native/*.cpp planner_service/native/*/* planner_service/certify/native/*)
 
 $(BIN)/python:
