@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+# Processes that test: one more than there are cores, for tests that wait.
+TESTERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
@@ -34,7 +36,7 @@ quick: $(BIN)/.dev lint  ## the inner loop: the tests of all packages but the sl
 	$(BIN)/python -m pytest tests/unit -m "not (slow or sim or browser or ray)" --numprocesses auto --dist worksteal
 
 test: $(BIN)/.dev lint types  ## lint, types and the test suite
-	$(BIN)/python -m pytest -m "not sim" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m "not sim" --numprocesses $(TESTERS) --dist loadfile
 	$(BIN)/python -m pytest -m sim
 
 lint: $(BIN)/.dev
