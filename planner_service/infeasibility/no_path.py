@@ -112,7 +112,8 @@ def prove_no_path(
         charge: Told of the (box, pair) bounds before they are asked; may raise to end it.
 
     Raises:
-        InvalidRequest: start or goals are no configurations, or ``max_boxes`` is no positive integer.
+        InvalidRequest: start or goals are no configurations, ``max_boxes`` is no positive integer, or ``charge`` is no
+            function.
         UnknownName: ``allowed`` names nothing that is there.
     """
     instance("robot", robot, Robot, "a Robot")
@@ -123,6 +124,8 @@ def prove_no_path(
     ends = [np.asarray(joint_vector(f"goals[{k}]", goal, robot)) for k, goal in enumerate(given)]
     begin = np.asarray(joint_vector("start", start, robot))
     left = whole("max_boxes", max_boxes, 1, 10**9)
+    if charge is not None and (isinstance(charge, type) or not callable(charge)):
+        raise InvalidRequest("charge", charge, "a function of a number, or None")
     pairs = solid_pairs(robot, ProofPairs(robot, scene, pairs_of_names("allowed", allowed)))
     searches: Iterable[_Search] = (_Search(robot, walls, begin, ends, charge) for walls in _choices(robot, pairs))
     most = FIRST

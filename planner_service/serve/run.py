@@ -23,7 +23,7 @@ from planner_service.serve.app import create_app
 from planner_service.serve.connection import Connection
 from planner_service.serve.guard import LOOPBACK, Guard
 from planner_service.serve.server import PlanningServer
-from planner_service.serve.store import Store
+from planner_service.serve.state.store import Store
 from planner_service.serve.work import ServerWork
 
 __all__ = ["MIN_TOKEN", "Settings", "new_server", "read_token", "serve"]

@@ -36,7 +36,7 @@ from planner_service.serve.bodies import BODIES, AfterTask, EditsBody, SceneBody
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.metrics import Metrics
 from planner_service.serve.problems import Problem, Refused, problem_of
-from planner_service.serve.store import ANY_VERSION, ENDED, Job, StaleVersion, State, Store
+from planner_service.serve.state.store import ANY_VERSION, ENDED, Job, StaleVersion, State, Store
 from planner_service.serve.work import Answer, Assignment, Ending, Source, unrun
 
 __all__ = ["PlanningServer", "StoredAnswer", "StoredScene"]

@@ -47,6 +47,7 @@ ANSWERS = frozenset(
         "MethodResult",
         "NoPath",
         "Optimum",
+        "Reached",
         "Origin",
         "Remedy",
         "Terms",

@@ -23,7 +23,7 @@ from planner_service.cli.commands import app
 from planner_service.geometry.mesh import Mesh
 from planner_service.infeasibility import prove_no_path
 from planner_service.planning.world import World
-from planner_service.records.no_path_file import no_path_document, save_no_path
+from planner_service.records.exports.no_path_file import no_path_document, save_no_path
 from planner_service.records.scene import MeshRecord
 from tests.support.optional import present
 from tests.support.small_robots import built, joint, link, solid, urdf

@@ -39,7 +39,7 @@ def cluster() -> Iterator[Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.ray
+@pytest.mark.cluster
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # ray's own
 def test_every_request_is_answered_once_though_a_machine_is_lost(cluster: Any, tmp_path: Path) -> None:
     from ray import serve

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.serve import content_files
-from planner_service.serve import store as stores
-from planner_service.serve.store import StaleVersion, State, Store
+from planner_service.serve.state import content_files
+from planner_service.serve.state import store as stores
+from planner_service.serve.state.store import StaleVersion, State, Store
 from tests.support.optional import present
 
 HASH, OTHER = "a" * 64, "b" * 64
@@ -26,7 +26,7 @@ HASH, OTHER = "a" * 64, "b" * 64
 WRITER = """
 import hashlib, os, sys
 from pathlib import Path
-from planner_service.serve.store import State, Store
+from planner_service.serve.state.store import State, Store
 
 def write(folder, turn):
     store = Store(Path(folder))

@@ -449,6 +449,7 @@ def test_what_cannot_be_shown_is_refused(discs: PlannerService, bin_: PlannerSer
 
 def test_without_viser_the_extra_is_named(discs: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.delitem(sys.modules, "planner_service.view.serving.server", raising=False)
     with pytest.raises(MissingDependency, match=r"planner-service\[view\]"):
         discs.view(port=0, block=False)
 

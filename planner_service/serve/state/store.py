@@ -28,9 +28,9 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.serve.content_files import ContentFiles, sync_file
-from planner_service.serve.folder_lock import FolderLock
-from planner_service.serve.index import open_index
+from planner_service.serve.state.content_files import ContentFiles, sync_file
+from planner_service.serve.state.folder_lock import FolderLock
+from planner_service.serve.state.index import open_index
 
 __all__ = [
     "ENDED",
