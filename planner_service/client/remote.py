@@ -191,7 +191,7 @@ class Remote:
         return other
 
     def of(self, world: World) -> Remote:
-        """The same server in a world, such as that of a ``TaskResult``.
+        """A ``Remote`` on the same server that plans in another world, such as the one a ``TaskResult`` ends with.
 
         Raises:
             InvalidRequest: the world has another robot, or is checked in another way.

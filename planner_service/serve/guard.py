@@ -34,9 +34,9 @@ class Guard:
     """An application behind the checks.
 
     Attributes:
-        token: What clients have to send; None for none.
-        hosts: What the ``Host`` of a request may be, with its port: a page of another name that resolves to this
-            machine is refused. None for any: whoever has the token may use any name.
+        token: The bearer token that clients must send; None if no token is needed.
+        hosts: The accepted values of the ``Host`` header, ports included, so that a foreign host name that resolves to
+            this machine is refused (DNS rebinding). None accepts any: the token then protects the server.
     """
 
     app: ASGIApp

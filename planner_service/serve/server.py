@@ -80,14 +80,14 @@ class StoredScene:
 
 @dataclass(eq=False)
 class _Live:
-    """A request that has no answer yet: what clients that follow it are told, and have been.
+    """A request that has no answer yet, and the events that its followers receive.
 
     Attributes:
-        events: Name and data of each event.
-        followers: Clients that are told events as they come.
-        news: Set when there is another one; then replaced.
-        answer: Kept in the store, too, before anybody is told.
-        done: Set when it has ended, or the server stops.
+        events: Name and data of every event so far.
+        followers: How many clients receive the events as they happen.
+        news: Set when an event is added, and replaced by a new one.
+        answer: The answer, set only after it is in the store.
+        done: Set when the request has ended, or the server stops.
     """
 
     job: Job

@@ -299,7 +299,7 @@ class _Call:
 
 
 def _world(item: Assignment, world: World) -> World:
-    """The world of a request: a scene, what a task has left, or that of a plan."""
+    """The world that a request is about: a stored scene, the world after a finished task, or the world of a plan."""
     if "after" in item.sources:
         saved = plan_or_task("after", item.sources["after"].data)
         world = saved.begin

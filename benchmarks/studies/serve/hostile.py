@@ -102,7 +102,7 @@ def _scene(running: Server) -> dict[str, Any]:
 
 
 def _restore(running: Server, scene: dict[str, Any]) -> None:
-    """Leave the server no scene but that one: whoever may use a server may delete its scenes, too."""
+    """Restore the scene, and delete all others: hostile requests may have changed, deleted or added some."""
     with connected(running.port) as link:
         for stored in link.ask("GET", "/scenes").document["scenes"]:
             link.ask("DELETE", f"/scenes/{quote(stored['name'], safe='')}")
