@@ -163,7 +163,11 @@ class PlanningServer:
         live = self._live[job.id] = _Live(job)
         work = json.loads(self._store.work(job.id))
         left = None if work["deadline"] is None else work["deadline"] - time.time()
-        assignment = self._assignment(job, work["body"].encode(), work["sources"])
+        try:
+            assignment = self._assignment(job, work["body"].encode(), work["sources"])
+        except InvalidFile as error:  # a damaged content ends the request that reads it, not the server
+            self._end(live, Assignment(job.id, job.kind, b""), _refusal(error))
+            return
         if job.attempts >= MAX_STARTS:
             self._end(live, assignment, Ending.LOST)
         else:
@@ -294,7 +298,7 @@ class PlanningServer:
             self._store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
         except InvalidRequest as error:  # the disk is full, or has failed, or there are too many roadmaps
             logger.error("the answer to %s cannot be kept: %s", job.id, error)
-            state, answer = State.REFUSED, Answer(problem_of(error).content, False, "NOT_KEPT", refused=True)
+            state, answer = State.REFUSED, _refusal(error)
             self._store.end(job.id, state, answer.content, ok=False, reason=answer.reason)
         live.answer = StoredAnswer(answer.content, answer.refused)
         self.metrics.ended(job.kind, time.monotonic() - live.began, answer)
@@ -544,6 +548,11 @@ class PlanningServer:
 
 MAX_STARTS = 2
 """Times that a job is begun, the server's own ends among them."""
+
+
+def _refusal(error: InvalidRequest) -> Answer:
+    """The answer to a request whose content, or whose answer, the store cannot give or keep."""
+    return Answer(problem_of(error).content, False, "NOT_KEPT", refused=True)
 
 
 def _planners(body: Any) -> list[Any]:
