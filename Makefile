@@ -6,11 +6,13 @@ BIN    := $(VENV)/bin
 TESTERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
+# Tests start many processes: what one has compiled the next need not, whatever the shell says.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo quick test cluster lint types bench attack mutants measures docs wheel clean
 .DEFAULT_GOAL := demo
 
-INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 NATIVE := CMakeLists.txt $(wildcard planner_service/native/*.cpp planner_service/native/*/* planner_service/certify/native/*)
 
 $(BIN)/python:
