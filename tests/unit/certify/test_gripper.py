@@ -36,8 +36,8 @@ from planner_service.records.recertify import recertify
 from tests.support.optional import present
 
 CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
-ROBOTS = {"wxai": 40, "wxai_dual": 40, "wxai_mesh": 40, "panda": 40, "kinova_gripper": 120}
-"""Robots, and at how many widths they are looked at: these are 1 to 2 mm apart."""
+ROBOTS = {"wxai": 40, "wxai_dual": 40, "wxai_mesh": 40, "panda": 40, "kinova_gripper": 60}
+"""Robots, and at how many widths they are looked at: these are 1 to 3 mm apart."""
 
 
 def in_tool(name: str, q: FloatArray, at: tuple[float, float, float]) -> Pose:
@@ -67,8 +67,9 @@ def test_what_is_certified_is_free_at_every_width_and_the_clearance_is_a_lower_b
     robot, draw = load_robot(name), np.random.default_rng(7)
     assert robot.gripper is not None
     widths = np.linspace(robot.gripper.lower, robot.gripper.upper, ROBOTS[name])
+    hands = [robot.with_gripper(float(width)) for width in widths]
     alone, verdicts = CollisionChecker(robot, Scene()).clearance(robot.home), []
-    for _ in range(12):
+    for _ in range(5):
         at = np.array(robot.gripper.closing) * draw.uniform(-0.09, 0.09) + draw.uniform(-0.03, 0.03, 3)
         block = Obstacle("block", Box((0.012, 0.012, 0.012)), in_tool(name, robot.home, tuple(at.tolist())))
         scene = Scene(obstacles=(block,))
@@ -76,15 +77,14 @@ def test_what_is_certified_is_free_at_every_width_and_the_clearance_is_a_lower_b
         assert found == certify_gripper(robot, scene, robot.home, (widths[0], widths[-1]), backend="numpy")
         others = dict.fromkeys(shape.link for shape in robot.shapes if shape.link not in robot.gripper.links)
         allowed = [(link, "block") for link in others]
-        gaps = [
-            CollisionChecker(robot.with_gripper(float(w)), scene, allowed=allowed).clearance(robot.home) for w in widths
-        ]
+        gaps = (CollisionChecker(hand, scene, allowed=allowed).clearance(robot.home) for hand in hands)
         verdicts.append(found.certificate.certified)
         if found.certificate.certified:
-            assert min(gaps) > 0.0
-            assert min(found.certificate.clearance, alone) <= min(gaps) + 1e-9
+            least = min(gaps)
+            assert least > 0.0
+            assert min(found.certificate.clearance, alone) <= least + 1e-9
         else:
-            assert min(gaps) < 0.0015  # the fingers of 40 widths are 1 mm apart
+            assert any(gap < 0.0015 for gap in gaps)  # the fingers of 40 widths are 1 mm apart
     assert {True, False} == set(verdicts)
 
 
