@@ -41,6 +41,7 @@ from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
+from planner_service.view.still import pictures
 from planner_service.view.still.motion_plot import write_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
 
@@ -74,6 +75,12 @@ def world() -> World:
     task = TaskResult((), service.world, home, result.failure)
     saved = SavedTask(service.world, "nothing", (), result.counts, 0.0)
     return World(service, request, result, task, saved)
+
+
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is their file that matters here, and drawing takes seconds."""
+    monkeypatch.setattr(pictures, "SIZE", (160, 100))
 
 
 def _folder(path: Path) -> None:
