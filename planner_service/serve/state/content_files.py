@@ -43,8 +43,7 @@ class ContentFiles:
         if len(content) > MAX_CONTENT:
             raise InvalidFile(path, [f"too large: {len(content):,} bytes; at most {MAX_CONTENT:,}"])
         try:
-            if not self._holds(path, content):
-                swap_in(path, content, sync=False)
+            self._write(path, content)
         except OSError as error:
             raise InvalidFile(path, [f"cannot be written: {error.strerror or error}"]) from error
         return name
@@ -96,12 +95,17 @@ class ContentFiles:
         with os.scandir(self.folder) as entries:
             return any(HASH.fullmatch(entry.name) for entry in entries)
 
-    def _holds(self, path: Path, content: bytes) -> bool:
-        """Whether a file is there and has that content; one that was damaged is written anew."""
+    def _write(self, path: Path, content: bytes) -> None:
+        """Write a file that nothing names yet, unless it is there; one that was damaged is written anew."""
         try:
-            return path.stat().st_size == len(content) and read_bytes(path, MAX_CONTENT) == content
-        except (FileNotFoundError, InvalidFile):
-            return False
+            with open(path, "xb") as file:
+                file.write(content)
+        except FileExistsError:
+            if not self.is_whole(path.name):
+                swap_in(path, content, sync=False)
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
 
     def _path(self, name: str) -> Path:
         if not HASH.fullmatch(name):

@@ -59,7 +59,7 @@ MAX_VERSIONS = 20
 MAX_SCENES, MAX_ROADMAPS = 1_000, 100
 """How many there may be at once; more are refused, since they go only when somebody deletes them."""
 
-SYNC_SECONDS = 0.1
+SYNC_SECONDS = 1.0
 """Between an answer and the start of writing it through to the disk, so that one turn of the disk serves many."""
 
 LOG_LENGTH = 1_000
@@ -379,7 +379,10 @@ class Store:
             return bool(self._rows("SELECT 1 FROM jobs WHERE key = ?", key))
 
     def start(self, job: str) -> int | None:
-        """Note that a worker begins the job, and return how often one has by now; None if the job has ended."""
+        """Note that a worker begins the job, and return how often one has by now; None if the job has ended.
+
+        What is under way when the store is closed does not count.
+        """
         with self._writing() as index:
             row = index.execute(
                 "UPDATE jobs SET state = 'running', attempts = attempts + 1"
@@ -511,6 +514,8 @@ class Store:
         self._due.set()
         self._syncer.join()
         try:
+            with self._writing() as index:
+                index.execute("UPDATE jobs SET state = 'queued', attempts = attempts - 1 WHERE state = 'running'")
             self._write_through(self._sync_contents)
             with self._lock:
                 self._index.execute("PRAGMA wal_checkpoint(TRUNCATE)")
