@@ -122,10 +122,10 @@ class Record(BaseModel):
     @classmethod
     def fields_of(cls, value: Any) -> dict[str, Any]:
         """The fields of a value's record: its attributes of these names, or the entries of a sequence in order."""
-        names = {name: field.alias or name for name, field in cls.model_fields.items()}
+        names = _names(cls)
         if isinstance(value, list):
-            return dict(zip(names.values(), value, strict=True))
-        return {key: plain(getattr(value, name)) for name, key in names.items() if hasattr(value, name)}
+            return dict(zip((key for _, key in names), value, strict=True))
+        return {key: plain(getattr(value, name)) for name, key in names if hasattr(value, name)}
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -153,7 +153,7 @@ class Record(BaseModel):
         """While a file is read, make the value at once, so that its problems are found with all others."""
         reading = info.context
         if not isinstance(reading, Reading):
-            return handler(data if isinstance(data, dict | Record) else cls.fields_of(data))
+            return handler(data if type(data) is dict or isinstance(data, Record) else cls.fields_of(data))
         if reading.problems > MAX_PROBLEMS:
             raise PydanticCustomError(UNREAD, "not read")
         before = reading.problems
@@ -165,6 +165,12 @@ class Record(BaseModel):
             reading.problems = before + error.error_count()
             raise
         return record
+
+
+@cache
+def _names(model: type[Record]) -> tuple[tuple[str, str], ...]:
+    """Each field's name, and its key in a file."""
+    return tuple((name, field.alias or name) for name, field in model.model_fields.items())
 
 
 class GrownRecord(Record):
@@ -188,9 +194,12 @@ def _defaults(model: type[GrownRecord]) -> tuple[tuple[str, Any], ...]:
 
 def plain(value: Any) -> Any:
     """What JSON has in place of an array, a tuple, a mapping or an enum; a record is made of anything else."""
-    if isinstance(value, np.ndarray | np.generic):
+    kind = type(value)
+    if kind is float or kind is str or kind is int or kind is bool or value is None:  # most are
+        return value
+    if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
-    if isinstance(value, tuple | list):
+    if isinstance(value, (tuple, list)):
         return [plain(entry) for entry in value]
     if isinstance(value, Mapping):
         return dict(value)
