@@ -6,12 +6,14 @@ import asyncio
 import json
 import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager, suppress
-from typing import Any, TypeVar
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from planner_service import __version__
 from planner_service.errors import InvalidRequest, MissingDependency
@@ -32,6 +34,8 @@ PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,
 ETAG = re.compile(r'"(\d{1,15})"')
 KEY = re.compile(r"[\x21-\x7e]{1,255}")
 
+Handler = Callable[[Request], Awaitable[Response]]
+
 SUMMARIES: Mapping[str, str] = {
     "plans": "Plan a motion",
     "certify": "Prove that a path, or a finished plan or task, is free",
@@ -44,8 +48,6 @@ SUMMARIES: Mapping[str, str] = {
     "explain": "Explain why there is no plan, and what would help",
     "roadmaps": "Grow a roadmap",
 }
-
-T = TypeVar("T")
 
 
 def create_app(server: PlanningServer) -> FastAPI:
@@ -133,11 +135,13 @@ IF_MATCH = _header("If-Match", 'The version that is to be changed, such as "3"')
 
 def _add_work(app: FastAPI, server: PlanningServer) -> None:
     """A route for each kind of work: all of them are jobs."""
+    work = {f"/{kind}": _working(server, kind) for kind in BODIES}
+    app.add_middleware(_Shortcut, work)
     for kind, body in BODIES.items():
         key = _header("Idempotency-Key", "Sent again, it gets the same answer; and a closed connection cancels nothing")
         app.add_api_route(
             f"/{kind}",
-            _working(server, kind),
+            work[f"/{kind}"],
             methods=["POST"],
             summary=SUMMARIES[kind],
             operation_id=kind,
@@ -152,7 +156,29 @@ def _add_work(app: FastAPI, server: PlanningServer) -> None:
         )
 
 
-def _working(server: PlanningServer, kind: str) -> Callable[[Request], Awaitable[Response]]:
+@dataclass(frozen=True)
+class _Shortcut:
+    """Takes requests for work past what FastAPI does for routes with dependencies and models, which these have not."""
+
+    app: ASGIApp
+    work: Mapping[str, Handler]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        handler = self.work.get(scope["path"]) if scope["type"] == "http" and scope["method"] == "POST" else None
+        if handler is None:
+            await self.app(scope, receive, send)
+            return
+        request = Request(scope, receive)
+        try:
+            response = await handler(request)
+        except Refused as error:
+            response = await _refused(request, error)
+        except (InvalidRequest, MissingDependency) as error:
+            response = await _invalid(request, error)
+        await response(scope, receive, send)
+
+
+def _working(server: PlanningServer, kind: str) -> Handler:
     async def work(request: Request) -> Response:
         key = request.headers.get("idempotency-key")
         if key is not None and not KEY.fullmatch(key):
@@ -179,16 +205,16 @@ def _seconds_to_wait(request: Request) -> int:
 
 async def _response(server: PlanningServer, request: Request, job: str, seconds: int, *, cancel: bool) -> Response:
     """The answer of a job if there is one within so many seconds, else where it will be."""
-    answer = await server.answer(job)
     waited = {"Preference-Applied": f"wait={seconds}"} if seconds else {}
-    if answer is None and seconds:
+    pending = server.pending(job)
+    if pending is None:
+        answer = await server.answer(job)
+    else:
         try:
-            answer = await _connected(request, server.wait(job, seconds), default=None)
-            if answer is None and await request.is_disconnected():
-                raise asyncio.CancelledError
-        except asyncio.CancelledError:  # as it is said where another server is in front
+            answer = await _awaited(pending, request, seconds)
+        except asyncio.CancelledError:
             if cancel:
-                await asyncio.shield(server.cancel(job))
+                server.cancel(job)
             raise
     if answer is not None:
         return _answered(answer, {"Content-Location": f"/plans/{job}", **waited})
@@ -203,18 +229,24 @@ def _answered(answer: StoredAnswer, headers: Mapping[str, str]) -> Response:
     return Response(answer.content, status, dict(headers), PROBLEM_JSON if answer.refused else JSON)
 
 
-async def _connected(request: Request, waiting: Awaitable[T], *, default: T) -> T:
-    """What comes of waiting, or a default if the client closes its connection first."""
-    task = asyncio.ensure_future(waiting)
+async def _awaited(
+    pending: asyncio.Future[StoredAnswer | None], request: Request, seconds: float
+) -> StoredAnswer | None:
+    """The answer if it is there within so many seconds.
+
+    Raises:
+        CancelledError: The client has closed its connection; so it is said, too, where another server is in front.
+    """
+    if not seconds:
+        return pending.result() if pending.done() else None
     closed = asyncio.ensure_future(_closed(request))
     try:
-        await asyncio.wait([task, closed], return_when=asyncio.FIRST_COMPLETED)
-        return task.result() if task.done() else default
+        await asyncio.wait((pending, closed), timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+        if not pending.done() and closed.done():
+            raise asyncio.CancelledError
+        return pending.result() if pending.done() else None
     finally:
-        for each in (task, closed):
-            each.cancel()
-            with suppress(asyncio.CancelledError):
-                await each
+        closed.cancel()
 
 
 async def _closed(request: Request) -> None:
@@ -297,7 +329,7 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
     async def delete_plan(plan: str) -> Response:
         """A request that waits or runs is cancelled, and its answer says so; one that is finished is removed."""
         await server.require_job(plan)
-        if await server.cancel(plan):
+        if server.cancel(plan):
             return Response(json.dumps(await server.state(plan)), 202, {"Location": f"/plans/{plan}"}, JSON)
         await server.remove(plan)
         return Response(status_code=204)

@@ -49,8 +49,8 @@ class Metrics:
         self._seconds.labels(kind).observe(seconds)
         for what in ("states", "edges", "distances"):
             self._checks.labels(what).inc(getattr(answer.counts, what))
-        for stage, duration in answer.stages:
-            self._stages.labels(stage).observe(duration)
+        for stage in answer.stages:
+            self._stages.labels(stage["stage"]).observe(stage["seconds"])
 
     def exposition(self) -> tuple[bytes, str]:
         """The figures now, and their content type."""

@@ -104,6 +104,7 @@ def serve(
             log_config=None,
             access_log=False,
             server_header=False,
+            proxy_headers=False,
             date_header=False,
             lifespan="on",
             ws="none",

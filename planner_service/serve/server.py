@@ -14,7 +14,6 @@ import shutil
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -32,7 +31,7 @@ from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene.scene import Scene
-from planner_service.serve.bodies import BODIES, AfterTask, EditsBody, SceneBody, SceneVersion, read_body
+from planner_service.serve.bodies import BODIES, AfterTask, Body, EditsBody, SceneBody, SceneVersion, read_body
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.metrics import Metrics
 from planner_service.serve.problems import Problem, Refused, problem_of
@@ -62,6 +61,10 @@ SCENES_AT_HAND = 16
 """Scenes that are read from the disk, and checked against their hash, only once while they are used."""
 
 
+SHORT_BODY = 16_384
+"""Bytes of a body that is read at once; a longer one is read in a thread, so that others need not wait for it."""
+
+
 @dataclass(frozen=True)
 class StoredAnswer:
     """The answer to a request; a problem if it was refused."""
@@ -86,18 +89,16 @@ class _Live:
         events: Name and data of every event so far.
         followers: How many clients receive the events as they happen.
         news: Set when an event is added, and replaced by a new one.
-        answer: The answer, set only after it is in the store.
-        done: Set when the request has ended, or the server stops.
+        done: Gets the answer after it is in the store, or None when the server stops.
     """
 
     job: Job
+    done: asyncio.Future[StoredAnswer | None]
     began: float = field(default_factory=time.monotonic)
     events: list[tuple[str, Mapping[str, Any]]] = field(default_factory=list)
     followers: int = 0
     ended: bool = False
     news: asyncio.Event = field(default_factory=asyncio.Event)
-    answer: StoredAnswer | None = None
-    done: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class PlanningServer:
@@ -150,7 +151,8 @@ class PlanningServer:
         self._stopping = True
         for live in list(self._live.values()):
             live.news.set()
-            live.done.set()
+            if not live.done.done():
+                live.done.set_result(None)
         await asyncio.to_thread(self._dispatcher.stop)
         await asyncio.to_thread(self._store.close)
         for page in self._pages:
@@ -160,18 +162,23 @@ class PlanningServer:
 
     def _restart(self, job: Job) -> None:
         """Carry out a job that was accepted before the server was started."""
-        live = self._live[job.id] = _Live(job)
+        live = self._alive(job)
         work = json.loads(self._store.work(job.id))
         left = None if work["deadline"] is None else work["deadline"] - time.time()
         try:
-            assignment = self._assignment(job, work["body"].encode(), work["sources"])
-        except InvalidFile as error:  # a damaged content ends the request that reads it, not the server
-            self._end(live, Assignment(job.id, job.kind, b""), _refusal(error))
+            body = read_body(BODIES[job.kind], work["body"].encode(), self._world.robot)
+            assignment = self._assignment(job, body, work["sources"])
+        except InvalidRequest as error:  # such as a damaged content: it ends the request that reads it, not the server
+            self._end(live, Assignment(job.id, job.kind), _refusal(error))
             return
         if job.attempts >= MAX_STARTS:
             self._end(live, assignment, Ending.LOST)
         else:
             self._submit(live, assignment, left)
+
+    def _alive(self, job: Job) -> _Live:
+        live = self._live[job.id] = _Live(job, self._loop.create_future())
+        return live
 
     @property
     def ready(self) -> bool:
@@ -209,12 +216,13 @@ class PlanningServer:
         """
         self._arriving += 1
         try:
-            live = await asyncio.to_thread(self._accept, kind, body, key)
+            if len(body) <= SHORT_BODY:
+                return self._accept(kind, body, key)
+            return await asyncio.to_thread(self._accept, kind, body, key)
         finally:
             self._arriving -= 1
-        return live.id
 
-    def _accept(self, kind: str, body: bytes, key: str | None) -> Job:
+    def _accept(self, kind: str, body: bytes, key: str | None) -> str:
         read: Any = read_body(BODIES[kind], body, self._world.robot)
         sources = self._sources(read)
         deadline = None if read.deadline is None else time.time() + read.deadline
@@ -227,9 +235,8 @@ class PlanningServer:
             raise
         if new:
             self.metrics.accepted.labels(kind).inc()
-            live = self._live[job.id] = _Live(job)
-            self._submit(live, self._assignment(job, body, sources), read.deadline)
-        return job
+            self._submit(self._alive(job), self._assignment(job, read, sources), read.deadline)
+        return job.id
 
     def _sources(self, body: Any) -> dict[str, str]:
         """The contents that a request reads, by what they are."""
@@ -254,7 +261,7 @@ class PlanningServer:
             raise InvalidRequest(field_name, job, f"the id of a finished plan or task; it is {found.state.value}")
         return found.answer
 
-    def _assignment(self, job: Job, body: bytes, sources: Mapping[str, str]) -> Assignment:
+    def _assignment(self, job: Job, body: Body, sources: Mapping[str, str]) -> Assignment:
         read = {"scene": self._scene_content}
         contents = {name: Source(key, read.get(name, self._store.content)(key)) for name, key in sources.items()}
         return Assignment(job.id, job.kind, body, contents)
@@ -283,7 +290,7 @@ class PlanningServer:
         """See ``Listener``."""
         live = self._live[task.id]
         self._seconds.append(time.monotonic() - live.began)
-        for note in outcome.untold if isinstance(outcome, Answer) else ():
+        for note in outcome.stages[outcome.told :] if isinstance(outcome, Answer) else ():
             self._say(live, "stage", note)
         self._end(live, task.assignment, outcome)
 
@@ -300,9 +307,8 @@ class PlanningServer:
             logger.error("the answer to %s cannot be kept: %s", job.id, error)
             state, answer = State.REFUSED, _refusal(error)
             self._store.end(job.id, state, answer.content, ok=False, reason=answer.reason)
-        live.answer = StoredAnswer(answer.content, answer.refused)
         self.metrics.ended(job.kind, time.monotonic() - live.began, answer)
-        self._say(live, "state", {"state": _shown(state)}, last=True)
+        self._say(live, "state", {"state": _shown(state)}, StoredAnswer(answer.content, answer.refused))
 
     def _outcome(self, assignment: Assignment, outcome: Answer | Ending | Raised) -> tuple[State, Answer]:
         if isinstance(outcome, Raised):
@@ -319,19 +325,20 @@ class PlanningServer:
             return State.CANCELLED, outcome
         return State.REFUSED if outcome.refused else State.DONE, outcome
 
-    def _say(self, live: _Live, name: str, data: Mapping[str, Any], *, last: bool = False) -> None:
+    def _say(self, live: _Live, name: str, data: Mapping[str, Any], answer: StoredAnswer | None = None) -> None:
         """Tell an event to those who follow a job; from any thread. The loop is woken only if there are any."""
 
         def wake() -> None:
-            if last:
+            if answer is not None:
                 live.ended = True
                 self._live.pop(live.job.id, None)
-                live.done.set()
+                if not live.done.done():
+                    live.done.set_result(answer)
             news, live.news = live.news, asyncio.Event()
             news.set()
 
         live.events.append((name, data))
-        if last or live.followers:
+        if answer is not None or live.followers:
             self._loop.call_soon_threadsafe(wake)
 
     # What clients ask about jobs.
@@ -357,18 +364,14 @@ class PlanningServer:
             return None
         if content is None:
             ending = Ending.LOST if found.state is State.LOST else Ending.CANCELLED
-            content = unrun(Assignment(job, "", b""), self._world, ending).content
+            content = unrun(Assignment(job, ""), self._world, ending).content
             return StoredAnswer(content, True)
         return StoredAnswer(content, _is_problem(content))
 
-    async def wait(self, job: str, seconds: float) -> StoredAnswer | None:
-        """The answer of a job if it has one within so many seconds."""
+    def pending(self, job: str) -> asyncio.Future[StoredAnswer | None] | None:
+        """Gets the answer of a job, None if the server stops before; None for a job that has ended."""
         live = self._live.get(job)
-        if live is None:
-            return await self.answer(job)
-        with suppress(TimeoutError, asyncio.TimeoutError):
-            await asyncio.wait_for(live.done.wait(), seconds)
-        return live.answer
+        return None if live is None else live.done
 
     async def state(self, job: str) -> dict[str, Any]:
         """Where a job without an answer is."""
@@ -378,9 +381,9 @@ class PlanningServer:
         state = "queued" if position is not None else "running"
         return {"id": job, "kind": found.kind, "state": state, "position": position, "links": links}
 
-    async def cancel(self, job: str) -> bool:
+    def cancel(self, job: str) -> bool:
         """End a job; False if it has ended, or there is none."""
-        return await asyncio.to_thread(self._dispatcher.cancel, job)
+        return self._dispatcher.cancel(job)
 
     async def remove(self, job: str) -> None:
         """Delete a job that has ended."""
@@ -547,7 +550,7 @@ class PlanningServer:
 
 
 MAX_STARTS = 2
-"""Times that a job is begun, the server's own ends among them."""
+"""Times that a job is begun by servers that do not stop but are killed."""
 
 
 def _refusal(error: InvalidRequest) -> Answer:

@@ -109,12 +109,13 @@ class Assignment:
 
     Attributes:
         kind: One of ``BODIES``.
+        body: The body of that kind, read; None for a request that is not carried out and whose answer is no file.
         sources: By what they are: ``scene``, ``after``, ``plan``, ``roadmap``.
     """
 
     id: str
     kind: str
-    body: bytes
+    body: Any = None
     sources: Mapping[str, Source] = field(default_factory=dict)
 
 
@@ -142,9 +143,9 @@ class Answer:
         ok: Whether what was asked for was found.
         reason: The reason of the failure if not.
         counts: The checks it took.
-        stages: Seconds by stage.
+        stages: Its stages as clients are told them.
+        told: How many of them were sent as notes before.
         roadmap: Hash and file of a roadmap that was grown.
-        untold: The stages of which no note was sent, as such notes.
     """
 
     content: bytes
@@ -152,9 +153,9 @@ class Answer:
     reason: str | None = None
     refused: bool = False
     counts: CheckCounts = field(default_factory=CheckCounts)
-    stages: tuple[tuple[str, float], ...] = ()
+    stages: tuple[Mapping[str, Any], ...] = ()
+    told: int = 0
     roadmap: tuple[str, bytes] | None = None
-    untold: tuple[Mapping[str, Any], ...] = ()
 
 
 class ServerWork:
@@ -176,7 +177,8 @@ class ServerWork:
         self._running = ("", CancelToken())
         self._cancelled: OrderedDict[str, Ending] = OrderedDict()
         self._followed = ""
-        self._untold: list[Mapping[str, Any]] = []
+        self._stages: list[Mapping[str, Any]] = []
+        self._told = 0
         self._telling = threading.Lock()
         self._services: OrderedDict[tuple[tuple[str, ...], float | None], PlannerService] = OrderedDict()
 
@@ -204,14 +206,12 @@ class ServerWork:
         self._running = (item.id, cancel)
         if item.id in self._cancelled:
             cancel.cancel()
-        stages: list[tuple[str, float]] = []
 
         def stage_ended(report: StageReport) -> None:
-            stages.append((report.stage.value, report.seconds))
             counts = {"states": report.counts.states, "edges": report.counts.edges}
             note = {"stage": report.stage.value, **counts, "seconds": report.seconds, "note": report.note}
             with self._telling:
-                self._untold.append(note)
+                self._stages.append(note)
                 self._tell()
 
         try:
@@ -224,25 +224,25 @@ class ServerWork:
         finally:
             with self._telling:  # a note that was sent later would be taken for one on the next request
                 self._running = ("", cancel)
-                untold, self._untold = self._untold, []
-        return replace(answer, stages=tuple(stages), untold=tuple(untold))
+                stages, told = tuple(self._stages), self._told
+                self._stages, self._told = [], 0
+        return replace(answer, stages=stages, told=told)
 
     def _tell(self) -> None:
         """Send the stages that were not, if a client follows the request that runs."""
         if self._followed == self._running[0]:
-            for note in self._untold:
+            for note in self._stages[self._told :]:
                 self._send(note)
-            self._untold.clear()
+            self._told = len(self._stages)
 
     def _answer(self, item: Assignment, cancel: CancelToken) -> Answer:
-        body = bodies.read_body(bodies.BODIES[item.kind], item.body, self.world.robot)
-        call = _Call(item, cancel, lambda: self._cancelled.get(item.id), self._service(item, body))
-        made: Answer = KINDS[item.kind](call, body)
+        call = _Call(item, cancel, lambda: self._cancelled.get(item.id), self._service(item))
+        made: Answer = KINDS[item.kind](call, item.body)
         return made
 
-    def _service(self, item: Assignment, body: Any) -> PlannerService:
+    def _service(self, item: Assignment) -> PlannerService:
         """The service for the world of a request."""
-        width = getattr(body, "gripper_width", None)
+        width = getattr(item.body, "gripper_width", None)
         key = (tuple(source.hash for name, source in item.sources.items() if name != "roadmap"), width)
         if key not in self._services:
             world = _world(item, self.world)
@@ -339,10 +339,7 @@ def unrun(item: Assignment, world: World, ending: Ending) -> Answer:
     failure = Failure(Stage.ENDPOINTS, ending.value, DETAILS[ending])
     if item.kind in TASKS:
         return _file_answer(SavedTask(begin, item.kind, (), CheckCounts(), 0.0, failure), failure, CheckCounts())
-    request = None
-    if item.kind == "plans":
-        body = bodies.read_body(bodies.PlanBody, item.body, world.robot)
-        request = body.request.value
+    request = item.body.request.value if item.kind == "plans" else None
     result = PlanResult(None, None, failure, (), deterministic=False)
     return _file_answer(SavedPlan(begin, request, result), failure, CheckCounts())
 

@@ -10,6 +10,7 @@ import pytest
 from planner_service.planning.world import World
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Scene
+from planner_service.serve.bodies import PlanBody, read_body
 from planner_service.serve.work import Assignment, Following, ServerWork
 
 BODY = json.dumps({"scene": "bin", "request": {"start": "home", "goals": [{"joints": "home"}]}}).encode()
@@ -22,9 +23,10 @@ def test_stages_are_sent_as_they_end_if_a_client_follows_and_else_with_the_answe
     work.connect(sent.append)
     if followed:
         work.told(Following("one"))
-    answer = work(Assignment("one", "plans", BODY))
-    other = work(Assignment("other", "plans", BODY))
-    told, untold = (sent, answer.untold) if followed else (answer.untold, sent)
-    assert [note["stage"] for note in told] == [stage for stage, _ in answer.stages] != []
-    assert not untold
-    assert len(other.untold) == len(other.stages)
+    body = read_body(PlanBody, BODY, work.world.robot)
+    answer = work(Assignment("one", "plans", body))
+    other = work(Assignment("other", "plans", body))
+    assert answer.stages
+    assert sent == (list(answer.stages) if followed else [])
+    assert answer.told == len(sent)
+    assert other.told == 0
