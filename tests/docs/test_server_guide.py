@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.support.command import run
 from tests.support.served import served
 
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "server.md"
@@ -23,14 +24,20 @@ COMMAND = re.compile(r"^\$ (?:.*\\\n)*.*\n", re.MULTILINE)
 
 def answered(command: str, url: str, folder: Path) -> str:
     """What a command of the page prints."""
-    text = command.removeprefix("$ ").replace(SHOWN_AT, url)
-    text = text.replace("planner-service", f"{sys.executable} -m planner_service")
-    done = subprocess.run(["bash", "-c", text], cwd=folder, capture_output=True, text=True, check=True, timeout=120)
+    text, _, rest = command.removeprefix("$ ").replace(SHOWN_AT, url).partition(" | ")
+    if text.startswith("planner-service "):
+        text, given = rest or "cat", run(*shlex.split(text)[1:]).stdout
+    else:
+        text, given = f"{text} | {rest}" if rest else text, ""
+    done = subprocess.run(
+        ["bash", "-c", text], cwd=folder, input=given, capture_output=True, text=True, check=True, timeout=120
+    )
     return done.stdout if done.stdout.endswith("\n") or not done.stdout else f"{done.stdout}\n"
 
 
 @pytest.mark.slow
-def test_the_guide_to_the_server_shows_its_answers(tmp_path: Path) -> None:
+def test_the_guide_to_the_server_shows_its_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     page = PAGE.read_text(encoding="utf-8")
     with served(tmp_path, "--robot", "wxai", "--scene", "bin", "--workers", "1") as url:
 

@@ -1,0 +1,151 @@
+"""Requests are handed to workers in their order, and each ends once."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import pytest
+
+from planner_service.parallel.pool import Answered, Died, Event, Raised
+from planner_service.serve import jobs
+from planner_service.serve.jobs import Dispatcher, Task
+from planner_service.serve.work import Answer, Assignment, Cancellation, Ending
+
+
+@dataclass
+class Workers:
+    """A backend whose workers answer when the test says so."""
+
+    max_workers: int
+    started: int = 0
+    sent: list[tuple[int, str]] = field(default_factory=list)
+    told: list[tuple[int, Any]] = field(default_factory=list)
+    killed: list[int] = field(default_factory=list)
+    events: SimpleQueue[tuple[int, Event]] = field(default_factory=SimpleQueue)
+
+    def start(self) -> int:
+        self.started += 1
+        self.events.put((self.started, Answered(None)))
+        return self.started
+
+    def send(self, worker: int, item: Any) -> None:
+        self.sent.append((worker, item.id))
+
+    def tell(self, worker: int, note: Any) -> None:
+        self.told.append((worker, note))
+
+    def receive(self, workers: Sequence[int], timeout: float | None) -> list[tuple[int, Event]]:
+        try:
+            worker, event = self.events.get(timeout=timeout)
+        except Empty:
+            return []
+        return [(worker, event)] if worker in workers else []
+
+    def kill(self, workers: Sequence[int]) -> None:
+        self.killed += workers
+
+    def close(self) -> None:
+        pass
+
+
+@dataclass
+class Heard:
+    """What a dispatcher tells."""
+
+    ends: dict[str, Any] = field(default_factory=dict)
+    retries: list[str] = field(default_factory=list)
+
+    def started(self, task: Task) -> None:
+        pass
+
+    def noted(self, task: Task, note: Any) -> None:
+        pass
+
+    def retried(self, task: Task) -> None:
+        self.retries.append(task.id)
+
+    def ended(self, task: Task, outcome: Answer | Ending | Raised) -> None:
+        assert task.id not in self.ends
+        self.ends[task.id] = outcome
+
+
+@contextmanager
+def dispatching(workers: int) -> Iterator[tuple[Workers, Heard, Dispatcher[int]]]:
+    backend, heard = Workers(workers), Heard()
+    dispatcher = Dispatcher(backend, heard, 0.001)
+    dispatcher.start()
+    try:
+        yield backend, heard, dispatcher
+    finally:
+        dispatcher.stop()
+
+
+def until(holds: Callable[[], bool]) -> None:
+    """Wait for the dispatcher's thread."""
+    end, pause = time.monotonic() + 10.0, threading.Event()
+    while not holds():
+        assert time.monotonic() < end
+        pause.wait(0.001)
+
+
+def task(name: str, **settings: Any) -> Task:
+    return Task(Assignment(name, "plans"), **settings)
+
+
+def answer(name: str) -> Answer:
+    return Answer(name.encode(), True)
+
+
+def test_each_worker_has_one_request_and_gets_the_next_when_it_has_answered() -> None:
+    with dispatching(2) as (workers, heard, dispatcher):
+        for name in "abc":
+            dispatcher.submit(task(name))
+        until(lambda: len(workers.sent) == 2)
+        assert sorted(workers.sent) in ([(1, "a"), (2, "b")], [(1, "b"), (2, "a")])
+        assert (dispatcher.position("c"), dispatcher.position("a"), dispatcher.running) == (0, None, 2)
+        (worker,) = (worker for worker, name in workers.sent if name == "b")
+        workers.events.put((worker, Answered(answer("b"))))
+        until(lambda: "b" in heard.ends)
+        assert workers.sent[-1] == (worker, "c")
+        assert list(heard.ends) == ["b"]
+
+
+def test_a_request_is_tried_again_once_and_lost_with_its_second_worker() -> None:
+    with dispatching(1) as (workers, heard, dispatcher):
+        dispatcher.submit(task("a"))
+        dispatcher.submit(task("b"))
+        for worker in (1, 2):
+            until(lambda worker=worker: (worker, "a") in workers.sent)  # type: ignore[misc]
+            workers.events.put((worker, Died("it was ended")))
+        until(lambda: (3, "b") in workers.sent)
+        assert heard.retries == ["a"]
+        assert heard.ends == {"a": Ending.LOST}
+
+
+def test_a_worker_that_does_not_end_what_was_cancelled_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "GRACE", 0.0)
+    with dispatching(1) as (workers, heard, dispatcher):
+        dispatcher.submit(task("a"))
+        until(lambda: (1, "a") in workers.sent)
+        assert dispatcher.cancel("a")
+        until(lambda: "a" in heard.ends)
+        assert workers.told == [(1, Cancellation("a", Ending.CANCELLED))]
+        assert workers.killed == [1]
+        assert heard.ends == {"a": Ending.CANCELLED}
+        assert not dispatcher.cancel("a")
+
+
+def test_a_deadline_ends_what_waits_and_tells_the_worker_of_what_runs() -> None:
+    with dispatching(1) as (workers, heard, dispatcher):
+        dispatcher.submit(task("a"))
+        until(lambda: (1, "a") in workers.sent)
+        dispatcher.submit(task("b", deadline=time.monotonic()))
+        until(lambda: "b" in heard.ends)
+        assert heard.ends == {"b": Ending.DEADLINE}
+        assert workers.told == []
