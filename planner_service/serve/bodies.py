@@ -267,6 +267,17 @@ class RequestBody(SettingsBody):
         goals = given.pop("goals")
         return PlanRequest(goal=goals[0] if len(goals) == 1 else goals, **given)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A worker gets the value alone: the records that it was made of would take longer to send than to read."""
+        return SentRequest, (self.value,)
+
+
+@dataclass(frozen=True)
+class SentRequest:
+    """A ``RequestBody`` in a worker."""
+
+    value: PlanRequest
+
 
 class PaceBody(Given):
     """How fast a given line is followed."""
