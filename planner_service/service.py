@@ -183,7 +183,9 @@ class PlannerService:
         result = plan(request, checker, certifier, cancel=cancel, tracer=tracer)
         return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
 
-    def explain(self, request: PlanRequest, *, plans: int = 60, remedies: int = 3) -> Explanation:
+    def explain(
+        self, request: PlanRequest, *, plans: int = 60, remedies: int = 3, cancel: CancelToken | None = None
+    ) -> Explanation:
         """Why a request has no plan, whether that is proven, and which small changes would give one.
 
         Each change that is suggested was planned, with its proof. It takes as long as so many plans; how many are
@@ -193,12 +195,16 @@ class PlannerService:
             request: As for ``plan``.
             plans: Plans that may be tried.
             remedies: How many are looked for.
+            cancel: Ends the call when cancelled from another thread.
 
         Raises:
             InvalidRequest: As ``plan``, or a number is none from 1 to 1,000.
+            Cancelled: by ``cancel``.
         """
         plans, remedies = whole("plans", plans, 1, 1000), whole("remedies", remedies, 1, 1000)
-        traced = self.plan(request, trace=True)
+        charge = _polling(cancel)
+        traced = self.plan(request, trace=True, cancel=cancel)
+        charge(0)
         result, grown = replace(traced, trace=None), None if traced.trace is None else traced.trace.graph
         failure = result.failure
         if failure is None:
@@ -206,7 +212,8 @@ class PlannerService:
         no_path = reached = None
         goals = [goal for goal in request.goals(self.robot) if not isinstance(goal, Pose | PoseGoal)]
         if failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
-            no_path = prove_no_path(self.robot, self.scene, np.asarray(request.start), goals, allowed=self._allowed)
+            start = np.asarray(request.start)
+            no_path = prove_no_path(self.robot, self.scene, start, goals, allowed=self._allowed, charge=charge)
         if no_path is not None:
             failure = replace(failure, proven=True)
             result = replace(result, failure=failure)
@@ -215,7 +222,9 @@ class PlannerService:
             reached = how_far(self.robot, grown, np.asarray(request.start), ends, self._new_certifier().clearances)
 
         def planned(changed: PlanRequest, scene: Scene) -> PlanResult:
-            return self.with_scene(scene).plan(changed)
+            result = self.with_scene(scene).plan(changed, cancel=cancel)
+            charge(0)
+            return result
 
         found, tried = find_remedies(
             self.robot,
@@ -330,6 +339,7 @@ class PlannerService:
         exempt: Sequence[ExemptInterval] = (),
         constraints: Sequence[Constraint] = (),
         part: tuple[float, float] | None = None,
+        cancel: CancelToken | None = None,
     ) -> Certificate:
         """The proof that any path is free, between samples too, or where it cannot be proven.
 
@@ -342,14 +352,18 @@ class PlannerService:
             constraints: What must hold all along, beside the constraints of what the robot carries.
             part: From where to where in s to prove it, such as ``certificate.part`` of a motion that was replanned; all
                 of it if None.
+            cancel: Ends the call when cancelled from another thread.
 
         Raises:
             InvalidRequest: The path is not one of this robot within its limits, or another value is out of range.
             UnknownName: An exempt pair or a constraint names nothing that is there.
+            Cancelled: by ``cancel``.
         """
         self._require_own_process()
         kept = kept_in(self.scene, checked_constraints(constraints))
-        return self._certifier.get().certify(path, padding=padding, exempt=exempt, constraints=kept, part=part)
+        charge = None if cancel is None else _polling(cancel)
+        certifier = self._certifier.get()
+        return certifier.certify(path, padding=padding, exempt=exempt, constraints=kept, part=part, charge=charge)
 
     def certify_gripper(
         self,
@@ -377,16 +391,9 @@ class PlannerService:
             Cancelled: by ``cancel``.
         """
         self._require_own_process()
-        if cancel is not None:
-            instance("cancel", cancel, CancelToken, "a CancelToken, or None")
-
-        def poll(_: int) -> None:
-            if cancel is not None and cancel.cancelled:
-                raise Cancelled("cancelled by the caller")
-
-        robot, scene, allowed = self.robot, self.scene, self._allowed
+        robot, scene, allowed, charge = self.robot, self.scene, self._allowed, _polling(cancel)
         return certify_gripper(
-            robot, scene, q, (start, end), allowed=allowed, touching=touching, reason=reason, charge=poll
+            robot, scene, q, (start, end), allowed=allowed, touching=touching, reason=reason, charge=charge
         )
 
     def follow(
@@ -547,6 +554,17 @@ class PlannerService:
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:
             raise InvalidRequest("service", "built before a fork", "a PlannerService built in this process")
+
+
+def _polling(cancel: CancelToken | None) -> Callable[[int], None]:
+    """Raises once a call is cancelled, whatever it is charged."""
+    instance("cancel", cancel, (CancelToken, NoneType), "a CancelToken, or None")
+
+    def charge(_: int) -> None:
+        if cancel is not None and cancel.cancelled:
+            raise Cancelled("cancelled by the caller")
+
+    return charge
 
 
 def _later(previous: PlanResult | Replanned, at_time: float, latency: float) -> FloatArray | None:

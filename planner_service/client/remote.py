@@ -266,15 +266,17 @@ class Remote:
         exempt: Sequence[ExemptInterval] = (),
         constraints: Sequence[Constraint] = (),
         part: tuple[float, float] | None = None,
+        cancel: CancelToken | None = None,
     ) -> Certificate:
         """The proof that any path is free, between samples too; see ``PlannerService.certify``.
 
         Raises:
             InvalidRequest: As ``PlannerService.certify``.
+            Cancelled: ``cancel`` was cancelled.
             ServerUnavailable: As ``plan``.
         """
         body = {**curve_body(path, padding, exempt, constraints), "part": part}
-        answer = self._work("certify", body)
+        answer = self._work("certify", body, cancel)
         return read_certificate(answer.document(), answer.url)
 
     def check(self, states: Sequence[ArrayLike] = (), edges: Sequence[tuple[ArrayLike, ArrayLike]] = ()) -> Checked:
@@ -293,16 +295,20 @@ class Remote:
         answer = self._work("check", {"states": rows, "edges": pairs})
         return read_checked(answer.document(), answer.url, len(rows), len(pairs))
 
-    def explain(self, request: PlanRequest, *, plans: int = 60, remedies: int = 3) -> Explanation:
+    def explain(
+        self, request: PlanRequest, *, plans: int = 60, remedies: int = 3, cancel: CancelToken | None = None
+    ) -> Explanation:
         """Why a request has no plan, and which small changes would give one; see ``PlannerService.explain``.
 
         Raises:
             InvalidRequest: As ``PlannerService.explain``.
+            Cancelled: ``cancel`` was cancelled.
             ServerUnavailable: As ``plan``.
         """
         instance("request", request, PlanRequest, "a PlanRequest")
         require_plannable(request, self.robot, self.scene)
-        answer = self._work("explain", {"request": request_body(request), "plans": plans, "remedies": remedies})
+        body = {"request": request_body(request), "plans": plans, "remedies": remedies}
+        answer = self._work("explain", body, cancel)
         document = answer.document()
         plan = document.pop("result", None)
         result = self._saved_plan(answer, plan if isinstance(plan, dict) else {}, request).result

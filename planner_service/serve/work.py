@@ -365,7 +365,7 @@ def _certify(call: _Call, body: bodies.CertifyBody) -> Answer:
         return _json_answer(document, ok=proven.certified)
     path = JointPath(np.array(body.waypoints, dtype=np.float64), np.array(body.blends or (), dtype=np.float64))
     terms = {name: body.arguments[name] for name in ("padding", "exempt", "constraints", "part")}
-    certificate = call.service.certify(path, **terms)
+    certificate = call.service.certify(path, **terms, cancel=call.cancel)
     counts = CheckCounts(distances=certificate.distances)
     document = {"certificate": CertificateRecord.of(certificate).document()}
     return _json_answer(document, ok=certificate.certified, counts=counts)
@@ -463,7 +463,7 @@ def _previous(saved: SavedPlan) -> PlanResult | Replanned:
 
 def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
     request = call.request(body.request.value)
-    explained = call.service.explain(request, plans=body.plans, remedies=body.remedies)
+    explained = call.service.explain(request, plans=body.plans, remedies=body.remedies, cancel=call.cancel)
     remedies = []
     for remedy in explained.remedies:
         plan = SavedPlan(replace(call.service.world, scene=remedy.scene), remedy.request, remedy.result)

@@ -39,6 +39,7 @@ from planner_service import (
 )
 from planner_service.certify import ExemptInterval
 from planner_service.client import Remote, ServerRefused, StaleVersion
+from planner_service.collision import Cancelled
 from planner_service.constraints import KeepUpright
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import Pace
@@ -338,6 +339,22 @@ def test_an_object_that_is_not_there_is_named(planner: Planner, target: str, ont
 def test_an_unknown_support_is_the_same_mistake_on_both(planner: Planner) -> None:
     with pytest.raises(UnknownName, match="unknown obstacle 'flor'"):
         taken(planner, support="flor")
+
+
+def test_an_explanation_is_cancelled(planner: Planner) -> None:
+    cancel = CancelToken()
+    timer = threading.Timer(0.1, cancel.cancel)
+    timer.start()
+    with pytest.raises(Cancelled):
+        planner.service.explain(asked(LOW), plans=1_000, remedies=1_000, cancel=cancel)
+    timer.join()
+
+
+def test_a_proof_is_cancelled(here: Planner) -> None:
+    cancel = CancelToken()
+    cancel.cancel()
+    with pytest.raises(Cancelled):
+        here.service.certify([HOME, ASIDE], cancel=cancel)
 
 
 def test_a_task_is_cancelled(planner: Planner) -> None:
