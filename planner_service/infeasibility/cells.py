@@ -4,10 +4,14 @@ Cells are boxes of one integer grid. Those that are walls are kept, the rest for
 face; what touches in an edge only need not be joined, as walls include their faces. In each round the ways from end to
 end with about the fewest undecided cells are looked for, and these cells are cut. So ways through large cells, of which
 little is known, are cut first, and a pocket around an end is cut fine long before what is far away from it.
+
+Before that, one of these ways is cut into stretches, and these again, where a wall may be. If none can be anywhere on
+it, no cells will ever part the ends: that is found out long before all cells on a way are that small.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -43,6 +47,12 @@ FINEST = 2e-4
 AT_ONCE = 4_000
 """Cells judged at once."""
 
+STRAIGHT = 16
+"""Stretches of the straight line from end to end, which is looked at before all cells."""
+
+STRETCHES = 1_000
+"""Of one way that are judged; it is undecided if that is not enough."""
+
 Judged = Callable[[FloatArray, FloatArray, BoolArray | None], Judgement]
 CellArray = NDArray[np.int64]
 
@@ -76,7 +86,7 @@ class Cells:
 
     Attributes:
         divisions: Units of the grid along each joint, (k,).
-        count: Cells judged.
+        count: Cells judged, stretches of ways among them.
         open: Whether cells that cannot be cut join the ends, so that looking on is no use.
     """
 
@@ -103,18 +113,20 @@ class Cells:
         self._cut = np.zeros(0, dtype=bool)
         self._doubtful: list[BoolArray] = []
         self._edges: IntArray = np.zeros((0, 2), dtype=np.intp)
-        points = (np.array([start, *goals]) - lower) / self._unit
-        self._points = np.clip(np.floor(points), 0, self.divisions - 1).astype(np.int64)
+        self._ends = np.clip((np.array([start, *goals]) - lower) / self._unit, 0, self.divisions)
+        self._points = np.clip(np.floor(self._ends), 0, self.divisions - 1).astype(np.int64)
         self._homes = np.full(len(self._points), -1, dtype=np.intp)
+        self._way: list[int] = []
 
     def separated(self, most: int) -> Region | None:
         """A region that parts start and goals, found within so many cells; None if none was found.
 
         It may be asked again with more cells.
         """
-        if not self.count:
+        if not len(self._low):
             corners = _corners((self.divisions >> CUTS).tolist())
-            if len(corners) > most:
+            self.open = self.open or self._is_open(self._straight(), None, most)
+            if self.open or self.count + len(corners) > most:
                 return None
             new = self._add(corners << CUTS, np.full_like(corners, 1 << CUTS), [])
             self._join(*new[np.stack(np.triu_indices(len(new), 1))])
@@ -122,7 +134,7 @@ class Cells:
             ways = self._ways()
             if isinstance(ways, Region):
                 return ways
-            self.open = not len(ways)
+            self.open = not len(ways) or self._is_open(*self._stretches(), most)
             widths = self._widths(ways).max(axis=1, initial=0.0)
             chosen = ways[widths >= LARGE * widths.max(initial=0.0)]
             sides = self._sides(chosen)
@@ -145,7 +157,10 @@ class Cells:
         rows = np.concatenate([a, b, np.full(len(start), size), np.full(len(goals), size + 1)])
         columns = np.concatenate([b, a, start, goals])
         graph = csr_array((self._cost[columns], (rows, columns)), shape=(size + 2, size + 2))
-        of_start, of_goals = (dijkstra(graph, indices=size + k)[:size] for k in (0, 1))
+        (of_start, before), (of_goals, _) = (
+            dijkstra(graph, indices=end, return_predecessors=True) for end in (size, size + 1)
+        )
+        of_start, of_goals = of_start[:size], of_goals[:size]
         through = of_start + of_goals - np.where(np.isfinite(self._cost), self._cost, 0.0)
         fewest = float(through[start].min(initial=np.inf))
         if not np.isfinite(fewest):
@@ -153,7 +168,62 @@ class Cells:
             return self._region(reached, of_start=bool(reached[0].sum() <= reached[1].sum()))
         if fewest < UNDECIDED:
             return np.zeros(0, dtype=np.intp)
+        self._way = [int(goals[of_start[goals].argmin()])]
+        while before[self._way[-1]] < size:
+            self._way.append(int(before[self._way[-1]]))
         return np.flatnonzero((through <= max(SLACK * fewest, fewest + UNDECIDED)) & (self._cost == UNDECIDED))
+
+    def _is_open(self, stretches: FloatArray, doubtful: BoolArray | None, most: int) -> bool:
+        """Whether no wall can be anywhere on straight stretches of a way, given so many cells and parts of stretches.
+
+        Args:
+            stretches: Their ends, (m, 2, k), in units of the grid.
+            doubtful: What is doubtful around each, (m, pairs), if that is known.
+        """
+        most = min(most, self.count + STRETCHES)
+        if self.count + len(stretches) > most or (self._along(stretches, 0.0, doubtful).pair >= 0).any():
+            return False
+        while len(stretches):
+            widest = float((np.abs(stretches[:, 1] - stretches[:, 0]) * self._metres).max())
+            if self.count + len(stretches) > most or widest < FINEST:
+                return False
+            judged = self._along(stretches, 1.0, doubtful)
+            if (judged.pair >= 0).any():
+                return False
+            kept = judged.doubtful.any(axis=1)
+            first, last = stretches[kept].transpose(1, 0, 2)
+            middle = 0.5 * (first + last)
+            stretches = np.stack([first, middle, middle, last], axis=1).reshape(-1, 2, len(self.divisions))
+            doubtful = np.repeat(judged.doubtful[kept], 2, axis=0)
+        return True
+
+    def _along(self, stretches: FloatArray, part: float, doubtful: BoolArray | None) -> Judgement:
+        """Judge boxes around stretches; with ``part`` 0 only their middles."""
+        self.count += len(stretches)
+        middle, width = 0.5 * stretches.sum(axis=1), np.abs(stretches[:, 1] - stretches[:, 0])
+        return self._judged(self._lower + middle * self._unit, 0.5 * part * width * self._unit, doubtful)
+
+    def _straight(self) -> FloatArray:
+        """The straight line to the nearest goal in stretches, (m, 2, k)."""
+        start, goals = self._ends[0], self._ends[1:]
+        goal = goals[(np.abs(goals - start) * self._metres).max(axis=1).argmin()]
+        points = start + (goal - start) * np.linspace(0.0, 1.0, STRAIGHT + 1)[:, None]
+        return np.stack([points[:-1], points[1:]], axis=1)
+
+    def _stretches(self) -> tuple[FloatArray, BoolArray]:
+        """Straight lines in the cells of the last way that was found, from its goal; and what is doubtful in these."""
+        goal = int(np.flatnonzero(self._homes[1:] == self._way[0])[0]) + 1
+        at, out = self._ends[goal], list[FloatArray]()
+        for cell, following in itertools.pairwise(self._way):
+            turns = np.where(self._endless, np.stack([0 * self.divisions, self.divisions, -self.divisions]), 0)
+            low = np.maximum(self._low[cell], self._low[following] + turns)
+            high = np.minimum(self._low[cell] + self._size[cell], self._low[following] + self._size[following] + turns)
+            best = (high - low).argmax(axis=0), np.arange(len(self.divisions))
+            face = 0.5 * (low + high)[best]
+            out.append(np.stack([at, face]))
+            at = face - turns[best]
+        doubtful = np.stack([self._doubtful[cell] for cell in self._way])
+        return np.stack([*out, np.stack([at, self._ends[0]])]), doubtful
 
     def _region(self, reached: list[BoolArray], *, of_start: bool) -> Region:
         cells = reached[0 if of_start else 1]

@@ -21,7 +21,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.validation import instance, items, whole
 from planner_service.infeasibility.cells import CellArray, Cells
-from planner_service.infeasibility.walls import Judgement, SolidPair, Walls, Witness, solid_pairs
+from planner_service.infeasibility.walls import Judgement, Middle, SolidPair, Walls, Witness, solid_pairs
 from planner_service.planning.request import joint_vector
 from planner_service.robot.model import TURN, Robot
 from planner_service.scene.scene import Scene
@@ -150,9 +150,9 @@ def _choices(robot: Robot, pairs: Sequence[SolidPair]) -> Iterator[Walls]:
     """Walls of sets of joints worth cutting up, small ones first: those of a pair, and all up to one of its own."""
     sets = {tuple(range(count)) for count in range(1, min(robot.n, MOST_JOINTS) + 1)}
     sets |= {tuple(sorted(pair.columns)) for pair in pairs if len(pair.columns) <= MOST_JOINTS}
-    tried = set[frozenset[tuple[int, frozenset[int]]]]()
+    tried, middle = set[frozenset[tuple[int, frozenset[int]]]](), Middle(robot)
     for columns in sorted(sets, key=lambda columns: (len(columns), columns)):
-        walls = Walls(robot, pairs, columns)
+        walls = Walls(middle, pairs, columns)
         judged = frozenset((id(pair), pair.columns & set(columns)) for pair in walls.pairs)
         if judged and judged not in tried:
             tried.add(judged)

@@ -10,7 +10,7 @@ about may be anywhere in its range; that costs little where the ball lies on its
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from planner_service.infeasibility.depth import inside_of
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
-__all__ = ["Judgement", "SolidPair", "Walls", "Witness", "solid_pairs"]
+__all__ = ["Judgement", "Middle", "SolidPair", "Walls", "Witness", "solid_pairs"]
 
 ROUNDING = 1e-9
 """Relative, and far above what rounding does to a motion bound."""
@@ -32,8 +32,36 @@ ROUNDING = 1e-9
 CHORD = 2.0
 """Times the distance from an axis: no turn moves a point farther."""
 
-Frames = tuple[FloatArray, FloatArray]
-"""Orientations (m, 3, 3) and positions (m, 3), or those of all bodies, (m, bodies, ...)."""
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Where all bodies are in m configurations.
+
+    Attributes:
+        R, p: Orientations (m, bodies, 3, 3) and positions (m, bodies, 3).
+        axes: Those of the joints, in the world, (m, bodies, 3).
+    """
+
+    R: FloatArray
+    p: FloatArray
+    axes: FloatArray
+
+    @classmethod
+    def at(cls, robot: Robot, Q: FloatArray) -> Frames:
+        """In configurations Q (m, n)."""
+        R, p = robot.body_poses_batch(Q, portable=True)
+        return cls(R, p, _turned(R, np.array([body.axis for body in robot.bodies])))
+
+    def of(self, rows: IntArray | BoolArray) -> Frames:
+        """In some of the configurations."""
+        return Frames(self.R[rows], self.p[rows], self.axes[rows])
+
+    def from_axis(self, points: FloatArray, body: int) -> FloatArray:
+        """How far points (m, b, 3) of the world are from the axis of a body, (m, b)."""
+        a, b, c = _columns(self.axes[:, body, None])
+        x, y, z = _columns(points - self.p[:, body, None])
+        i, j, k = y * c - z * b, z * a - x * c, x * b - y * a
+        return np.asarray(np.sqrt(i * i + j * j + k * k))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +122,62 @@ def solid_pairs(robot: Robot, listed: ProofPairs) -> list[SolidPair]:
     return out
 
 
+class Middle:
+    """A robot with all joints in the middle of their ranges.
+
+    Attributes:
+        q: The configuration, (n,); 0 for a joint without end.
+        half: Half of the ranges, (n,), or infinite.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        lower, upper = robot.bounds
+        self.robot = robot
+        self.q = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
+        self.half = np.asarray(0.5 * (upper - lower) * (1.0 + ROUNDING))
+        self._frames = Frames.at(robot, self.q[None])
+        self._distances: dict[tuple[_Solid, int], FloatArray] = {}
+
+    def distances(self, solid: _Solid, body: int) -> FloatArray:
+        """How far the centres of the balls of a solid are from the axis of a body that turns, (b,)."""
+        key = solid, body
+        if key not in self._distances:
+            self._distances[key] = self._frames.from_axis(solid.points(self._frames), body)[0]
+        return self._distances[key]
+
+
+class _FreeMotion:
+    """How far the balls of solids move, at most, with the joints that boxes say nothing about."""
+
+    def __init__(self, middle: Middle, columns: Sequence[int]) -> None:
+        self._middle = middle
+        self.half = middle.half.copy()
+        self.half[list(columns)] = 0.0
+        self._known: dict[tuple[_Solid, tuple[int, ...]], tuple[FloatArray, float]] = {}
+
+    def of(self, solid: _Solid, chain: tuple[int, ...]) -> tuple[FloatArray, float]:
+        """With a chain of bodies against the one that carries them, (b,), and the least of these."""
+        key = solid, chain
+        if key not in self._known:
+            out: FloatArray = np.zeros(len(solid.centres))
+            for index in chain:
+                body = self._middle.robot.bodies[index]
+                way = float(self.half[body.q_index]) * abs(body.multiplier)
+                if way > 0.0:
+                    turned = 0.0 if body.prismatic else self._middle.distances(solid, index) + out
+                    out = out + (way if body.prismatic else min(way, CHORD) * turned)
+            self._known[key] = out, float(out.min(initial=math.inf))
+        return self._known[key]
+
+    def loose(self, chain: tuple[int, ...]) -> tuple[tuple[int, ...], float]:
+        """The bodies of a chain that boxes say nothing about; 1 and what these move by, if their axes were 1 away."""
+        bodies, change = self._middle.robot.bodies, 1.0
+        out = tuple(index for index in chain if self.half[bodies[index].q_index] > 0.0)
+        for body in (bodies[index] for index in out if not bodies[index].prismatic):
+            change += min(float(self.half[body.q_index]) * abs(body.multiplier), CHORD) * change
+        return out, change
+
+
 class Walls:
     """Judges boxes of some joints of a robot, by the pairs that can overlap whatever the other joints do.
 
@@ -103,46 +187,27 @@ class Walls:
         asked: (box, pair) bounds so far.
     """
 
-    def __init__(self, robot: Robot, pairs: Sequence[SolidPair], columns: Sequence[int]) -> None:
-        self._robot, self.columns = robot, tuple(columns)
-        lower, upper = robot.bounds
-        self._middle = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
-        self._free = 0.5 * (upper - lower) * (1.0 + ROUNDING)
-        self._free[list(self.columns)] = 0.0
-        here = robot.body_poses_batch(self._middle[None], portable=True)
+    def __init__(self, middle: Middle, pairs: Sequence[SolidPair], columns: Sequence[int]) -> None:
+        self._robot, self._middle, self.columns = middle.robot, middle.q, tuple(columns)
+        free = _FreeMotion(middle, columns)
+        self._free = free.half
+        chains = {chain for pair in pairs for chain in pair.moving}
+        alike = {chain for chain in chains if self._outermost(chain)}
         self.pairs: list[SolidPair] = []
         self._overlaps: list[tuple[_Overlap, ...]] = []
         for pair in pairs:
-            if pair.columns & set(self.columns) and self._outermost(pair):
-                found = self._balls(pair, here)
+            if alike.issuperset(pair.moving) and not pair.columns.isdisjoint(columns):
+                found = _balls(pair, free)
                 if found:
                     self.pairs.append(pair)
                     self._overlaps.append(found)
+        self._near = _Near(self._overlaps)
         self.asked = 0
 
-    def _balls(self, pair: SolidPair, here: Frames) -> tuple[_Overlap, ...]:
-        """The balls of a pair's solids that other joints do not move too far, and what they reach into."""
-        out, (first, second) = [], pair.solids
-        for solid, other, turned in ((first, second, False), (second, first, True)):
-            if turned and not other.inside.exact:  # balls in balls are the same the other way round
-                continue
-            own, against = pair.moving[::-1] if turned else pair.moving
-            points = solid.points(here)
-            moved = self._motion(own, points, here, self._free[None])
-            moved += self._motion(against, points, here, self._free[None])
-            kept = moved[0] < solid.inside.radii + other.inside.radii.max(initial=-math.inf)
-            if kept.any():
-                out.append(_Overlap(solid, other, own, against, solid.centres[kept], solid.inside.radii[kept]))
-        return tuple(out)
-
-    def _outermost(self, pair: SolidPair) -> bool:
+    def _outermost(self, chain: tuple[int, ...]) -> bool:
         """Whether no joint of a box comes after one that is free to move: then it moves the solid always alike."""
-        bodies = self._robot.bodies
-        for chain in pair.moving:
-            boxed = [bodies[body].q_index in self.columns for body in chain]
-            if boxed != sorted(boxed):
-                return False
-        return True
+        boxed = [self._robot.bodies[body].q_index in self.columns for body in chain]
+        return boxed == sorted(boxed)
 
     def reaches(self) -> list[float]:
         """How far a solid can be from the axis of each of the joints, about, in metres; 1 for one that slides."""
@@ -170,15 +235,17 @@ class Walls:
         wall = np.full(len(centres), -1, dtype=np.intp)
         left = np.ones((len(centres), len(self.pairs)), dtype=np.bool_) if doubtful is None else doubtful.copy()
         self.asked += int(left.sum())
+        near = self._near.may_touch(bodies, left, lambda chain, points: self._motion(chain, points, bodies, travel))
         for row, overlaps in enumerate(self._overlaps):
-            asked = np.flatnonzero((wall < 0) & left[:, row])
-            rows = asked[self._may_touch(overlaps[0], _of(bodies, asked), travel[asked])]
+            asked = wall < 0
+            rows = np.flatnonzero(asked & near[:, row])
             left[asked, row] = False
-            at = _of(bodies, rows)
+            at, ways = (bodies.of(rows), travel[rows]) if len(rows) else (bodies, travel)
             for overlap in overlaps if len(rows) else ():
-                depth, motion = self._depth(overlap, at, travel[rows])
+                depth, motion, free = self._depth(overlap, at, ways)
                 wall[rows[(depth - motion).max(axis=-1) > 2.0 * MARGIN]] = row
-                left[rows, row] |= (depth + motion).max(axis=-1) > 0.0
+                best = depth - free + overlap.change * (motion - free)
+                left[rows, row] |= best.max(axis=-1) > 2.0 * MARGIN
         return Judgement(wall, left)
 
     def witness(self, centres: FloatArray, half: FloatArray, pair: IntArray) -> Witness:
@@ -188,15 +255,15 @@ class Walls:
         for row in np.unique(pair).tolist():
             best = np.full(len(centres), -math.inf)
             rows = np.flatnonzero(pair == row)
-            at = _of(bodies, rows)
+            at = bodies.of(rows)
             for overlap in self._overlaps[row]:
-                depth, motion = self._depth(overlap, at, travel[rows])
+                depth, motion, _ = self._depth(overlap, at, travel[rows])
                 ball = (depth - motion).argmax(axis=-1)
                 sure = (depth - motion)[np.arange(len(rows)), ball]
                 better = sure > best[rows]
                 best[rows[better]] = sure[better]
                 order = [1, 0] if overlap.solid is self.pairs[row].solids[1] else [0, 1]
-                found = overlap.witness(_of(at, better), ball[better])
+                found = overlap.witness(at.of(better), ball[better])
                 out.centres[rows[better]] = found.centres[:, order]
                 out.depths[rows[better]] = found.depths[:, order]
         return out
@@ -207,25 +274,25 @@ class Walls:
         Q[:, list(self.columns)] = centres
         travel = np.repeat(self._free[None], len(centres), axis=0)
         travel[:, list(self.columns)] = half * (1.0 + ROUNDING)
-        return self._robot.body_poses_batch(Q, portable=True), travel
+        return Frames.at(self._robot, Q), travel
 
-    def _may_touch(self, overlap: _Overlap, bodies: Frames, travel: FloatArray) -> BoolArray:
-        """Where in a box the balls around two solids may overlap, (m,)."""
-        first, second = (each.around(bodies) for each in (overlap.solid, overlap.other))
-        motion = self._motion(overlap.own, first, bodies, travel)
-        motion += self._motion(overlap.against, second, bodies, travel)
-        apart = _length(first - second) - overlap.solid.radius - overlap.other.radius
-        return np.asarray((motion - apart)[:, 0] > 0.0)
+    def _depth(
+        self, overlap: _Overlap, bodies: Frames, travel: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """How deep balls reach into a solid, at least, and how far they move against it, at most, (m, balls) each.
 
-    def _depth(self, overlap: _Overlap, bodies: Frames, travel: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How deep balls reach into a solid, at least, and how far they move against it, at most, (m, balls) each."""
+        The third is what joints that boxes say nothing about do of the second: smaller boxes do not lessen it.
+        """
         points = _carried(overlap.solid.body, overlap.centres, bodies)
         depth = overlap.radii + overlap.other.depth(points, bodies)
         motion = self._motion(overlap.own, points, bodies, travel)
+        free = np.broadcast_to(overlap.free, motion.shape)
         if overlap.against:
             beside = overlap.other.beside(points, bodies)
             motion += self._motion(overlap.against, points, bodies, travel, beside=beside)
-        return depth, motion * (1.0 + ROUNDING)
+            if overlap.loose:
+                free = free + self._motion(overlap.loose, points, bodies, travel, beside=beside)
+        return depth, motion * (1.0 + ROUNDING), free
 
     def _motion(
         self,
@@ -240,19 +307,71 @@ class Walls:
         Args:
             beside: How far the points that are meant are from these, at most.
         """
-        R, p = bodies
         out = np.zeros(points.shape[:2])
         for index in chain:
             body = self._robot.bodies[index]
             way = travel[:, body.q_index, None] * abs(body.multiplier)
             if body.prismatic:
                 out += way
-                continue
-            a, b, c = (v[:, None] for v in _columns(_turned(R[:, index], body.axis)))
-            x, y, z = _columns(points - p[:, None, index])
-            i, j, k = y * c - z * b, z * a - x * c, x * b - y * a
-            out += np.minimum(way, CHORD) * (np.sqrt(i * i + j * j + k * k) + beside + out)
+            else:
+                out += np.minimum(way, CHORD) * (bodies.from_axis(points, index) + beside + out)
         return out
+
+
+Motion = Callable[[tuple[int, ...], FloatArray], FloatArray]
+"""How far points (m, b, 3) move, at most, with a chain of bodies, (m, b)."""
+
+
+class _Near:
+    """Looks by balls around solids which pairs may overlap at all; all solids that move by one chain at once."""
+
+    def __init__(self, overlaps: Sequence[tuple[_Overlap, ...]]) -> None:
+        groups: dict[tuple[int, ...], dict[_Solid, None]] = {}
+        sides = [((one.solid, one.own), (one.other, one.against)) for one, *_ in overlaps]
+        for solid, chain in (side for both in sides for side in both):
+            groups.setdefault(chain, {})[solid] = None
+        self._groups = [(chain, tuple(solids)) for chain, solids in groups.items()]
+        keys = [(solid, chain) for chain, solids in self._groups for solid in solids]
+        number = {key: k for k, key in enumerate(keys)}
+        self._sides = np.array([[number[solid, chain] for solid, chain in both] for both in sides], dtype=np.intp)
+        self._radii = [np.array([both[k][0].radius for both in sides]) for k in (0, 1)]
+
+    def may_touch(self, bodies: Frames, asked: BoolArray, motion: Motion) -> BoolArray:
+        """Where, of what is asked, the balls around two solids may overlap, (m, pairs)."""
+        pairs = np.flatnonzero(asked.any(axis=0))
+        out = np.zeros_like(asked)
+        needed = np.zeros(sum(len(solids) for _, solids in self._groups), dtype=np.bool_)
+        needed[self._sides[pairs]] = True
+        points, moved = np.zeros((len(asked), len(needed), 3)), np.zeros((len(asked), len(needed)))
+        first = 0
+        for chain, solids in self._groups:
+            mine = first + np.flatnonzero(needed[first : first + len(solids)])
+            if len(mine):
+                for k in mine.tolist():
+                    points[:, k] = solids[k - first].around(bodies)[:, 0]
+                moved[:, mine] = motion(chain, points[:, mine])
+            first += len(solids)
+        one, two = self._sides[pairs].T
+        apart = _length(points[:, one] - points[:, two]) - self._radii[0][pairs] - self._radii[1][pairs]
+        out[:, pairs] = asked[:, pairs] & (moved[:, one] + moved[:, two] - apart > 0.0)
+        return out
+
+
+def _balls(pair: SolidPair, free: _FreeMotion) -> tuple[_Overlap, ...]:
+    """The balls of a pair's solids that other joints do not move too far, and what they reach into."""
+    out, (first, second) = [], pair.solids
+    for solid, other, turned in ((first, second, False), (second, first, True)):
+        if turned and not other.inside.exact:  # balls in balls are the same the other way round
+            continue
+        own, against = pair.moving[::-1] if turned else pair.moving
+        (by_own, least), (by_other, least_too) = free.of(solid, own), free.of(solid, against)
+        if least + least_too >= solid.largest + other.largest:
+            continue
+        kept = by_own + by_other < solid.inside.radii + other.largest
+        if kept.any():
+            balls = solid.centres[kept], solid.inside.radii[kept], by_own[kept]
+            out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls))
+    return tuple(out)
 
 
 class _Solid:
@@ -262,6 +381,7 @@ class _Solid:
         rows = np.array(piece.frame)
         self.body, self._R, self._p = piece.body, rows[:, :3], rows[:, 3]
         self.inside = inside_of(piece.shape)
+        self.largest = float(self.inside.radii.max(initial=-math.inf))
         middle = _middle(piece.shape)
         self.radius = _radius(piece.shape, middle)
         self.middle = self._in_body(middle[None])[0]
@@ -282,7 +402,7 @@ class _Solid:
         """Points (m, b, 3) of the world in the frame of its body."""
         if self.body == FIXED:
             return points
-        R, p = bodies[0][:, self.body], bodies[1][:, self.body]
+        R, p = bodies.R[:, self.body], bodies.p[:, self.body]
         return _turned_back(R[:, None], points - p[:, None])
 
     def depth(self, points: FloatArray, bodies: Frames) -> FloatArray:
@@ -310,15 +430,21 @@ class _Overlap:
 
     Attributes:
         own, against: The bodies that move the solid, and the other one, against each other; outermost first.
+        loose: Those of ``against`` that boxes say nothing about.
+        change: How much the depth less the motion by such joints can change at most while a ball moves by 1.
         centres, radii: Of the balls, (b, 3) in the frame of their body and (b,).
+        free: How far the bodies of ``own`` that boxes say nothing about move them, (b,).
     """
 
     solid: _Solid
     other: _Solid
     own: tuple[int, ...]
     against: tuple[int, ...]
+    loose: tuple[int, ...]
+    change: float
     centres: FloatArray
     radii: FloatArray
+    free: FloatArray
 
     def witness(self, bodies: Frames, ball: IntArray) -> Witness:
         """The chosen balls (m,), and what they reach into."""
@@ -328,15 +454,11 @@ class _Overlap:
         return Witness(np.stack([centres, second[:, 0]], axis=1), np.stack([self.radii[ball], depth[:, 0]], axis=1))
 
 
-def _of(bodies: Frames, rows: IntArray | BoolArray) -> Frames:
-    return bodies[0][rows], bodies[1][rows]
-
-
 def _carried(body: int, points: FloatArray, bodies: Frames) -> FloatArray:
     """Points (b, 3) of a body in the world, (m, b, 3)."""
     if body == FIXED:
-        return np.broadcast_to(points, (len(bodies[0]), *points.shape))
-    return np.asarray(_turned(bodies[0][:, None, body], points) + bodies[1][:, None, body])
+        return np.broadcast_to(points, (len(bodies.R), *points.shape))
+    return np.asarray(_turned(bodies.R[:, None, body], points) + bodies.p[:, None, body])
 
 
 def _middle(shape: Shape) -> FloatArray:

@@ -109,6 +109,18 @@ def test_it_ends_by_boxes_and_tells_what_it_asked_before() -> None:
         prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=end)
 
 
+def test_where_a_way_is_plainly_open_it_gives_up_early_however_many_boxes_are_allowed() -> None:
+    robot, told = load_robot("wxai"), list[int]()
+    far = Scene((Obstacle("post", Box((0.1, 0.1, 0.1)), Pose((3.0, 0.0, 0.0))),))
+
+    def charge(asked: int) -> None:
+        told.append(asked)
+        assert sum(told) < 10_000
+
+    goal = np.array(robot.home) + 0.2
+    assert prove_no_path(robot, far, robot.home, [goal], max_boxes=10**9, charge=charge) is None
+
+
 def test_bad_input_is_refused() -> None:
     scene = Scene()
     with pytest.raises(InvalidRequest, match="start"):
