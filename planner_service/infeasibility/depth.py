@@ -50,12 +50,12 @@ class Inside:
         self._depth = depth
 
     def depth(self, points: FloatArray) -> FloatArray:
-        """At least how far points (..., 3) are from the outside; outside, minus at least the distance to it."""
+        """At least how far points (3, m, b) are from the outside; outside, minus at least the distance to it."""
         if self._depth is not None:
             return self._depth(points)
-        best = np.full(points.shape[:-1], -math.inf)
+        best = np.full(points.shape[1:], -math.inf)
         for centre, radius in zip(self.centres, self.radii.tolist(), strict=True):
-            np.maximum(best, radius - _length(points - centre), out=best)
+            np.maximum(best, radius - _length(points - centre[:, None, None]), out=best)
         return best
 
 
@@ -70,7 +70,7 @@ def inside_of(shape: Shape) -> Inside:
         radius, half = shape.radius, shape.length / 2.0
         ball = min(radius, half)
         flat = _grid(np.array([radius - ball, radius - ball, half - ball]), ball)
-        within = flat[_length(flat * (1.0, 1.0, 0.0)) <= radius - ball]
+        within = flat[_length((flat * (1.0, 1.0, 0.0)).T) <= radius - ball]
         return _of(within, ball, lambda p: _in_cylinder(p, radius, half))
     if isinstance(shape, Box):
         sides = np.array(shape.half)
@@ -122,7 +122,7 @@ def _in_mesh(mesh: Mesh) -> Inside:
         k = int(np.where(left, deep, -math.inf).argmax())
         centres.append(points[k])
         radii.append(float(deep[k]))
-        left &= _length(points - points[k]) > APART * deep[k]
+        left &= _length((points - points[k]).T) > APART * deep[k]
         left[k] = False
     kept = [k for k, radius in enumerate(radii) if radius > 0.0]
     balls = np.array([centres[k] for k in kept]).reshape(-1, 3), np.array([radii[k] for k in kept])
@@ -130,18 +130,18 @@ def _in_mesh(mesh: Mesh) -> Inside:
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    x, y, z = np.moveaxis(vectors, -1, 0)
+    x, y, z = vectors
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _to_segment(p: FloatArray, half: float) -> FloatArray:
-    x, y, z = np.moveaxis(p, -1, 0)
+    x, y, z = p
     beyond = z - np.clip(z, -half, half)
     return np.asarray(np.sqrt(x * x + y * y + beyond * beyond))
 
 
 def _in_cylinder(p: FloatArray, radius: float, half: float) -> FloatArray:
-    x, y, z = np.moveaxis(p, -1, 0)
+    x, y, z = p
     side, end = radius - np.sqrt(x * x + y * y), half - np.abs(z)
     a, b = np.minimum(side, 0.0), np.minimum(end, 0.0)
     inner = np.minimum(side, end)
@@ -149,6 +149,6 @@ def _in_cylinder(p: FloatArray, radius: float, half: float) -> FloatArray:
 
 
 def _in_box(p: FloatArray, half: FloatArray) -> FloatArray:
-    gap = half - np.abs(p)
-    inner = gap.min(axis=-1)
+    gap = half[:, None, None] - np.abs(p)
+    inner = gap.min(axis=0)
     return np.where(inner >= 0.0, inner, -_length(np.minimum(gap, 0.0)))

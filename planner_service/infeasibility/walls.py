@@ -38,8 +38,8 @@ class Frames:
     """Where all bodies are in m configurations.
 
     Attributes:
-        R, p: Orientations (m, bodies, 3, 3) and positions (m, bodies, 3).
-        axes: Those of the joints, in the world, (m, bodies, 3).
+        R, p: Orientations (bodies, 3, 3, m) and positions (bodies, 3, m).
+        axes: Those of the joints, in the world, (bodies, 3, m).
     """
 
     R: FloatArray
@@ -50,16 +50,18 @@ class Frames:
     def at(cls, robot: Robot, Q: FloatArray) -> Frames:
         """In configurations Q (m, n)."""
         R, p = robot.body_poses_batch(Q, portable=True)
-        return cls(R, p, _turned(R, np.array([body.axis for body in robot.bodies])))
+        R, p = np.ascontiguousarray(R.transpose(1, 2, 3, 0)), np.ascontiguousarray(p.transpose(1, 2, 0))
+        x, y, z = np.array([body.axis for body in robot.bodies]).T[:, :, None, None]
+        return cls(R, p, R[:, :, 0] * x + R[:, :, 1] * y + R[:, :, 2] * z)
 
     def of(self, rows: IntArray | BoolArray) -> Frames:
         """In some of the configurations."""
-        return Frames(self.R[rows], self.p[rows], self.axes[rows])
+        return Frames(self.R[..., rows], self.p[..., rows], self.axes[..., rows])
 
     def from_axis(self, points: FloatArray, body: int) -> FloatArray:
-        """How far points (m, b, 3) of the world are from the axis of a body, (m, b)."""
-        a, b, c = _columns(self.axes[:, body, None])
-        x, y, z = _columns(points - self.p[:, body, None])
+        """How far points (3, m, b) of the world are from the axis of a body, (m, b)."""
+        a, b, c = self.axes[body, :, :, None]
+        x, y, z = points - self.p[body, :, :, None]
         i, j, k = y * c - z * b, z * a - x * c, x * b - y * a
         return np.asarray(np.sqrt(i * i + j * j + k * k))
 
@@ -159,7 +161,7 @@ class _FreeMotion:
         """With a chain of bodies against the one that carries them, (b,), and the least of these."""
         key = solid, chain
         if key not in self._known:
-            out: FloatArray = np.zeros(len(solid.centres))
+            out: FloatArray = np.zeros(solid.centres.shape[1])
             for index in chain:
                 body = self._middle.robot.bodies[index]
                 way = float(self.half[body.q_index]) * abs(body.multiplier)
@@ -215,7 +217,7 @@ class Walls:
         bodies = self._robot.bodies
         for pair in self.pairs:
             for chain, solid in zip(pair.moving, pair.solids, strict=True):
-                length = solid.radius + _norm(solid.middle)
+                length = solid.radius + _norm(solid.middle[:, 0])
                 for body in (bodies[k] for k in chain):
                     reach = abs(body.multiplier) * (1.0 if body.prismatic else length)
                     if body.q_index in far:
@@ -302,12 +304,12 @@ class Walls:
         travel: FloatArray,
         beside: FloatArray | float = 0.0,
     ) -> FloatArray:
-        """How far points (m, b, 3) move, at most, with a chain of bodies against the one that carries them, (m, b).
+        """How far points (3, m, b) move, at most, with a chain of bodies against the one that carries them, (m, b).
 
         Args:
             beside: How far the points that are meant are from these, at most.
         """
-        out = np.zeros(points.shape[:2])
+        out = np.zeros(points.shape[1:])
         for index in chain:
             body = self._robot.bodies[index]
             way = travel[:, body.q_index, None] * abs(body.multiplier)
@@ -319,7 +321,7 @@ class Walls:
 
 
 Motion = Callable[[tuple[int, ...], FloatArray], FloatArray]
-"""How far points (m, b, 3) move, at most, with a chain of bodies, (m, b)."""
+"""How far points (3, m, b) move, at most, with a chain of bodies, (m, b)."""
 
 
 class _Near:
@@ -342,17 +344,17 @@ class _Near:
         out = np.zeros_like(asked)
         needed = np.zeros(sum(len(solids) for _, solids in self._groups), dtype=np.bool_)
         needed[self._sides[pairs]] = True
-        points, moved = np.zeros((len(asked), len(needed), 3)), np.zeros((len(asked), len(needed)))
+        points, moved = np.zeros((3, len(asked), len(needed))), np.zeros((len(asked), len(needed)))
         first = 0
         for chain, solids in self._groups:
             mine = first + np.flatnonzero(needed[first : first + len(solids)])
             if len(mine):
                 for k in mine.tolist():
-                    points[:, k] = solids[k - first].around(bodies)[:, 0]
-                moved[:, mine] = motion(chain, points[:, mine])
+                    points[..., k] = solids[k - first].around(bodies)[..., 0]
+                moved[:, mine] = motion(chain, points[..., mine])
             first += len(solids)
         one, two = self._sides[pairs].T
-        apart = _length(points[:, one] - points[:, two]) - self._radii[0][pairs] - self._radii[1][pairs]
+        apart = _length(points[..., one] - points[..., two]) - self._radii[0][pairs] - self._radii[1][pairs]
         out[:, pairs] = asked[:, pairs] & (moved[:, one] + moved[:, two] - apart > 0.0)
         return out
 
@@ -369,7 +371,7 @@ def _balls(pair: SolidPair, free: _FreeMotion) -> tuple[_Overlap, ...]:
             continue
         kept = by_own + by_other < solid.inside.radii + other.largest
         if kept.any():
-            balls = solid.centres[kept], solid.inside.radii[kept], by_own[kept]
+            balls = solid.centres[:, kept], solid.inside.radii[kept], by_own[kept]
             out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls))
     return tuple(out)
 
@@ -379,49 +381,53 @@ class _Solid:
 
     def __init__(self, piece: Piece) -> None:
         rows = np.array(piece.frame)
-        self.body, self._R, self._p = piece.body, rows[:, :3], rows[:, 3]
+        self.body, self._R, self._p = piece.body, rows[:, :3, None, None], rows[:, 3, None, None]
         self.inside = inside_of(piece.shape)
         self.largest = float(self.inside.radii.max(initial=-math.inf))
         middle = _middle(piece.shape)
         self.radius = _radius(piece.shape, middle)
-        self.middle = self._in_body(middle[None])[0]
+        self.middle = self._in_body(middle[None])
         self.centres = self._in_body(self.inside.centres)
 
     def _in_body(self, points: FloatArray) -> FloatArray:
-        return np.asarray(_turned(self._R[None], points) + self._p)
+        """Points (b, 3) of its own frame, (3, b)."""
+        return np.asarray(_turned(self._R, points.T[:, None]) + self._p)[:, 0]
 
     def points(self, bodies: Frames) -> FloatArray:
-        """The centres of its balls, (m, b, 3)."""
+        """The centres of its balls, (3, m, b)."""
         return _carried(self.body, self.centres, bodies)
 
     def around(self, bodies: Frames) -> FloatArray:
-        """The centre of the ball around it, (m, 1, 3)."""
-        return _carried(self.body, self.middle[None], bodies)
+        """The centre of the ball around it, (3, m, 1)."""
+        return _carried(self.body, self.middle, bodies)
 
     def own(self, points: FloatArray, bodies: Frames) -> FloatArray:
-        """Points (m, b, 3) of the world in the frame of its body."""
+        """Points (3, m, b) of the world in the frame of its body."""
         if self.body == FIXED:
             return points
-        R, p = bodies.R[:, self.body], bodies.p[:, self.body]
-        return _turned_back(R[:, None], points - p[:, None])
+        return _turned_back(bodies.R[self.body, ..., None], points - bodies.p[self.body, ..., None])
 
     def depth(self, points: FloatArray, bodies: Frames) -> FloatArray:
-        """At least how deep points (m, b, 3) of the world lie in it; outside, minus at least the distance."""
-        return self.inside.depth(_turned_back(self._R[None, None], self.own(points, bodies) - self._p))
+        """At least how deep points (3, m, b) of the world lie in it; outside, minus at least the distance."""
+        return self.inside.depth(_turned_back(self._R, self.own(points, bodies) - self._p))
 
     def beside(self, points: FloatArray, bodies: Frames) -> FloatArray | float:
         """How far the centre of the ball that tells the depth of points is from them; 0 if the depth is exact."""
         if self.inside.exact:
             return 0.0
-        return _length(self.deepest(self.own(points, bodies))[0] - self.own(points, bodies))
+        own = self.own(points, bodies)
+        return _length(self.deepest(own)[0] - own)
 
     def deepest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """For points (..., 3) in the frame of its body, a point inside it near each, and how deep that one lies."""
+        """For points (3, m, b) in the frame of its body, a point inside it near each, and how deep that one lies."""
         if self.inside.exact:
-            return points, self.inside.depth(_turned_back(self._R[None, None], points - self._p))
-        depths = self.inside.radii - _length(points[..., None, :] - self.centres)
-        ball = depths.argmax(axis=-1)
-        return self.centres[ball], self.inside.radii[ball]
+            return points, self.inside.depth(_turned_back(self._R, points - self._p))
+        ball, best = np.zeros(points.shape[1:], dtype=np.intp), np.full(points.shape[1:], -math.inf)
+        for k, radius in enumerate(self.inside.radii.tolist()):
+            depth = radius - _length(points - self.centres[:, k, None, None])
+            ball[depth > best] = k
+            np.maximum(best, depth, out=best)
+        return self.centres[:, ball], self.inside.radii[ball]
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,7 +438,7 @@ class _Overlap:
         own, against: The bodies that move the solid, and the other one, against each other; outermost first.
         loose: Those of ``against`` that boxes say nothing about.
         change: How much the depth less the motion by such joints can change at most while a ball moves by 1.
-        centres, radii: Of the balls, (b, 3) in the frame of their body and (b,).
+        centres, radii: Of the balls, (3, b) in the frame of their body and (b,).
         free: How far the bodies of ``own`` that boxes say nothing about move them, (b,).
     """
 
@@ -448,17 +454,17 @@ class _Overlap:
 
     def witness(self, bodies: Frames, ball: IntArray) -> Witness:
         """The chosen balls (m,), and what they reach into."""
-        centres = self.centres[ball]
-        points = _carried(self.solid.body, self.centres, bodies)[np.arange(len(ball)), ball]
-        second, depth = self.other.deepest(self.other.own(points[:, None], bodies))
-        return Witness(np.stack([centres, second[:, 0]], axis=1), np.stack([self.radii[ball], depth[:, 0]], axis=1))
+        points = _carried(self.solid.body, self.centres, bodies)[:, np.arange(len(ball)), ball]
+        second, depth = self.other.deepest(self.other.own(points[..., None], bodies))
+        centres = np.stack([self.centres[:, ball], second[..., 0]])
+        return Witness(centres.transpose(2, 0, 1), np.stack([self.radii[ball], depth[:, 0]], axis=1))
 
 
 def _carried(body: int, points: FloatArray, bodies: Frames) -> FloatArray:
-    """Points (b, 3) of a body in the world, (m, b, 3)."""
+    """Points (3, b) of a body in the world, (3, m, b)."""
     if body == FIXED:
-        return np.broadcast_to(points, (len(bodies.R), *points.shape))
-    return np.asarray(_turned(bodies.R[:, None, body], points) + bodies.p[:, None, body])
+        return np.broadcast_to(points[:, None], (3, bodies.R.shape[-1], points.shape[1]))
+    return np.asarray(_turned(bodies.R[body, ..., None], points[:, None]) + bodies.p[body, ..., None])
 
 
 def _middle(shape: Shape) -> FloatArray:
@@ -471,7 +477,7 @@ def _middle(shape: Shape) -> FloatArray:
 def _radius(shape: Shape, middle: FloatArray) -> float:
     """Of a ball about ``middle`` that holds a shape, in metres."""
     if isinstance(shape, Mesh):
-        return float(_length(shape.vertices - middle).max()) * (1.0 + ROUNDING)
+        return float(_length((shape.vertices - middle).T).max()) * (1.0 + ROUNDING)
     if isinstance(shape, Sphere):
         return shape.radius
     if isinstance(shape, Capsule):
@@ -482,25 +488,19 @@ def _radius(shape: Shape, middle: FloatArray) -> float:
     return _norm(np.array(shape.half)) * (1.0 + ROUNDING)
 
 
-def _columns(vectors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return vectors[..., 0], vectors[..., 1], vectors[..., 2]
-
-
 def _length(vectors: FloatArray) -> FloatArray:
-    x, y, z = _columns(vectors)
+    x, y, z = vectors
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _turned(R: FloatArray, vectors: FloatArray) -> FloatArray:
-    """R v for matrices (..., 3, 3) and vectors (..., 3)."""
-    x, y, z = _columns(vectors)
-    return np.asarray(R[..., 0] * x[..., None] + R[..., 1] * y[..., None] + R[..., 2] * z[..., None])
+    """R v for matrices (3, 3, ...) and vectors (3, ...)."""
+    return np.asarray(R[:, 0] * vectors[0] + R[:, 1] * vectors[1] + R[:, 2] * vectors[2])
 
 
 def _turned_back(R: FloatArray, vectors: FloatArray) -> FloatArray:
-    """R^T v for matrices (..., 3, 3) and vectors (..., 3)."""
-    x, y, z = _columns(vectors)
-    return np.asarray(R[..., 0, :] * x[..., None] + R[..., 1, :] * y[..., None] + R[..., 2, :] * z[..., None])
+    """R^T v for matrices (3, 3, ...) and vectors (3, ...)."""
+    return np.asarray(R[0] * vectors[0] + R[1] * vectors[1] + R[2] * vectors[2])
 
 
 def _norm(vector: FloatArray) -> float:

@@ -12,7 +12,9 @@ __all__ = ["run"]
 PARTS: dict[str, Callable[[int | None, int], Report]] = {
     "trails": trails.run,
     "forgeries": forgeries.run,
-    "no-path": no_path.run,
+    "discs": no_path.discs,
+    "pockets": no_path.pockets,
+    "known-paths": no_path.known_paths,
     "explain": explain.run,
 }
 
@@ -21,7 +23,7 @@ def run(part: str | None = None, queries: int | None = None, seed: int = 0) -> R
     """Measure a part, or all.
 
     Args:
-        part: ``trails``, ``forgeries``, ``no-path`` or ``explain``.
+        part: A name of ``PARTS``.
         queries: How many plans, forgeries, worlds or failures; as many as the part promises if None.
         seed: Of what is drawn.
     """
