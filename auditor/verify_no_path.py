@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from auditor.verify import SLACK, Solid, World, cells, chain, digest, placed, pose, require, unpacked
+from auditor.verify import SLACK, Solid, World, cells, chain, digest, frame, placed, require, unpacked
 
 Array = Any
 Json = Any
@@ -38,7 +38,7 @@ def depth(solid: Json, name: str, points: Array, document: Json) -> Array:
     """How deep points (m, 3) are in a solid, at least, (m,); outside of it minus the distance, or -inf."""
     kind, r, half = solid["kind"], float(solid.get("radius", 0.0)), float(solid.get("length", 0.0)) / 2
     if kind == "compound":
-        parts = [(part["shape"], pose(part["pose"])) for part in solid["parts"]]
+        parts = [(part["shape"], frame(part["pose"])) for part in solid["parts"]]
         found = [depth(one, name, (points - T[:3, 3]) @ T[:3, :3], document) for one, T in parts]
         return np.max(found, axis=0)
     if kind in ("cloud", "heights"):
@@ -85,27 +85,26 @@ def collide(world: World, pair: Json, centres: Array, Q: Array, half: Array, doc
     ``centres`` (m, 2, 3) are in the frames of the bodies of the two.
     """
     owners = [[solid for solid in world.solids if solid.name == name] for name in pair]
-    at, bodies = placed(world.bodies, Q), [those[0].home for those in owners]
+    at, bodies = placed(world.bodies, Q), [those[0].body for those in owners]
     room, places = np.zeros(len(Q)), list[Array]()
     for k, (those, body, other) in enumerate(zip(owners, bodies, bodies[::-1], strict=True)):
-        require([solid.home == body for solid in those], f"{pair[k]}: not of one body")
+        require([solid.body == body for solid in those], f"{pair[k]}: not of one body")
         c, m = (at[body][:, :3, :3] @ centres[:, k, :, None])[:, :, 0] + at[body][:, :3, 3], np.zeros(len(Q))
         for joint in chain(world.bodies, body):
             if joint not in chain(world.bodies, other):
                 it, T = world.bodies[joint], at[joint]
-                r = np.linalg.norm(np.cross(T[:, :3, :3] @ it.axis, c - T[:, :3, 3]), axis=1)
-                way = abs(it.times) * half[:, it.column]
-                m = m + (way if it.slides else np.minimum(way, 2) * (r + m))
-        room += np.max([deep(solid, at, centres[:, k], document) for solid in those], axis=0) - m
+                r = np.linalg.norm(np.cross(T[:, :3, :3] @ it["axis"], c - T[:, :3, 3]), axis=1)
+                way = abs(it["multiplier"]) * half[:, it["q_index"]]
+                m = m + (way if it["prismatic"] else np.minimum(way, 2) * (r + m))
+        room += np.max([deep(solid, centres[:, k], document) for solid in those], axis=0) - m
         places.append(c)
     return np.linalg.norm(places[0] - places[1], axis=1) + SLACK < room
 
 
-def deep(solid: Solid, at: list[Array], points: Array, document: Json) -> Array:
-    """How deep points in the frame of a solid's home are in it."""
-    T = np.linalg.inv(at[solid.home][0]) @ at[solid.body][0] @ solid.at
-    name = solid.name.removesuffix(" (object)").removesuffix(" (link)")
-    return depth(solid.record, name, (points - T[:3, 3]) @ T[:3, :3], document)
+def deep(solid: Solid, points: Array, document: Json) -> Array:
+    """How deep points in the frame of the body that carries a solid are in it."""
+    name, R, t = solid.name.removesuffix(" (object)").removesuffix(" (link)"), solid.at[:3, :3], solid.at[:3, 3]
+    return depth(solid.record, name, (points - t) @ R, document)
 
 
 def enclosed(region: Array, walls: Array, divisions: Array, endless: Array) -> None:
@@ -143,8 +142,9 @@ def verify(document: Json) -> Iterator[str]:
     same = (limits < SLACK) & ((np.abs(high - upper[columns]) < SLACK) | endless[columns])
     require(same, "boxes of other ranges than the joints have")
 
-    world = World(robot, scene["obstacles"], scene["attached"], document["allowed"], document["boxes"])
-    require(world.stands(document["moved"], robot["gripper_width"]), "fingers elsewhere")
+    moved = document["moved"]
+    world = World(robot, scene["obstacles"], scene["attached"], document["allowed"], document["boxes"], moved)
+    require(world.stands(robot["gripper_width"]), "fingers elsewhere")
     divisions, pairs = np.array(document["divisions"], np.int64), document["pairs"]
     region = unpacked(document["region"], "<i8", 2 * k).reshape(-1, 2, k)
     walls, of = np.split(unpacked(document["walls"], "<i8", 2 * k + 1), [2 * k], axis=1)
@@ -152,7 +152,7 @@ def verify(document: Json) -> Iterator[str]:
     require(len(centres) == len(walls) and ((of >= 0) & (of < len(pairs))).all(), "walls of no pair")
     enclosed(region, walls, divisions, endless[columns])
 
-    Q = np.tile([*(lower + upper) / 2, document["moved"]], (len(walls), 1))
+    Q = np.tile([*(lower + upper) / 2, moved], (len(walls), 1))
     half = np.tile([*np.where(endless, math.inf, (upper - lower) / 2), 0.0], (len(walls), 1))
     Q[:, columns] = low + (high - low) * walls.mean(axis=1) / divisions
     half[:, columns] = (high - low) * np.diff(walls, axis=1)[:, 0] / divisions / 2 + SLACK

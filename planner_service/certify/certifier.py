@@ -218,7 +218,8 @@ class Certifier:
             charge: Called with numbers of bounds, all in all what is counted: before each batch of them, but by the
                 compiled prover once a millisecond at most, and with 0 while constraints are proven. What it raises
                 passes through.
-            trail: Filled with what the proof rests on.
+            trail: Filled with what the proof rests on. It asks for more bounds then: those of motions are plain ones
+                that others check with little effort.
 
         Raises:
             InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],

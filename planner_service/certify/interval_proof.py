@@ -95,7 +95,7 @@ class ProofTree:
         charge: Called with the number of bounds before each batch; what it raises comes out unchanged.
         together: A stretch stays open for every pair as long as it does for one: what proofs without a list of open
             pairs do, here to compare with.
-        tracing: Keep what is proven as ``leaves``.
+        tracing: Keep what is proven as ``leaves``, and prove it by plain bounds of motions; see ``Nodes``.
 
     Attributes:
         bounds: (configuration, pair) bounds so far.
@@ -122,7 +122,7 @@ class ProofTree:
         self._smallest = math.inf
         self._leaf = motion.children[:, 1] == 0
         self._traced: list[FloatArray] | None = [] if tracing else None
-        self._nodes = Nodes(motion, path)
+        self._nodes = Nodes(motion, path, plain=tracing)
 
     @property
     def leaves(self) -> FloatArray:

@@ -97,8 +97,11 @@ class _Arm:
                 total += _length(body.placement[:3, 3]) + slide
         return out
 
-    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def nodes(self, q: FloatArray, *, plain: bool = False) -> tuple[FloatArray, FloatArray]:
         """Configurations q (m, n) as nodes of a proof.
+
+        Args:
+            plain: The bounds are those of all configurations.
 
         Returns:
             World poses of the riding pieces, (3, 4, m * riding), and upper bounds of how far points of each of them are
@@ -106,7 +109,8 @@ class _Arm:
         """
         bodies = self._body_poses(q)
         poses = self._poses(bodies)
-        return poses.reshape(3, 4, -1), self._radii(bodies, poses)
+        radii = np.tile(self._far, (len(q), 1, 1)) if plain else self._radii(bodies, poses)
+        return poses.reshape(3, 4, -1), radii
 
     def poses(self, q: FloatArray) -> FloatArray:
         """World poses of the riding pieces at configurations q (m, n), (3, 4, m, riding)."""
@@ -248,9 +252,9 @@ class Motion:
         """As ``_Arm.poses``."""
         return self._arm.poses(q)
 
-    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def nodes(self, q: FloatArray, *, plain: bool = False) -> tuple[FloatArray, FloatArray]:
         """As ``_Arm.nodes``."""
-        return self._arm.nodes(q)
+        return self._arm.nodes(q, plain=plain)
 
     def motions(self, radii_a: FloatArray, radii_b: FloatArray, travel: FloatArray) -> FloatArray:
         """As ``_Arm.motions``."""
@@ -306,6 +310,10 @@ class Motion:
 class Nodes:
     """The places on a path at which a proof looks, numbered in the order in which they are added.
 
+    Args:
+        plain: Bounds of motions are those that are checked with the least effort: each joint travels as ``path.walked``
+            has it, and each radius is the largest of all configurations.
+
     Attributes:
         poses: Of everything, as ``Motion.facing`` takes them.
         s: Where each is, (k,).
@@ -313,8 +321,9 @@ class Nodes:
         radii: As ``Motion.nodes`` has them, (k, depth, riding).
     """
 
-    def __init__(self, motion: Motion, path: JointPath) -> None:
+    def __init__(self, motion: Motion, path: JointPath, *, plain: bool = False) -> None:
         self._motion, self._path = motion, path
+        self._walked = path.walked if plain else None
         self.poses: FloatArray = motion.fixed
         self.s: FloatArray = np.zeros(0)
         self.travel: FloatArray = np.zeros((0, path.n))
@@ -323,10 +332,11 @@ class Nodes:
     def add(self, s: FloatArray | Sequence[float]) -> int:
         """Add nodes at s (m,); the number of the first."""
         first = len(self.s)
-        poses, radii = self._motion.nodes(self._path(s))
+        poses, radii = self._motion.nodes(self._path(s), plain=self._walked is not None)
         self.poses = np.concatenate([self.poses, poses], axis=2)
         self.s = np.concatenate([self.s, s])
-        self.travel = np.concatenate([self.travel, self._path.travel(s)])
+        travel = self._path.travel(s) if self._walked is None else self._walked(s)
+        self.travel = np.concatenate([self.travel, travel])
         self.radii = np.concatenate([self.radii, radii])
         return first
 

@@ -103,7 +103,8 @@ class _Native:
         if type(path) is not JointPath:  # its curve may be another one
             return self._reference.prove(path, enough, roots, charge, tracing=tracing)
         spans = np.array(roots.spans, dtype=np.float64).reshape(-1, 2)
-        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, tracing)
+        walked = path.walked.tables if tracing else None
+        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, walked)
         bounds, most, proven, end, pair, start, stop, s, gap, leaves = outcome
         if end == PROVEN:
             return Proof(bounds, proven, None, leaves)

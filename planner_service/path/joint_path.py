@@ -403,6 +403,17 @@ class JointPath:
         return out
 
     @cached_property
+    def walked(self) -> JointPath:
+        """The curve of how far each joint has moved, if each turned back nowhere but at corners: at least ``travel``.
+
+        On a blend from tangent u to v no joint is faster than the share of abs(u) and abs(v) that is due there.
+        """
+        points = np.cumsum(np.abs(np.diff(self.waypoints, axis=0, prepend=self.waypoints[:1])), axis=0)
+        path = object.__new__(JointPath)
+        path._lay(_Polyline.through(points, _distances(points)), self.blends.tolist())
+        return path
+
+    @cached_property
     def tables(self) -> tuple[NDArray[Any], ...]:
         """The tables of ``__call__`` and ``travel``, for compiled code that computes the same bits.
 

@@ -41,7 +41,7 @@ __all__ = ["EVIDENCE", "boxes_of", "packed", "save_plan", "with_evidence"]
 EVIDENCE = "evidence"
 """The section's name."""
 
-VERSION = 2
+VERSION = 3
 
 FASTEST = 1
 """Of zlib's levels: the best makes a trail a tenth smaller and takes longer than the proof."""

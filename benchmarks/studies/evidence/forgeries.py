@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from auditor.verify import Invalid, digest, unpacked, verify
+from auditor.verify import Invalid, digest, unpacked
+from auditor.verify_constraints import verify
 from benchmarks.harness.audit import independent
 from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
 from benchmarks.studies.evidence.worlds import plans

@@ -1,6 +1,7 @@
 """The compiled proof (native/module.cpp)."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +52,12 @@ class Prover:
         breaks: NDArray[np.float64],
         lines: NDArray[np.int64],
         blends: NDArray[np.int64],
-        travelled: NDArray[np.float64],
         corners: NDArray[np.float64],
         spans: NDArray[np.float64],
         roots: NDArray[np.int64],
         enough: float,
         charge: Callable[[int], None] | None,
-        tracing: bool,
+        walked: tuple[NDArray[Any], ...] | None,
         /,
     ) -> tuple[int, int, float, int, int, float, float, float, float, bytes]: ...
     def edge(

@@ -1,15 +1,19 @@
 // planner_service.certify.native._proof: the model built from the tables of motion_bounds.py, and what is asked of it.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "clearance.hpp"
@@ -29,6 +33,7 @@ using WholeRows = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb:
 using Directions = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 using Heights = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Wholes = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Path = std::tuple<Rows, Numbers, Rows, Numbers, Wholes, Wholes, Rows>;
 
 constexpr int SIDES = 13;  // directions in which outermost corners are looked for, and their opposites
 
@@ -156,8 +161,10 @@ class Prover {
 
     nb::tuple prove(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
                     const Wholes& lines, const Wholes& blends, const Rows& corners, const Rows& spans, const WholeRows& roots,
-                    double enough, nb::handle charge, bool tracing) const {
+                    double enough, nb::handle charge, const std::optional<Path>& walked) const {
         const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, corners);
+        std::optional<Curve> travelled;  // of a proof that keeps its trail
+        if (walked) travelled = std::apply([this](const auto&... tables) { return curve_of(tables...); }, *walked);
         require(spans.shape(1) == 2 && roots.shape(1) == 2, "two numbers for each span and root");
         require_finite(spans);
         require_finite(&enough, 1);
@@ -177,7 +184,8 @@ class Prover {
         std::vector<Leaf> trail;
         {
             nb::gil_scoped_release release;
-            out = Tree(model_, *variant_, curve, enough, told, tracing ? &trail : nullptr).run(stretches, std::move(rows));
+            out = Tree(model_, *variant_, curve, enough, told, travelled ? &*travelled : nullptr, travelled ? &trail : nullptr)
+                      .run(stretches, std::move(rows));
         }
         told.tell();
         return nb::make_tuple(out.asked, out.most, out.proven, static_cast<int>(out.end), out.pair, out.span.start,
@@ -428,7 +436,8 @@ NB_MODULE(_proof, m) {
         .def_prop_ro("variant", &Prover::variant)
         .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
              nb::arg("lines"), nb::arg("blends"), nb::arg("corners"), nb::arg("spans"),
-             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none(), nb::arg("tracing"))
+             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none(),
+             nb::arg("walked").none())
         .def("edge", &Prover::edge)
         .def("clearances", &Prover::clearances);
 }

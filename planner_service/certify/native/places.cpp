@@ -33,9 +33,10 @@ void place_body(const Body& body, const double* q, double* out) {
 
 }  // namespace
 
-Places::Places(const Model& model, const Variant& variant)
+Places::Places(const Model& model, const Variant& variant, bool plain)
     : model_(model),
       variant_(variant),
+      plain_(plain),
       per_bodies_(12 * model.bodies.size()),
       per_poses_(12 * model.riding),
       per_radii_(model.depth * model.riding) {}
@@ -127,6 +128,10 @@ void Places::find_radii(std::size_t piece, std::size_t node, double* out) {
         const Link& link = model_.links[found.first + k];
         const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
         if (body.column < 0 || body.slides) continue;  // no motion asks for it
+        if (plain_) {
+            out[k] = link.far;
+            continue;
+        }
         const double* B = bodies + 12 * link.body;
         double z[3], x[3], c[3];
         for (int i = 0; i < 3; ++i) {

@@ -12,7 +12,8 @@ namespace proof {
 
 class Places {
   public:
-    Places(const Model& model, const Variant& variant);
+    // ``plain``: whatever the configuration, the largest distances from the axes count.
+    Places(const Model& model, const Variant& variant, bool plain = false);
 
     // A node at configuration q, reached after ``travel`` of each joint; its number.
     std::size_t add(double s, const double* q, const double* travel);
@@ -41,6 +42,7 @@ class Places {
   private:
     const Model& model_;
     const Variant& variant_;
+    bool plain_;
     std::size_t per_bodies_, per_poses_, per_radii_;
     std::vector<double> s_, travel_, bodies_, poses_, radii_;
     std::vector<std::uint8_t> known_;  // of each node and riding piece: 1 its pose, 2 its radii

@@ -14,18 +14,20 @@ constexpr std::size_t FEW = 64;  // nodes that are not worth forgetting
 }  // namespace
 
 Tree::Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge,
-           std::vector<Leaf>* trail)
+           const Curve* walked, std::vector<Leaf>* trail)
     : model_(model),
       variant_(variant),
       curve_(curve),
       terms_(model.terms),
       enough_(enough),
       charge_(charge),
+      walked_(walked),
       trail_(trail),
-      places_(model, variant),
+      places_(model, variant, trail != nullptr),
       smallest_(INFINITE),
       q_(static_cast<std::size_t>(model.dof)),
-      travel_(static_cast<std::size_t>(model.dof)) {}
+      travel_(static_cast<std::size_t>(model.dof)),
+      unused_(static_cast<std::size_t>(model.dof)) {}
 
 Outcome Tree::run(const std::vector<Span>& spans, std::vector<Root> roots) {
     out_.proven = INFINITE;
@@ -61,6 +63,7 @@ void Tree::note(int pair, double start, double end, const double* before, const 
 
 std::size_t Tree::place(double s) {
     curve_.at(s, q_.data(), travel_.data());
+    if (walked_ != nullptr) walked_->at(s, travel_.data(), unused_.data());
     return places_.add(s, q_.data(), travel_.data());
 }
 

@@ -46,9 +46,9 @@ struct Leaf {
 
 class Tree {
   public:
-    // What is proven is added to ``trail``, if one is given.
+    // What is proven is added to ``trail``, if one is given: by plain bounds, the joints travelling as ``walked`` says.
     Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge,
-         std::vector<Leaf>* trail = nullptr);
+         const Curve* walked = nullptr, std::vector<Leaf>* trail = nullptr);
 
     // Prove the roots; run it once.
     Outcome run(const std::vector<Span>& spans, std::vector<Root> roots);
@@ -78,13 +78,14 @@ class Tree {
     const Terms& terms_;
     double enough_;
     Charge& charge_;
+    const Curve* walked_;
     std::vector<Leaf>* trail_;
     Places places_;
     Outcome out_;
     double smallest_;
     std::vector<Stretch> stretches_;
     std::vector<Row> rows_;
-    std::vector<double> q_, travel_;
+    std::vector<double> q_, travel_, unused_;
 
     const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
     double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }

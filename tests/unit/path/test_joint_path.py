@@ -226,6 +226,8 @@ def test_travel_is_what_each_joint_has_moved(seed: int, share: float) -> None:
     assert np.all(np.diff(travel, axis=0) >= -1e-15)
     np.testing.assert_allclose(travel, moved, rtol=0, atol=2e-5)  # a joint may turn between two samples
     assert np.all(travel >= moved - 1e-12)
+    assert np.all(path.walked(s) >= travel - 1e-12)
+    assert path.with_blends(None).walked(s) == pytest.approx(path.with_blends(None).travel(s), abs=1e-12)
 
 
 def test_a_blend_that_reaches_the_end_ends_there_bit_for_bit() -> None:
