@@ -107,7 +107,7 @@ def missing_pairs(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scen
 def degrees(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scene]:
     """The proof takes radians for degrees."""
     whole = motions.Motion.nodes
-    patch.setattr(motions.Motion, "nodes", lambda self, q: whole(self, np.degrees(q)))
+    patch.setattr(motions.Motion, "nodes", lambda self, q, **how: whole(self, np.degrees(q), **how))
     return robot, scene
 
 
