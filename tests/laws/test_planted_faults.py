@@ -142,7 +142,7 @@ def edges(count: int, seed: int) -> list[FloatArray]:
     while len(out) < count:
         a = rng.uniform(WXAI.limits.lower, WXAI.limits.upper)
         b = np.clip(a + rng.normal(size=WXAI.n) * 0.3, WXAI.limits.lower, WXAI.limits.upper)
-        if SECOND.free(a) and SECOND.free(b) and not SECOND.path_is_free([a, b], 0.004):
+        if SECOND.free(a) and SECOND.free(b) and not SECOND.path_is_free([a, b], 0.016):
             out.append(np.array([a, b]))
     return out
 
@@ -150,7 +150,7 @@ def edges(count: int, seed: int) -> list[FloatArray]:
 def noticed(robot: Robot, scene: Scene, backend: ProofBackend) -> bool:
     """Whether a proof says free of an edge on which the second checker finds a contact."""
     certifier = Certifier(robot, scene, backend=backend)
-    return any(certifier.certify(JointPath(edge)).certified for edge in edges(80, 3))
+    return any(certifier.certify(JointPath(edge)).certified for edge in edges(60, 3))
 
 
 OF_THE_MODEL: list[Fault] = [
