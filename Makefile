@@ -2,14 +2,14 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
-# Processes that test: one more than there are cores, for tests that wait.
-TESTERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
+# Processes that test: two more than there are cores, for tests that wait.
+TESTERS ?= $(shell $(PYTHON) -c 'import os; print(2 + (os.cpu_count() or 1))')
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 # Tests start many processes: what one has compiled the next need not, whatever the shell says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo quick test cluster lint types bench attack mutants measures docs wheel clean
+.PHONY: demo quick test suite cluster lint types bench attack mutants measures docs wheel clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -37,8 +37,11 @@ demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it
 quick: $(BIN)/.dev lint  ## the inner loop: the tests of all packages but the slow ones, in a minute
 	$(BIN)/python -m pytest tests/unit -m "not (slow or sim or browser or ray or cluster)" --numprocesses auto --dist worksteal
 
-test: $(BIN)/.dev lint types  ## lint, types and the test suite
-	$(BIN)/python -m pytest -m "not sim and not cluster" --numprocesses $(TESTERS) --dist loadfile
+test: $(BIN)/.dev  ## lint, types and the test suite
+	@$(MAKE) --no-print-directory --jobs=2 lint types suite
+
+suite: $(BIN)/.dev  # files in the order of their names: those that wait for browsers and clusters are spread
+	$(BIN)/python -m pytest -m "not sim and not cluster" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m sim
 
 cluster: $(BIN)/.dev  ## the loss of a machine under Ray Serve, apart since Ray now and then fails to start its proxy in time
