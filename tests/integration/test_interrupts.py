@@ -146,10 +146,14 @@ def test_after_ctrl_c_at_any_line_of_a_limit_the_checker_has_none() -> None:
             checker.state_is_free(START)
             checker.edge_is_free(START, START)
 
-    for event in lines_of(limited):
-        place = interrupted(limited, event)
-        gc.collect()  # tracing leaves cycles that hold frames
-        assert all(checker.edge_is_free(START, START) for _ in range(5)), place
+    gc.freeze()  # what is here already need not be looked through each time
+    try:
+        for event in lines_of(limited):
+            place = interrupted(limited, event)
+            gc.collect()  # tracing leaves cycles that hold frames
+            assert all(checker.edge_is_free(START, START) for _ in range(5)), place
+    finally:
+        gc.unfreeze()
 
 
 def test_an_interrupted_import_is_whole_all_the_same() -> None:
