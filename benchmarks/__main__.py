@@ -68,7 +68,7 @@ PARTS = {
     "roadmaps": ("warm", "lazy", "moved", "large"),
     "many": ("same", "speed", "growth", "faults"),
     "constrained": ("panda", "wxai", "regions", "others"),
-    "evidence": ("trails", "forgeries", "discs", "pockets", "known-paths", "explain"),
+    "evidence": ("trails", "forgeries", "discs", "pockets", "poses", "scara", "known-paths", "explain"),
     "serve": ("load", "memory", "overload", "cancel", "kill", "hostile"),
 }
 """What ``--part`` may be for measures that have parts."""
@@ -123,9 +123,9 @@ robots    26 robots out of packages on PyPI, as a new user meets them: from the 
 differential  a million states and 20,000 edges of six robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 evidence  500 trails of proofs, checked by a program that shares no code with them, 10,000 forgeries; 1,000 worlds of
-          discs planned or proven impossible, stored pockets, 2,000 queries with a known path, 50 failures explained;
-          not among all; --part trails, forgeries, discs, pockets, known-paths or explain, --queries N (of these),
-          --seed N
+          discs planned or proven impossible, stored pockets and poses, 100 cells of a SCARA arm, 2,000 queries with a
+          known path, 50 stored failures explained; not among all; --part trails, forgeries, discs, pockets, poses,
+          scara, known-paths or explain, --queries N (of these), --seed N
 serve     a server with 32 clients for a minute, 100,000 requests, ten times its capacity, requests withdrawn, and
           100,000 hostile ones: the library's bits, cost of a call, memory, refusals; locust and schemathesis are
           installed for it; not among all; --part load, memory, overload, cancel, kill or hostile, --queries N

@@ -29,6 +29,7 @@ __all__ = ["COUNTS", "FILE", "Pocket", "draw", "load", "text_of"]
 FILE = Path(__file__).parents[1] / "queries" / "pockets.json"
 
 COUNTS = {("planar2", 2): 10, ("wxai", 2): 10, ("wxai", 3): 5, ("panda_mbm", 2): 10, ("ur5", 2): 10, ("ur5", 3): 5}
+COUNTS |= {("scara", 3): 5}
 """Pockets by robot and number of joints."""
 
 SEED, DECIMALS = 2026, 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.evidence import explain, forgeries, no_path, trails
+from benchmarks.studies.evidence import explain, forgeries, no_path, scara, trails
 
 __all__ = ["run"]
 
@@ -14,6 +14,8 @@ PARTS: dict[str, Callable[[int | None, int], Report]] = {
     "forgeries": forgeries.run,
     "discs": no_path.discs,
     "pockets": no_path.pockets,
+    "poses": no_path.poses,
+    "scara": scara.run,
     "known-paths": no_path.known_paths,
     "explain": explain.run,
 }

@@ -4,6 +4,7 @@
   of its own, looks at some: start and goal are joined by nodes of a grid that are farther from the discs than half a
   step moves any point, or not even by nodes that overlap them by less, corners included; in between it decides nothing.
 - Stored pockets, which a link cannot leave (``benchmarks.worlds.pockets``): most are to be proven.
+- Stored tool poses, of which every configuration collides (``benchmarks.worlds.blocked_poses``): all to be proven.
 - Queries with a known path, four robots: none may be proven impossible.
 """
 
@@ -20,6 +21,9 @@ from scipy.ndimage import label
 
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from benchmarks.studies.evidence.worlds import plans
+from benchmarks.worlds.blocked_poses import ROBOT as POSES_ROBOT
+from benchmarks.worlds.blocked_poses import BlockedPose
+from benchmarks.worlds.blocked_poses import load as load_poses
 from benchmarks.worlds.pockets import Pocket
 from benchmarks.worlds.pockets import load as load_pockets
 from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
@@ -28,7 +32,7 @@ from planner_service.infeasibility import prove_no_path
 from planner_service.records.plan_file import SavedPlan
 from planner_service.robot.model import load_robot
 
-__all__ = ["discs", "known_paths", "pockets"]
+__all__ = ["discs", "known_paths", "pockets", "poses"]
 
 WORLDS = 1_000
 FLOODED = 5
@@ -80,6 +84,16 @@ def pockets(queries: int | None, seed: int) -> Report:
     promise = f"at least {POCKETS_PROVEN:.0%} of {len(rows)} stored pockets are proven"
     promises = (Promise(promise, f"{proven}", proven >= POCKETS_PROVEN * len(rows)),)
     return Report("evidence", tuple(rows), (_pockets_table(rows),), promises)
+
+
+def poses(queries: int | None, seed: int) -> Report:
+    """Measure the first so many stored tool poses of which every configuration collides."""
+    rows = [_pose(pose) for pose in load_poses()[:queries]]
+    missing = sum(not row["proven"] for row in rows)
+    promise = f"all of {len(rows)} poses that collide in every configuration are proven"
+    line = {"poses": str(len(rows)), "proven": str(len(rows) - missing), "ms": spread([row["ms"] for row in rows])}
+    table = table_of("Tool poses that collide in every configuration", [line], caption="ms: p50 / p95 of CPU time")
+    return Report("evidence", tuple(rows), (table,), (Promise(promise, f"{missing} are not", not missing),))
 
 
 def known_paths(queries: int | None, seed: int) -> Report:
@@ -165,6 +179,14 @@ def _pocket(pocket: Pocket) -> Row:
     proof = prove_no_path(load_robot(pocket.robot), pocket.scene, pocket.start, [pocket.goal], max_boxes=POCKET_BOXES)
     row: Row = {"kind": f"{pocket.robot}, {pocket.joints} joints", "proven": proof is not None}
     return row | {"ms": (time.process_time() - clock) * 1e3, "boxes": proof.boxes if proof is not None else None}
+
+
+def _pose(pose: BlockedPose) -> Row:
+    service = PlannerService(POSES_ROBOT, pose.scene)
+    clock = time.process_time()
+    failure = service.plan(PlanRequest(service.robot.home, pose.pose)).failure
+    row: Row = {"solutions": pose.solutions, "ms": (time.process_time() - clock) * 1e3}
+    return row | {"proven": failure is not None and failure.proven}
 
 
 def _known(found: tuple[str, PlannerService, SavedPlan]) -> Row:
