@@ -23,8 +23,8 @@ $(BIN)/.ready: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # what 
 	$(INSTALL) -e .
 	@touch $@
 
-$(BIN)/.dev: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # that and every extra, for the tests
-	$(INSTALL) -e ".[dev]"
+$(BIN)/.dev: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # that and every extra, for the tests, which compile what they import
+	$(INSTALL) --no-compile -e ".[dev]"
 	@touch $@ $(BIN)/.ready
 
 $(BIN)/.docs: $(BIN)/.ready  # what the pages are built with, beside that

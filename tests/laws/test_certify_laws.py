@@ -163,7 +163,7 @@ HELD = (
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(seed=seeds)
 def test_no_way_of_a_point_is_longer_than_its_bound(robot: Robot, seed: int) -> None:
     """The bound is for the length of the way, seen from every body further in, and not only for how far it leads."""
@@ -255,7 +255,7 @@ def test_a_certified_curve_touches_nothing_and_a_free_one_is_certified(name: str
     second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / f"{name}.toml")
     certifier, rng = Certifier(WXAI, scene), np.random.default_rng(7)
     certified = 0
-    for path in walks(WXAI, second, rng, 20):
+    for path in walks(WXAI, second, rng, 10):
         found = certifier.certify(path)
         coarse = samples(path, second.reach, 0.005)
         smallest = min(min(second.gaps(q).values()) for q in coarse)
@@ -266,7 +266,7 @@ def test_a_certified_curve_touches_nothing_and_a_free_one_is_certified(name: str
             assert found.clearance >= 0.5 * smallest - 0.005
         else:  # some sample is within half a step of the place
             assert smallest <= 0.005
-    assert 4 <= certified <= 16
+    assert 2 <= certified <= 8
 
 
 def crossing(path: JointPath, s: float, along: float) -> Obstacle:

@@ -35,7 +35,7 @@ STEP = 0.004
 """Metres that any point moves between two samples of the second checker."""
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(seed=seeds)
 def test_no_corner_moves_farther_than_reach_and_motion_bounds_say(folder: Path, seed: int) -> None:
     setup = HullSetup("moving", folder, attached=(HELD, NEEDLE))

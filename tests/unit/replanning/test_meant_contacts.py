@@ -78,8 +78,10 @@ def turned_and_moved(service: PlannerService, tool: Any, steps: tuple[float, flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [(0.0, 1e-6, 0.0), (0.0, 0.002, 0.0), (0.0, -0.0025, 0.003), (-0.003, 0.0, 0.0)])
-@pytest.mark.parametrize("yaw", [0.0, 0.02])
+@pytest.mark.parametrize(
+    ("steps", "yaw"),
+    [((0.0, 1e-6, 0.0), 0.0), ((0.0, 0.002, 0.0), 0.0), ((0.0, -0.0025, 0.003), 0.02), ((-0.003, 0.0, 0.0), 0.02)],
+)
 def test_a_block_that_moved_so_little_that_the_grasp_is_sound_may_be_touched(
     steps: tuple[float, float, float], yaw: float
 ) -> None:
