@@ -23,8 +23,10 @@ $(BIN)/.ready: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # what 
 	$(INSTALL) -e .
 	@touch $@
 
-$(BIN)/.dev: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # that and every extra, for the tests, which compile what they import
-	$(INSTALL) --no-compile -e ".[dev]"
+# That and every extra, for the tests. They compile what they import, and the wheel that they build takes what is built here.
+$(BIN)/.dev: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
+	$(INSTALL) scikit-build-core nanobind cmake ninja
+	$(INSTALL) --no-compile --no-build-isolation -Cbuild-dir=build/native -e ".[dev]"
 	@touch $@ $(BIN)/.ready
 
 $(BIN)/.docs: $(BIN)/.ready  # what the pages are built with, beside that
