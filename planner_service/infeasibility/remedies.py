@@ -53,6 +53,9 @@ RELAXED = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 BLAMED = 4
 """Objects that are moved or taken away."""
 
+REMOVALS = BLAMED + 1
+"""Plans that the other steps leave for the last: taking each of these objects away, and all."""
+
 TRY_CHECKS, MORE_CHECKS = 20_000, 200_000
 """States that a try may check, if the request does not allow fewer; and where more of them are the remedy."""
 
@@ -116,20 +119,24 @@ class Explanation:
 
 
 class _Spent(Exception):
-    """The plans that may be tried are used up, or enough was found."""
+    """The plans that a step may try are used up."""
+
+
+class _Enough(Exception):
+    """As many remedies are found as were asked for."""
 
 
 class _Trials:
-    """Plans tried, and what helped."""
+    """Plans tried, without those saved for later steps, and what helped."""
 
     def __init__(self, robot: Robot, planned: Planned, plans: int, enough: int) -> None:
         self.robot, self._planned, self._left, self._enough = robot, planned, plans, enough
-        self.plans = 0
+        self.plans = self.saved = 0
         self.found: list[Remedy] = []
 
     def gives(self, request: PlanRequest, scene: Scene, checks: int = TRY_CHECKS) -> PlanResult | None:
         """The plan that a change gives, if it gives one."""
-        if self.plans == self._left:
+        if self.plans >= self._left - self.saved:
             raise _Spent
         self.plans += 1
         checks = min(request.max_checks, checks)
@@ -139,7 +146,7 @@ class _Trials:
     def keep(self, text: str, request: PlanRequest, scene: Scene, result: PlanResult) -> None:
         self.found.append(Remedy(text, request, scene, result))
         if len(self.found) == self._enough:
-            raise _Spent
+            raise _Enough
 
     def offer(self, text: str, request: PlanRequest, scene: Scene) -> bool:
         """Try a change and keep it if it helps."""
@@ -172,11 +179,14 @@ def find_remedies(
     steps = [_searched_longer] if failure.reason in SEARCHED and not hopeless else []
     steps += [_moved_end, _turned, _relaxed]
     steps += [_moved_objects, _without_objects] if failure.reason is not Reason.NO_IK_SOLUTION else []
-    try:
-        for step in steps:
+    for step in steps:
+        trials.saved = 0 if step is steps[-1] else min(REMOVALS, plans // 2)
+        try:
             step(request, scene, failure, trials)
-    except _Spent:
-        pass
+        except _Spent:
+            continue
+        except _Enough:
+            break
     return tuple(trials.found), trials.plans
 
 
@@ -314,12 +324,12 @@ def _with_moved(scene: Scene, one: Obstacle, axis: tuple[float, float, float], d
 
 
 def _without_objects(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
-    """Objects in the way taken away, one at a time, then all of them."""
-    blamed = list(_blamed(scene, failure))
+    """Objects in the way taken away, one at a time; all of them where none suffices."""
+    blamed, helped = list(_blamed(scene, failure)), False
     for one in blamed:
         rest = tuple(other for other in scene.obstacles if other is not one)
-        trials.offer(f"remove {one.name}", request, replace(scene, obstacles=rest))
-    if len(blamed) > 1 and not trials.found:
+        helped |= trials.offer(f"remove {one.name}", request, replace(scene, obstacles=rest))
+    if len(blamed) > 1 and not helped:
         rest = tuple(other for other in scene.obstacles if other not in blamed)
         names = ", ".join(one.name for one in blamed)
         trials.offer(f"remove {names}", request, replace(scene, obstacles=rest))

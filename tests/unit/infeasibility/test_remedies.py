@@ -47,6 +47,13 @@ def test_an_object_at_the_goal_is_moved_by_as_little_as_helps_or_taken_away() ->
     assert np.linalg.norm(np.array(place) - CAGE.pose.position) == pytest.approx(distance)
 
 
+def test_objects_that_are_moved_in_vain_are_taken_away_all_the_same() -> None:
+    twin = Obstacle("twin", CAGE.shape, CAGE.pose)
+    found = explained(Scene((CAGE, twin)), Pose.from_matrix(AT), plans=12)
+    applied(found)
+    assert found.remedies[-1].text == "remove cage, twin"
+
+
 def test_a_pose_of_which_every_solution_collides_is_proven_to_have_no_plan() -> None:
     pose = Pose.from_matrix(AT)
     assert inverse_is_complete(ARM, pose)
