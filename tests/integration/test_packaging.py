@@ -25,7 +25,7 @@ PROJECT = tomli.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["pr
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = Path(os.environ.get("WHEEL_DIR") or tmp_path_factory.mktemp("wheel"))
-    built = f"-Cbuild-dir={ROOT / 'build' / 'native'}"  # where ``make`` compiled: only what has changed is compiled again
+    built = f"-Cbuild-dir={ROOT / 'build' / 'native'}"  # where ``make`` compiled: only changes are compiled again
     command = [*PIP, "wheel", "--no-deps", "--no-build-isolation", built, "-w", str(folder), str(ROOT)]
     subprocess.run(command, check=True, capture_output=True)
     return max(folder.glob("*.whl"), key=lambda path: path.stat().st_mtime)
