@@ -127,7 +127,7 @@ class Sandbox:
     def __init__(self, root: Path, folder: Path, package: Package) -> None:
         self.folder, self._package = folder / "checkout", package
         self._cache, self._warm, self._job = folder / "cache", folder / "warm", folder / "job.json"
-        shutil.copytree(root, self.folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "results"))
+        shutil.copytree(root, self.folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "build", "results"))
         for name in COMPILED:
             spec, target = importlib.util.find_spec(name), self.folder.joinpath(*name.split(".")[:-1])
             if spec is not None and spec.origin is not None and target.is_dir():
