@@ -179,8 +179,9 @@ def find_remedies(
     steps = [_searched_longer] if failure.reason in SEARCHED and not hopeless else []
     steps += [_moved_end, _turned, _relaxed]
     steps += [_moved_objects, _without_objects] if failure.reason is not Reason.NO_IK_SOLUTION else []
+    kept = min(REMOVALS, plans // 2) if _without_objects in steps else 0
     for step in steps:
-        trials.saved = 0 if step is steps[-1] else min(REMOVALS, plans // 2)
+        trials.saved = 0 if step is _without_objects else kept
         try:
             step(request, scene, failure, trials)
         except _Spent:

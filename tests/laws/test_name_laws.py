@@ -23,7 +23,7 @@ from tests.support.refusals import refused_pair
 
 JUDGES: list[BackendName] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
 PROVERS: list[ProofBackend] = ["native", "numpy"] if proof_instruction_sets() else ["numpy"]
-WORLDS = 6
+WORLDS = 12
 
 Pair = tuple[str, str]
 
@@ -137,7 +137,7 @@ def test_verdicts_and_contacts_do_not_depend_on_what_objects_are_called(backend:
                 free += not found
             assert checker.counts == usual.counts
         clashes += len(world.robot.links & set(world.clashing.names))
-    assert clashes > WORLDS
+    assert clashes > 2 * WORLDS
     assert WORLDS < free < 23 * WORLDS
 
 
