@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planner_service.certify.native.loading import load_proof
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -70,11 +71,8 @@ class Corners:
 
     def with_compiled(self) -> Corners:
         """The same, told by compiled code how far they extend; as they are where it was not built."""
-        try:
-            from planner_service.certify.native import _proof
-        except ImportError:
-            return self
-        return replace(self, compiled=_proof.Hulls(self.clouds()))
+        proof = load_proof()
+        return self if proof is None else replace(self, compiled=proof.Hulls(self.clouds()))
 
     def clouds(self) -> list[FloatArray]:
         """The corners (v, 3) of each hull, each once."""

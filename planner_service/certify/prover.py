@@ -6,9 +6,7 @@ shares no code with the search or its kernel.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
-from functools import lru_cache
 from types import ModuleType
 from typing import NamedTuple, Protocol
 
@@ -22,6 +20,7 @@ from planner_service.certify.clearance import smallest_gaps
 from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
 from planner_service.certify.interval_proof import Obstruction, ProofTree, Roots
 from planner_service.certify.motion_bounds import Motion
+from planner_service.certify.native.loading import load_proof
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 
@@ -131,24 +130,13 @@ def native_prover(motion: Motion, variant: str = "") -> Prover | None:
     Args:
         variant: One of ``instruction_sets()``; the fastest if empty.
     """
-    module = _extension()
+    module = load_proof()
     return None if module is None else _Native(module, motion, variant)
-
-
-@lru_cache(maxsize=1)
-def _extension() -> ModuleType | None:
-    """The compiled module; None, which is logged once, where it was not built."""
-    try:
-        from planner_service.certify.native import _proof
-    except ImportError as error:
-        logging.getLogger("planner_service").info("proofs without compiled code: %s", error)
-        return None
-    return _proof
 
 
 def instruction_sets() -> tuple[str, ...]:
     """Instruction sets of the compiled prover on this processor, the fastest last; none where it was not built."""
-    module = _extension()
+    module = load_proof()
     return () if module is None else tuple(module.instruction_sets())
 
 

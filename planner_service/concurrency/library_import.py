@@ -1,7 +1,8 @@
 """Imports a library when it is first needed, in a way that Ctrl-C cannot interrupt.
 
 Some libraries cannot be imported again after an interrupted import: Pinocchio, PIQP and matplotlib stay broken until
-the process ends. Ctrl-C interrupts the main thread, so another thread imports, and continues in that case.
+the process ends. Where a class is made, Python before 3.12 and pydantic turn Ctrl-C into an error of their own. Ctrl-C
+interrupts the main thread, so another thread imports, and continues in that case.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ import _imp
 import os
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 __all__ = ["loaded"]
+
+T = TypeVar("T")
 
 _libraries: dict[Callable[[], Any], Any] = {}
 
@@ -44,8 +47,8 @@ def _in_child() -> None:
 os.register_at_fork(before=_before, after_in_parent=_in_parent, after_in_child=_in_child)
 
 
-def loaded(load: Callable[[], Any]) -> Any:
-    """The library that ``load`` imports and returns. ``load`` is called once, in a thread of its own.
+def loaded(load: Callable[[], T]) -> T:
+    """What ``load`` imports and returns, a library or a part of one. ``load`` is called once, in a thread of its own.
 
     Raises:
         ImportError: What the import raised.
@@ -66,7 +69,8 @@ def loaded(load: Callable[[], Any]) -> Any:
         thread.join()
         if errors:
             raise errors[0]
-    return _libraries[load]
+    library: T = _libraries[load]
+    return library
 
 
 def _release_import_lock() -> None:

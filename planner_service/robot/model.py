@@ -16,6 +16,7 @@ from types import NoneType
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.concurrency.library_import import loaded
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
@@ -222,6 +223,7 @@ class Robot:
             UnknownName: no such tool frame or joint.
             InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
         """
+        loaded(_loading)
         from planner_service.robot.loading import Selection, robot_from_urdf
 
         instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
@@ -528,6 +530,10 @@ def _body_content(body: Body) -> tuple[object, ...]:
     return (body.name, body.parent, body.placement.tolist(), body.axis.tolist(), body.prismatic, body.q_index, *mimics)
 
 
+def _loading() -> None:
+    import planner_service.robot.loading  # noqa: F401  pydantic takes 0.1 s
+
+
 def load_robot(name_or_path: str | Path) -> Robot:
     """The robot of a robot.toml, URDF, xacro or MJCF file: by name if it comes with the package, else by path.
 
@@ -546,6 +552,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
         InvalidFile: robot.toml, its URDF or its SRDF has problems; all of them are named.
         MissingDependency: its files are in a package that is not installed; the message says what to install.
     """
+    loaded(_loading)
     from planner_service.robot.loading import robot_from_file
 
     if not isinstance(name_or_path, (str, os.PathLike)):

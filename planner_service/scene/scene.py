@@ -43,6 +43,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
+from planner_service.concurrency.library_import import loaded
 from planner_service.constraints.values import Constraint, checked_constraints
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
@@ -335,6 +336,10 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in data_folder("scenes").glob("*.toml")))
 
 
+def _files() -> None:
+    import planner_service.scene.toml_reader  # noqa: F401  pydantic takes 0.1 s
+
+
 def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     """The scene that comes with the package under that name, or the one in a file.
 
@@ -344,6 +349,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
         UnknownName: no scene of that name comes with the package.
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
+    loaded(_files)
     from planner_service.scene.toml_reader import read_scene
 
     instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
@@ -366,6 +372,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
         InvalidRequest: the file would be too large to be loaded again.
         InvalidFile: it cannot be written.
     """
+    loaded(_files)
     from planner_service.scene.toml_reader import write_scene
 
     write_scene(instance("scene", scene, Scene, "a Scene"), as_path("path", path))

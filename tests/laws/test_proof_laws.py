@@ -20,6 +20,7 @@ from planner_service.certify import edge_proof as edge
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
 from planner_service.certify import prover as proof
+from planner_service.certify.native.loading import load_proof
 from planner_service.certify.prover import NumpyProver, Proof, Prover, instruction_sets, native_prover
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
@@ -277,11 +278,11 @@ def test_one_certifier_serves_several_threads() -> None:
 @pytest.fixture
 def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """As if the extension had not been built."""
-    proof._extension.cache_clear()
+    load_proof.cache_clear()
     monkeypatch.setitem(sys.modules, "planner_service.certify.native._proof", None)
     monkeypatch.delattr("planner_service.certify.native._proof", raising=False)
     yield
-    proof._extension.cache_clear()
+    load_proof.cache_clear()
 
 
 def said(certifier: Certifier) -> list[Any]:
@@ -426,7 +427,7 @@ def _put(where: Any, value: float) -> Callable[[Any], None]:
     ],
 )
 def test_compiled_code_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
-    module = proof._extension()
+    module = load_proof()
     data: list[Any] = [np.array(proof._terms()), *Certifier(WXAI, load_scene("bin")).motion.tables]
     if module is None:
         assert not BUILT
