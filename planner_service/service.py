@@ -30,7 +30,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
-from planner_service.infeasibility.no_path import prove_no_path
+from planner_service.infeasibility.no_path import NoPath, OpenWay, divide
 from planner_service.infeasibility.reached import how_far
 from planner_service.infeasibility.remedies import SEARCHED, Explanation, find_remedies
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -54,9 +54,10 @@ from planner_service.roadmap import Roadmap, Terms
 from planner_service.robot.inertia import Payload
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Scene, load_scene
+from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import require_seed
 from planner_service.search.trace import Tracer
-from planner_service.smoothing.smoothing import MIN_BLEND
+from planner_service.smoothing.smoothing import MIN_BLEND, shortcut
 from planner_service.timing.laws import Trapezoidal
 from planner_service.timing.torque_limits import TorqueLimits
 
@@ -209,11 +210,13 @@ class PlannerService:
         failure = result.failure
         if failure is None:
             return Explanation(result, None, (), 0)
-        no_path = reached = None
+        no_path = reached = way = None
         goals = [goal for goal in request.goals(self.robot) if not isinstance(goal, Pose | PoseGoal)]
         if failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
-            start = np.asarray(request.start)
-            no_path = prove_no_path(self.robot, self.scene, start, goals, allowed=self._allowed, charge=charge)
+            ends = [np.asarray(goal) for goal in goals]
+            found = divide(self.robot, self.scene, np.asarray(request.start), ends, self._allowed, charge=charge)
+            no_path = found if isinstance(found, NoPath) else None
+            way = self._along(found, request, cancel) if isinstance(found, OpenWay) else None
         if no_path is not None:
             failure = replace(failure, proven=True)
             result = replace(result, failure=failure)
@@ -226,7 +229,7 @@ class PlannerService:
             charge(0)
             return result
 
-        found, tried = find_remedies(
+        helpful, tried = find_remedies(
             self.robot,
             request,
             self.scene,
@@ -236,7 +239,24 @@ class PlannerService:
             enough=remedies,
             hopeless=no_path is not None,
         )
-        return Explanation(result, no_path, found, tried, reached)
+        return Explanation(result, no_path, helpful, tried, reached, way)
+
+    def _along(self, way: OpenWay, request: PlanRequest, cancel: CancelToken | None) -> PlanResult | None:
+        """The plan along a way, shorter if that keeps half of its clearance; None if the way is not proven free."""
+        checker, certifier = self._window(request.start)
+
+        def followed(points: FloatArray) -> PlanResult:
+            blends = np.full(len(points), request.blend)
+            asked = FollowRequest(points, (), Pace.of(request), blends, constraints=request.constraints)
+            result = follow(asked, checker, certifier, cancel=cancel)
+            return replace(result, origin=Origin(self.world, None, asked.pace))
+
+        result = followed(way.points)
+        if not result.ok or result.certificate is None:
+            return None
+        padded = checker.variant(padding=min(0.5 * result.certificate.clearance, request.padding))
+        shorter = followed(shortcut(way.points, SearchOracle(padded), np.random.default_rng(request.seed)))
+        return shorter if shorter.ok else result
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -27,13 +27,13 @@ from planner_service.cli.run import run
 from planner_service.cli.serve import serve
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
-from planner_service.infeasibility import Reached
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
+from planner_service.records.explanation import ReachedRecord
 from planner_service.records.exports.no_path_file import save_no_path
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.result import result_record
@@ -172,7 +172,8 @@ def explain(
             "failure": result_record(explained.result)["failure"],
             "proven": explained.proven,
             "no_path": None if explained.no_path is None else str(explained.no_path),
-            "reached": None if explained.reached is None else _reached_document(explained.reached),
+            "reached": None if explained.reached is None else ReachedRecord.of(explained.reached).document(),
+            "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
             "remedies": [remedy.text for remedy in explained.remedies],
             "plans": explained.plans,
         }
@@ -184,16 +185,6 @@ def explain(
             lines.append("no proof that no path exists was found" if explained.no_path is None else found)
         emit(render(*lines))
     raise typer.Exit(0 if failure is None else NO_PLAN)
-
-
-def _reached_document(reached: Reached) -> dict[str, Any]:
-    return {
-        "nearest": reached.nearest.tolist(),
-        "gap": reached.gap,
-        "tool_gap": reached.tool_gap,
-        "clearance": None if math.isinf(reached.clearance) else reached.clearance,
-        "milestones": list(reached.milestones),
-    }
 
 
 def pick_place(

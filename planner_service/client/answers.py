@@ -13,16 +13,16 @@ import numpy as np
 from planner_service.certify import Certificate
 from planner_service.collision import CheckCounts, Contact, EdgeStep
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.schema import MAX_WAYPOINTS, Count, Prose, Record, Rows, Text, at_most, read_record
-from planner_service.geometry.arrays import frozen, read_only
-from planner_service.infeasibility.no_path import NoPath
+from planner_service.files.schema import Count, Prose, Record, Rows, Text, at_most, read_record
+from planner_service.geometry.arrays import read_only
 from planner_service.infeasibility.remedies import Explanation, Remedy
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
+from planner_service.records.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.failure import MAX_PAIRS, ContactRecord, FailureRecord
 from planner_service.records.plan_file import PlanRecord, SavedPlan, StepRecord
 from planner_service.records.result import CertificateRecord, CountsRecord, PairList, PathRecord, TrajectoryRecord
-from planner_service.records.robot import MAX_JOINTS, RobotRecord
+from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading
 from planner_service.replanning.result import Outcome, Replanned
 from planner_service.robot.model import Robot
@@ -219,27 +219,6 @@ def read_replanned(plan: SavedPlan, source: str) -> Replanned:
 # Explanations.
 
 
-class NoPathRecord(Record):
-    """A ``NoPath``."""
-
-    joints: Annotated[list[Text], at_most(MAX_JOINTS)]
-    pairs: PairList
-    boxes: Count
-    distances: Count
-    lower: Rows
-    upper: Rows
-    wall_pairs: Annotated[list[Count], at_most(MAX_WAYPOINTS)]
-
-    @cached_property
-    def value(self) -> NoPath:
-        lower, upper = (np.array(rows, dtype=np.float64) for rows in (self.lower, self.upper))
-        walls = np.array(self.wall_pairs, dtype=np.int64)
-        shape = (len(walls), len(self.joints))
-        if lower.shape != shape or upper.shape != shape or np.any(walls >= len(self.pairs)):
-            raise InvalidRequest("no_path", lower.shape, "the lower and upper corners of each wall, and its pair")
-        return NoPath(**self.arguments | {"lower": frozen(lower), "upper": frozen(upper), "wall_pairs": frozen(walls)})
-
-
 class RemedyRecord(Record):
     """A ``Remedy``: the plan has its request and its scene."""
 
@@ -258,6 +237,8 @@ class HelpRecord(Record):
     """What an ``Explanation`` holds beside its result."""
 
     no_path: NoPathRecord | None
+    reached: ReachedRecord | None
+    way: PlanRecord | None
     remedies: Annotated[list[RemedyRecord], at_most(MAX_REMEDIES)]
     plans: Count
 
@@ -268,8 +249,10 @@ def read_explanation(document: Mapping[str, Any], source: str, result: PlanResul
     Raises:
         InvalidFile: The document is something else.
     """
-    said = {name: document[name] for name in ("no_path", "remedies", "plans") if name in document}
-    return Explanation(result, **_read(HelpRecord, said, source).arguments)
+    said = {name: document[name] for name in HelpRecord.model_fields if name in document}
+    helped = _read(HelpRecord, said, source).arguments
+    way: SavedPlan | None = helped.pop("way")
+    return Explanation(result, way=None if way is None else way.result, **helped)
 
 
 def _read(model: type[R], document: Any, source: str, joints: int | None = None) -> R:

@@ -6,7 +6,8 @@ end with about the fewest undecided cells are looked for, and these cells are cu
 little is known, are cut first, and a pocket around an end is cut fine long before what is far away from it.
 
 Before that, one of these ways is cut into stretches, and these again, where a wall may be. If none can be anywhere on
-it, no cells will ever part the ends: that is found out long before all cells on a way are that small.
+it, no cells will ever part the ends: that is found out long before all cells on a way are that small. Such a way is not
+proven free, but worth a try where a search found none.
 """
 
 from __future__ import annotations
@@ -87,7 +88,8 @@ class Cells:
     Attributes:
         divisions: Units of the grid along each joint, (k,).
         count: Cells judged, stretches of ways among them.
-        open: Whether cells that cannot be cut join the ends, so that looking on is no use.
+        way: Points (m, k) of a polyline from the start to a goal, on which no wall can be, so that looking on is no
+            use; None if none is known. A joint without end may be whole turns from where it was given.
     """
 
     def __init__(
@@ -105,7 +107,8 @@ class Cells:
         self.divisions: CellArray = np.full(k, FIRST[k] << CUTS, dtype=np.int64)
         self._lower, self._unit = lower, (upper - lower) / self.divisions
         self._metres = self._unit * np.array(reaches)
-        self.count, self.open = 0, False
+        self.count = 0
+        self.way: FloatArray | None = None
         self._low: CellArray = np.zeros((0, k), dtype=np.int64)
         self._size: CellArray = np.zeros((0, k), dtype=np.int64)
         self._pair = np.zeros(0, dtype=np.intp)
@@ -116,7 +119,7 @@ class Cells:
         self._ends = np.clip((np.array([start, *goals]) - lower) / self._unit, 0, self.divisions)
         self._points = np.clip(np.floor(self._ends), 0, self.divisions - 1).astype(np.int64)
         self._homes = np.full(len(self._points), -1, dtype=np.intp)
-        self._way: list[int] = []
+        self._cells: list[int] = []
 
     def separated(self, most: int) -> Region | None:
         """A region that parts start and goals, found within so many cells; None if none was found.
@@ -125,8 +128,10 @@ class Cells:
         """
         if not len(self._low):
             corners = _corners((self.divisions >> CUTS).tolist())
-            self.open = self.open or self._is_open(self._straight(), None, most)
-            if self.open or self.count + len(corners) > most:
+            straight = self._straight()
+            if self.way is None and self._is_open(straight, None, most):
+                self.way = self._polyline(straight)
+            if self.way is not None or self.count + len(corners) > most:
                 return None
             new = self._add(corners << CUTS, np.full_like(corners, 1 << CUTS), [])
             self._join(*new[np.stack(np.triu_indices(len(new), 1))])
@@ -134,11 +139,13 @@ class Cells:
             ways = self._ways()
             if isinstance(ways, Region):
                 return ways
-            self.open = not len(ways) or self._is_open(*self._stretches(), most)
+            stretches, doubtful = self._stretches()
+            if not len(ways) or self._is_open(stretches, doubtful, most):
+                self.way = self._polyline(stretches)[::-1]
             widths = self._widths(ways).max(axis=1, initial=0.0)
             chosen = ways[widths >= LARGE * widths.max(initial=0.0)]
             sides = self._sides(chosen)
-            if self.open or self.count + int((1 << sides.sum(axis=1)).sum()) > most:
+            if self.way is not None or self.count + int((1 << sides.sum(axis=1)).sum()) > most:
                 return None
             self._halve(chosen, sides)
 
@@ -166,11 +173,11 @@ class Cells:
         if not np.isfinite(fewest):
             reached = [np.isfinite(each) & ~self._cut for each in (of_start, of_goals)]
             return self._region(reached, of_start=bool(reached[0].sum() <= reached[1].sum()))
+        self._cells = [int(goals[of_start[goals].argmin()])]
+        while before[self._cells[-1]] < size:
+            self._cells.append(int(before[self._cells[-1]]))
         if fewest < UNDECIDED:
             return np.zeros(0, dtype=np.intp)
-        self._way = [int(goals[of_start[goals].argmin()])]
-        while before[self._way[-1]] < size:
-            self._way.append(int(before[self._way[-1]]))
         return np.flatnonzero((through <= max(SLACK * fewest, fewest + UNDECIDED)) & (self._cost == UNDECIDED))
 
     def _is_open(self, stretches: FloatArray, doubtful: BoolArray | None, most: int) -> bool:
@@ -212,9 +219,9 @@ class Cells:
 
     def _stretches(self) -> tuple[FloatArray, BoolArray]:
         """Straight lines in the cells of the last way that was found, from its goal; and what is doubtful in these."""
-        goal = int(np.flatnonzero(self._homes[1:] == self._way[0])[0]) + 1
+        goal = int(np.flatnonzero(self._homes[1:] == self._cells[0])[0]) + 1
         at, out = self._ends[goal], list[FloatArray]()
-        for cell, following in itertools.pairwise(self._way):
+        for cell, following in itertools.pairwise(self._cells):
             turns = np.where(self._endless, np.stack([0 * self.divisions, self.divisions, -self.divisions]), 0)
             low = np.maximum(self._low[cell], self._low[following] + turns)
             high = np.minimum(self._low[cell] + self._size[cell], self._low[following] + self._size[following] + turns)
@@ -222,8 +229,13 @@ class Cells:
             face = 0.5 * (low + high)[best]
             out.append(np.stack([at, face]))
             at = face - turns[best]
-        doubtful = np.stack([self._doubtful[cell] for cell in self._way])
+        doubtful = np.stack([self._doubtful[cell] for cell in self._cells])
         return np.stack([*out, np.stack([at, self._ends[0]])]), doubtful
+
+    def _polyline(self, stretches: FloatArray) -> FloatArray:
+        """The points of stretches (m, 2, k), joined where a joint without end goes on at its other side."""
+        steps = np.cumsum(stretches[:, 1] - stretches[:, 0], axis=0)
+        return np.asarray(self._lower + np.concatenate([stretches[:1, 0], stretches[0, 0] + steps]) * self._unit)
 
     def _region(self, reached: list[BoolArray], *, of_start: bool) -> Region:
         cells = reached[0 if of_start else 1]

@@ -4,7 +4,8 @@ A ball of radius r about a point c of one solid, and a point c whose distance to
 overlap of at least r + s in every direction: so large is the sum of the support values of the one and, turned round,
 the other. Where no point of one moves by more than m against the other, they still overlap if r + s > m. ``s`` may be
 negative, minus the distance to the other solid; then the bound is the same. Of a mesh, s is what the balls inside of
-it say.
+it say. In a box, a cylinder or a capsule the ball may be anywhere in its core, the points that are r inside, so it is
+put where the core is nearest to that of the other solid.
 
 All arithmetic is elementwise, in one fixed order: equal bits on every processor.
 """
@@ -42,10 +43,13 @@ class Inside:
     Attributes:
         centres, radii: Balls inside of it, (b, 3) in its own frame and (b,).
         exact: Whether ``depth`` is the signed distance, not only a bound.
+        to_core: Moves points (3, ...) to the nearest of the core, the centres of the largest balls; None of a mesh.
     """
 
-    def __init__(self, centres: FloatArray, radii: FloatArray, depth: Depth | None) -> None:
-        self.centres, self.radii = centres, radii
+    def __init__(
+        self, centres: FloatArray, radii: FloatArray, depth: Depth | None = None, to_core: Depth | None = None
+    ) -> None:
+        self.centres, self.radii, self.to_core = centres, radii, to_core
         self.exact = depth is not None
         self._depth = depth
 
@@ -62,27 +66,29 @@ class Inside:
 def inside_of(shape: Shape) -> Inside:
     """Balls inside a shape, and how deep points are inside of it."""
     if isinstance(shape, Sphere):
-        return Inside(np.zeros((1, 3)), np.array([shape.radius]), lambda p: shape.radius - _length(p))
+        return _of(np.zeros((1, 3)), shape.radius, lambda p: shape.radius - _length(p), lambda p: 0.0 * p)
     if isinstance(shape, Capsule):
         half = shape.length / 2.0
-        return _of(_line(half, shape.radius), shape.radius, lambda p: shape.radius - _to_segment(p, half))
+        line = _line(half, shape.radius)
+        return _of(line, shape.radius, lambda p: shape.radius - _to_segment(p, half), lambda p: _on_disc(p, 0.0, half))
     if isinstance(shape, Cylinder):
         radius, half = shape.radius, shape.length / 2.0
         ball = min(radius, half)
         flat = _grid(np.array([radius - ball, radius - ball, half - ball]), ball)
         within = flat[_length((flat * (1.0, 1.0, 0.0)).T) <= radius - ball]
-        return _of(within, ball, lambda p: _in_cylinder(p, radius, half))
+        core = radius - ball, half - ball
+        return _of(within, ball, lambda p: _in_cylinder(p, radius, half), lambda p: _on_disc(p, *core))
     if isinstance(shape, Box):
         sides = np.array(shape.half)
         ball = float(sides.min())
-        return _of(_grid(sides - ball, ball), ball, lambda p: _in_box(p, sides))
+        return _of(_grid(sides - ball, ball), ball, lambda p: _in_box(p, sides), lambda p: _on_box(p, sides - ball))
     if isinstance(shape, Mesh):
         return _in_mesh(shape)
     raise BrokenInvariant(f"a {type(shape).__name__} has no inside here")
 
 
-def _of(centres: FloatArray, radius: float, depth: Depth) -> Inside:
-    return Inside(centres, np.full(len(centres), radius), depth)
+def _of(centres: FloatArray, radius: float, depth: Depth, to_core: Depth) -> Inside:
+    return Inside(centres, np.full(len(centres), radius), depth, to_core)
 
 
 def _line(half: float, step: float) -> FloatArray:
@@ -126,7 +132,7 @@ def _in_mesh(mesh: Mesh) -> Inside:
         left[k] = False
     kept = [k for k, radius in enumerate(radii) if radius > 0.0]
     balls = np.array([centres[k] for k in kept]).reshape(-1, 3), np.array([radii[k] for k in kept])
-    return Inside(*balls, None)
+    return Inside(*balls)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
@@ -146,6 +152,18 @@ def _in_cylinder(p: FloatArray, radius: float, half: float) -> FloatArray:
     a, b = np.minimum(side, 0.0), np.minimum(end, 0.0)
     inner = np.minimum(side, end)
     return np.where(inner >= 0.0, inner, -np.sqrt(a * a + b * b))
+
+
+def _on_disc(p: FloatArray, radius: float, half: float) -> FloatArray:
+    """The nearest points of a cylinder; a disc or a segment where it has no height or no radius."""
+    x, y, z = p
+    out = np.sqrt(x * x + y * y)
+    nearer = np.minimum(1.0, radius / np.where(out > 0.0, out, 1.0))
+    return np.stack([x * nearer, y * nearer, np.clip(z, -half, half)])
+
+
+def _on_box(p: FloatArray, half: FloatArray) -> FloatArray:
+    return np.stack([np.clip(row, -side, side) for row, side in zip(p, half.tolist(), strict=True)])
 
 
 def _in_box(p: FloatArray, half: FloatArray) -> FloatArray:

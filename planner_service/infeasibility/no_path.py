@@ -26,10 +26,12 @@ from planner_service.planning.request import joint_vector
 from planner_service.robot.model import TURN, Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["NoPath", "prove_no_path"]
+__all__ = ["NoPath", "OpenWay", "divide", "prove_no_path"]
 
 MOST_JOINTS = 4
 """That a proof cuts up together: with each more there are many times as many boxes."""
+
+MOST_BOXES = 100_000
 
 FIRST, MORE = 2_000, 4
 """Boxes that each set of joints may take at first, and how many times as many whenever all have had theirs."""
@@ -89,6 +91,17 @@ class NoPath:
         return f"no path exists: {names} block every way of {', '.join(self.joints)}, whatever other joints do"
 
 
+@dataclass(frozen=True, eq=False)
+class OpenWay:
+    """A way on which no collision is known: not proven to be free, but worth to be judged.
+
+    Attributes:
+        points: Of a polyline from the start to a goal, (m, n), in radians or metres.
+    """
+
+    points: FloatArray
+
+
 def prove_no_path(
     robot: Robot,
     scene: Scene,
@@ -96,7 +109,7 @@ def prove_no_path(
     goals: Sequence[Sequence[float] | FloatArray],
     *,
     allowed: Iterable[tuple[str, str]] = (),
-    max_boxes: int = 100_000,
+    max_boxes: int = MOST_BOXES,
     charge: Callable[[int], None] | None = None,
 ) -> NoPath | None:
     """A proof that none of the goals can be reached from the start; None if none was found, which says nothing.
@@ -126,7 +139,23 @@ def prove_no_path(
     left = whole("max_boxes", max_boxes, 1, 10**9)
     if charge is not None and (isinstance(charge, type) or not callable(charge)):
         raise InvalidRequest("charge", charge, "a function of a number, or None")
-    pairs = solid_pairs(robot, ProofPairs(robot, scene, pairs_of_names("allowed", allowed)))
+    found = divide(robot, scene, begin, ends, pairs_of_names("allowed", allowed), left, charge)
+    return found if isinstance(found, NoPath) else None
+
+
+def divide(
+    robot: Robot,
+    scene: Scene,
+    begin: FloatArray,
+    ends: Sequence[FloatArray],
+    allowed: Iterable[tuple[str, str]],
+    max_boxes: int = MOST_BOXES,
+    charge: Callable[[int], None] | None = None,
+) -> NoPath | OpenWay | None:
+    """As ``prove_no_path``; or a way that is open for all joints of the robot, if there is no proof."""
+    pairs = solid_pairs(robot, ProofPairs(robot, scene, allowed))
+    way: OpenWay | None = None
+    left = max_boxes
     searches: Iterable[_Search] = (_Search(robot, walls, begin, ends, charge) for walls in _choices(robot, pairs))
     most = FIRST
     while left > 0:
@@ -137,13 +166,25 @@ def prove_no_path(
             if found is not None:
                 return found
             left -= search.cells.count - before
-            if not search.cells.open:
+            if search.cells.way is None:
                 unfinished.append(search)
+            elif search.cells.way.shape[1] == robot.n:
+                way = _between(search.cells.way, begin, ends, robot)
         if most >= max_boxes or not unfinished:
-            return None
+            return way
         searches = unfinished
         most *= MORE
-    return None
+    return way
+
+
+def _between(way: FloatArray, begin: FloatArray, ends: Sequence[FloatArray], robot: Robot) -> OpenWay:
+    """A way that begins at a start and ends at a goal, or whole turns from it, to the last bit."""
+    endless = np.array(robot.continuous) if robot.continuous else np.zeros(robot.n, dtype=np.bool_)
+    points = way + np.where(endless, TURN * np.round((begin - way[0]) / TURN), 0.0)
+    turned = [end + np.where(endless, TURN * np.round((points[-1] - end) / TURN), 0.0) for end in ends]
+    points[-1] = min(turned, key=lambda end: float(np.abs(end - points[-1]).max()))
+    points[0] = begin
+    return OpenWay(points)
 
 
 def _choices(robot: Robot, pairs: Sequence[SolidPair]) -> Iterator[Walls]:

@@ -94,6 +94,8 @@ class Explanation:
         remedies: Changes that give a plan, cheapest first; none if there is a plan, or nothing that was tried helps.
         plans: How many plans were tried.
         reached: How far the search came, if there was one and its planner says what it grew.
+        way: A proven plan along a way that dividing joint space found and the search did not, for robots of up to four
+            joints; it may keep less than the padding.
     """
 
     result: PlanResult
@@ -101,6 +103,7 @@ class Explanation:
     remedies: tuple[Remedy, ...]
     plans: int
     reached: Reached | None = None
+    way: PlanResult | None = None
 
     @property
     def proven(self) -> bool:
@@ -114,8 +117,15 @@ class Explanation:
         lines += [] if self.no_path is None else [str(self.no_path)]
         lines += ["proven: no plan exists for this request"] if self.proven else []
         lines += [] if self.reached is None else [str(self.reached)]
+        lines += [] if self.way is None else [f"yet a way was found by dividing joint space: {_told(self.way)}"]
         lines += [f"this helps: {remedy}" for remedy in self.remedies]
         return "\n".join(lines if self.remedies else [*lines, f"nothing that was tried helps ({self.plans} plans)"])
+
+
+def _told(way: PlanResult) -> str:
+    assert way.certificate is not None
+    assert way.trajectory is not None
+    return f"{way.trajectory.duration:.1f} s, at least {way.certificate.clearance * 1e3:.2f} mm clear"
 
 
 class _Spent(Exception):

@@ -29,6 +29,9 @@ __all__ = ["Judgement", "Middle", "SolidPair", "Walls", "Witness", "solid_pairs"
 ROUNDING = 1e-9
 """Relative, and far above what rounding does to a motion bound."""
 
+PROJECTIONS = 12
+"""Of a ball's centre on both cores: each about halves how far it is from the deepest place."""
+
 CHORD = 2.0
 """Times the distance from an axis: no turn moves a point farther."""
 
@@ -285,7 +288,7 @@ class Walls:
 
         The third is what joints that boxes say nothing about do of the second: smaller boxes do not lessen it.
         """
-        points = _carried(overlap.solid.body, overlap.centres, bodies)
+        points = overlap.points(bodies)
         depth = overlap.radii + overlap.other.depth(points, bodies)
         motion = self._motion(overlap.own, points, bodies, travel)
         free = np.broadcast_to(overlap.free, motion.shape)
@@ -371,8 +374,13 @@ def _balls(pair: SolidPair, free: _FreeMotion) -> tuple[_Overlap, ...]:
             continue
         kept = by_own + by_other < solid.inside.radii + other.largest
         if kept.any():
-            balls = solid.centres[:, kept], solid.inside.radii[kept], by_own[kept]
-            out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls))
+            radii, moved = solid.inside.radii[kept], by_own[kept]
+            cores = None not in (solid.inside.to_core, other.inside.to_core)
+            sliding = cores and len(radii) > 1 and not free.loose(own)[0]
+            if sliding:
+                radii, moved = np.append(radii, radii[0]), np.append(moved, 0.0)
+            balls = solid.centres[:, kept], radii, moved
+            out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls, sliding=sliding))
     return tuple(out)
 
 
@@ -407,6 +415,15 @@ class _Solid:
             return points
         return _turned_back(bodies.R[self.body, ..., None], points - bodies.p[self.body, ..., None])
 
+    def to_core(self, points: FloatArray, bodies: Frames) -> FloatArray:
+        """The nearest points of its core to points (3, m, b) of the world; of those that are no meshes."""
+        assert self.inside.to_core is not None
+        core = self.inside.to_core(_turned_back(self._R, self.own(points, bodies) - self._p))
+        points = _turned(self._R, core) + self._p
+        if self.body == FIXED:
+            return points
+        return np.asarray(_turned(bodies.R[self.body, ..., None], points) + bodies.p[self.body, ..., None])
+
     def depth(self, points: FloatArray, bodies: Frames) -> FloatArray:
         """At least how deep points (3, m, b) of the world lie in it; outside, minus at least the distance."""
         return self.inside.depth(_turned_back(self._R, self.own(points, bodies) - self._p))
@@ -438,7 +455,9 @@ class _Overlap:
         own, against: The bodies that move the solid, and the other one, against each other; outermost first.
         loose: Those of ``against`` that boxes say nothing about.
         change: How much the depth less the motion by such joints can change at most while a ball moves by 1.
-        centres, radii: Of the balls, (3, b) in the frame of their body and (b,).
+        centres: Of the balls, (3, b) in the frame of their body.
+        radii: Of the balls, (b,); the last that of the sliding one, if there is one.
+        sliding: Whether there is one more ball, which is put in each configuration where it reaches deep.
         free: How far the bodies of ``own`` that boxes say nothing about move them, (b,).
     """
 
@@ -451,12 +470,23 @@ class _Overlap:
     centres: FloatArray
     radii: FloatArray
     free: FloatArray
+    sliding: bool
+
+    def points(self, bodies: Frames) -> FloatArray:
+        """The centres of the balls in the world, (3, m, b); the sliding one by projections on both cores by turns."""
+        points = _carried(self.solid.body, self.centres, bodies)
+        if not self.sliding:
+            return points
+        best = points[..., :1]
+        for _ in range(PROJECTIONS):
+            best = self.solid.to_core(self.other.to_core(best, bodies), bodies)
+        return np.concatenate([points, best], axis=-1)
 
     def witness(self, bodies: Frames, ball: IntArray) -> Witness:
         """The chosen balls (m,), and what they reach into."""
-        points = _carried(self.solid.body, self.centres, bodies)[:, np.arange(len(ball)), ball]
-        second, depth = self.other.deepest(self.other.own(points[..., None], bodies))
-        centres = np.stack([self.centres[:, ball], second[..., 0]])
+        points = self.points(bodies)[:, np.arange(len(ball)), ball][..., None]
+        second, depth = self.other.deepest(self.other.own(points, bodies))
+        centres = np.stack([self.solid.own(points, bodies)[..., 0], second[..., 0]])
         return Witness(centres.transpose(2, 0, 1), np.stack([self.radii[ball], depth[:, 0]], axis=1))
 
 

@@ -23,13 +23,13 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import plain, read_record
 from planner_service.grasping.grasps import top_grasps
-from planner_service.infeasibility.no_path import NoPath
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.world import World
+from planner_service.records.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.failure import ContactRecord, FailureRecord
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify
@@ -470,16 +470,13 @@ def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
         remedies.append({"text": remedy.text, "plan": plan.document()})
     document = {
         "result": SavedPlan.of(explained.result).document(),
-        "no_path": None if explained.no_path is None else _no_path(explained.no_path),
+        "no_path": None if explained.no_path is None else NoPathRecord.of(explained.no_path).document(),
+        "reached": None if explained.reached is None else ReachedRecord.of(explained.reached).document(),
+        "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
         "remedies": remedies,
         "plans": explained.plans,
     }
     return _json_answer(document, counts=explained.result.counts)
-
-
-def _no_path(proof: NoPath) -> dict[str, Any]:
-    names = ("joints", "pairs", "boxes", "distances", "lower", "upper", "wall_pairs")
-    return {name: plain(getattr(proof, name)) for name in names}
 
 
 def _roadmaps(call: _Call, body: bodies.RoadmapBody) -> Answer:

@@ -19,6 +19,7 @@ from planner_service import (
     PRM,
     Box,
     CancelToken,
+    Cylinder,
     Handling,
     InvalidRequest,
     Obstacle,
@@ -43,6 +44,7 @@ from planner_service.collision import Cancelled
 from planner_service.constraints import KeepUpright
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import Pace
+from planner_service.records.exports.no_path_file import no_path_document
 from planner_service.records.plan_file import load_plan
 from planner_service.records.recertify import recertify
 from planner_service.records.result import result_record
@@ -50,6 +52,7 @@ from planner_service.replanning.result import Outcome
 from planner_service.tasks import places_on, plan_pick_place
 from tests.support.optional import present
 from tests.support.served import served
+from tests.unit.infeasibility.test_remedies import SLIT, SLIT_ENDS
 
 pytestmark = pytest.mark.slow
 
@@ -416,6 +419,26 @@ def test_an_explanation_is_the_librarys(here: Planner, there: Planner) -> None:
     assert own.remedies
     assert [bits(remedy.result) for remedy in own.remedies] == [bits(remedy.result) for remedy in other.remedies]
     assert [remedy.scene.hash for remedy in own.remedies] == [remedy.scene.hash for remedy in other.remedies]
+
+
+def test_an_explanation_has_the_librarys_proof_or_way(tmp_path: Path) -> None:
+    sides = tuple(Obstacle(f"disc {y}", Cylinder(0.1, 0.2), Pose((0.5, y, 0.0))) for y in (0.5, -0.5))
+    closed = Scene(sides), PlanRequest((0.0, 0.0), (3.0, 0.0), max_checks=3_000, time_limit=None)
+    narrow = Scene(SLIT), PlanRequest(*SLIT_ENDS, max_checks=3_000, time_limit=None)
+    with served(tmp_path, "--robot", "planar2", "--scene", "discs", "--workers", "1") as url:
+        for scene, request in (closed, narrow):
+            own = PlannerService("planar2", scene).explain(request, plans=1)
+            with Remote(url, scene) as remote:
+                other = remote.explain(request, plans=1)
+            assert str(own) == str(other)
+            reached = [present(explanation.reached) for explanation in (own, other)]
+            assert reached[0].nearest.tolist() == reached[1].nearest.tolist()
+            if scene is narrow[0]:
+                assert bits(present(own.way)) == bits(present(other.way))
+                continue
+            proofs = [present(explanation.no_path) for explanation in (own, other)]
+            files = [no_path_document(proof, remote.world, request.start, [(3.0, 0.0)]) for proof in proofs]
+            assert files[0] == files[1]
 
 
 def test_a_roadmap_is_grown_kept_and_used(here: Planner, there: Planner) -> None:

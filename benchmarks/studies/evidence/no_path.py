@@ -1,6 +1,7 @@
 """Is a proof that there is no plan right, and is there one where there should be?
 
-- ``planar2`` among random discs: each query planned or proven impossible. A flood fill of joint space, by closed forms
+- ``planar2`` among random discs: each query planned, by a search or along a way that dividing joint space finds, or
+  proven impossible. A flood fill of joint space, by closed forms
   of its own, looks at some: start and goal are joined by nodes of a grid that are farther from the discs than half a
   step moves any point, or not even by nodes that overlap them by less, corners included; in between it decides nothing.
 - Stored pockets, which a link cannot leave (``benchmarks.worlds.pockets``): most are to be proven.
@@ -116,12 +117,22 @@ def _planar(seed: int, number: int) -> Row:
         drawn = [np.array([chance.uniform(-3.14159, 3.14159) for _ in range(2)]) for _ in range(DRAWS)]
         ends = [q for q in drawn if service.checker.state_is_free(q)][:2]
         service = service if len(ends) == 2 else _discs(chance)  # a disc on the base leaves nothing free
-    planned = service.plan(PlanRequest(ends[0], ends[1], seed=number, time_limit=None, max_checks=20_000)).ok
+    request = PlanRequest(ends[0], ends[1], seed=number, time_limit=None, max_checks=20_000)
+    planned, way = service.plan(request).ok, False
     clock = time.process_time()
     proven = prove_no_path(service.robot, service.scene, ends[0], [ends[1]]) is not None
     seconds = time.process_time() - clock
+    if not planned:
+        way = service.explain(request, plans=1).way is not None
     flood = _flooded(service, ends) if number % FLOODED == 0 else None
-    return {"world": number, "planned": planned, "proven": proven, "ms": seconds * 1e3, "flood": flood}
+    return {
+        "world": number,
+        "planned": planned or way,
+        "way": way,
+        "proven": proven,
+        "ms": seconds * 1e3,
+        "flood": flood,
+    }
 
 
 def _discs(chance: random.Random) -> PlannerService:
@@ -204,6 +215,7 @@ def _table(worlds: list[Row]) -> Table:
     line = {
         "worlds": f"{len(worlds):,}",
         "planned": f"{sum(row['planned'] for row in worlds):,}",
+        "along a way": sum(row["way"] for row in worlds),
         "proven": f"{len(proven):,}",
         "flooded": sum(row["flood"] is not None for row in worlds),
         "proof ms": spread(proven) if proven else "-",

@@ -57,6 +57,12 @@ def test_discs_before_and_behind_the_arm_enclose_it() -> None:
     assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0], [0.2, 0.1]]) is None
 
 
+def test_thin_discs_enclose_the_arm_as_thick_ones_do() -> None:
+    """Balls at fixed places in a disc of 2 cm miss most of it."""
+    discs = [Obstacle(name, Cylinder(0.25, 0.02), Pose((0.5, y, 0.0))) for name, y in (("l", 0.5), ("r", -0.5))]
+    assert prove_no_path(ARM, Scene(tuple(discs)), [0.0, 0.0], [[3.0, 0.0]]) is not None
+
+
 @pytest.mark.parametrize("seed", range(24))
 def test_a_world_is_planned_or_proven_impossible_and_never_both(seed: int) -> None:
     scene, start, goal = world(seed)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planner_service import Box, Cylinder, InvalidRequest, Obstacle, PlannerService, PlanRequest, Pose, Reason, Scene
+from planner_service.collision import CollisionChecker
 from planner_service.constraints import ToolRegion
 from planner_service.infeasibility import Explanation
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
@@ -128,6 +129,32 @@ def test_the_command_says_what_helps() -> None:
     assert document["proven"]
     assert document["remedies"]
     assert run("explain", "--scene", "table", "--start", "home", "--goal", "ready").exit_code == 0
+
+
+SLIT = tuple(
+    Obstacle(f"disc_{k}", Cylinder(radius, 0.2), Pose((x, y, 0.0)))
+    for k, (x, y, radius) in enumerate(
+        [(-0.047006, 0.038984, 0.056421), (0.907448, -0.759465, 0.108535), (0.418551, -0.118416, 0.104990)]
+    )
+)
+
+SLIT_ENDS = (-1.199937, 2.240154), (-0.921082, 0.133948)
+"""Between them the arm has less than a tenth of a millimetre of room."""
+
+
+def test_a_way_too_narrow_for_a_search_is_found_by_dividing_joint_space() -> None:
+    service = PlannerService("planar2", Scene(SLIT))
+    start, goal = SLIT_ENDS
+    found = service.explain(PlanRequest(start, goal, max_checks=20_000, time_limit=None), plans=1)
+    assert not found.result.ok
+    assert not found.proven
+    assert found.way is not None
+    path, trajectory = found.way.unwrap()
+    assert [path.waypoints[k].tolist() for k in (0, -1)] == [list(start), list(goal)]
+    checker = CollisionChecker(service.robot, service.scene)
+    assert all(checker.state_is_free(q) for q in trajectory(np.linspace(0.0, trajectory.duration, 2_000)))
+    assert service.certify(path).certified
+    assert "yet a way was found by dividing joint space" in str(found)
 
 
 @pytest.mark.slow
