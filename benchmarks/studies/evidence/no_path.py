@@ -122,7 +122,7 @@ def _planar(seed: int, number: int) -> Row:
     clock = time.process_time()
     proven = prove_no_path(service.robot, service.scene, ends[0], [ends[1]]) is not None
     seconds = time.process_time() - clock
-    if not planned:
+    if not planned and not proven:
         way = service.explain(request, plans=1).way is not None
     flood = _flooded(service, ends) if number % FLOODED == 0 else None
     return {
