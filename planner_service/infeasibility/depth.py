@@ -44,6 +44,7 @@ class Inside:
         centres, radii: Balls inside of it, (b, 3) in its own frame and (b,).
         exact: Whether ``depth`` is the signed distance, not only a bound.
         to_core: Moves points (3, ...) to the nearest of the core, the centres of the largest balls; None of a mesh.
+        gap: Metres that a point of the core may be from the nearest of the centres, about; 0 if all are centres.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class Inside:
     ) -> None:
         self.centres, self.radii, self.to_core = centres, radii, to_core
         self.exact = depth is not None
+        self.gap = _norm([float(np.diff(np.unique(row)).max(initial=0.0)) for row in centres.T])
         self._depth = depth
 
     def depth(self, points: FloatArray) -> FloatArray:
@@ -133,6 +135,10 @@ def _in_mesh(mesh: Mesh) -> Inside:
     kept = [k for k, radius in enumerate(radii) if radius > 0.0]
     balls = np.array([centres[k] for k in kept]).reshape(-1, 3), np.array([radii[k] for k in kept])
     return Inside(*balls)
+
+
+def _norm(vector: list[float]) -> float:
+    return math.sqrt(sum(entry * entry for entry in vector))
 
 
 def _length(vectors: FloatArray) -> FloatArray:

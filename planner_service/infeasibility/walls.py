@@ -29,7 +29,7 @@ __all__ = ["Judgement", "Middle", "SolidPair", "Walls", "Witness", "solid_pairs"
 ROUNDING = 1e-9
 """Relative, and far above what rounding does to a motion bound."""
 
-PROJECTIONS = 12
+PROJECTIONS = 8
 """Of a ball's centre on both cores: each about halves how far it is from the deepest place."""
 
 CHORD = 2.0
@@ -246,11 +246,16 @@ class Walls:
             rows = np.flatnonzero(asked & near[:, row])
             left[asked, row] = False
             at, ways = (bodies.of(rows), travel[rows]) if len(rows) else (bodies, travel)
+            sure, hope = np.full((2, len(rows)), -math.inf)
             for overlap in overlaps if len(rows) else ():
-                depth, motion, free = self._depth(overlap, at, ways)
-                wall[rows[(depth - motion).max(axis=-1) > 2.0 * MARGIN]] = row
-                best = depth - free + overlap.change * (motion - free)
-                left[rows, row] |= best.max(axis=-1) > 2.0 * MARGIN
+                some = (sure <= 2.0 * MARGIN) & ((overlap.gap == 0.0) | (hope + overlap.gap > 2.0 * MARGIN))
+                if some.any():
+                    depth, motion, free = self._depth(overlap, at.of(some), ways[some])
+                    best = depth - free + overlap.change * (motion - free)
+                    sure[some] = np.maximum(sure[some], (depth - motion).max(axis=-1))
+                    hope[some] = np.maximum(hope[some], best.max(axis=-1))
+            wall[rows[sure > 2.0 * MARGIN]] = row
+            left[rows, row] |= hope > 2.0 * MARGIN
         return Judgement(wall, left)
 
     def witness(self, centres: FloatArray, half: FloatArray, pair: IntArray) -> Witness:
@@ -363,8 +368,12 @@ class _Near:
 
 
 def _balls(pair: SolidPair, free: _FreeMotion) -> tuple[_Overlap, ...]:
-    """The balls of a pair's solids that other joints do not move too far, and what they reach into."""
-    out, (first, second) = [], pair.solids
+    """The balls of a pair's solids that other joints do not move too far, and what they reach into.
+
+    The last are sliding balls, if both solids have a core and none of those joints moves them.
+    """
+    out, sliding, (first, second) = list[_Overlap](), list[_Overlap](), pair.solids
+    cores = None not in (first.inside.to_core, second.inside.to_core)
     for solid, other, turned in ((first, second, False), (second, first, True)):
         if turned and not other.inside.exact:  # balls in balls are the same the other way round
             continue
@@ -374,14 +383,13 @@ def _balls(pair: SolidPair, free: _FreeMotion) -> tuple[_Overlap, ...]:
             continue
         kept = by_own + by_other < solid.inside.radii + other.largest
         if kept.any():
-            radii, moved = solid.inside.radii[kept], by_own[kept]
-            cores = None not in (solid.inside.to_core, other.inside.to_core)
-            sliding = cores and len(radii) > 1 and not free.loose(own)[0]
-            if sliding:
-                radii, moved = np.append(radii, radii[0]), np.append(moved, 0.0)
-            balls = solid.centres[:, kept], radii, moved
-            out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls, sliding=sliding))
-    return tuple(out)
+            balls = solid.centres[:, kept], solid.inside.radii[kept], by_own[kept]
+            out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls))
+            gap = solid.inside.gap
+            if cores and gap > 0.0 and not free.loose(own)[0]:
+                one = solid.centres[:, :1], solid.inside.radii[:1], by_own[:1]
+                sliding.append(_Overlap(solid, other, own, against, *free.loose(against), *one, gap))
+    return (*out, *sliding)
 
 
 class _Solid:
@@ -415,14 +423,13 @@ class _Solid:
             return points
         return _turned_back(bodies.R[self.body, ..., None], points - bodies.p[self.body, ..., None])
 
-    def to_core(self, points: FloatArray, bodies: Frames) -> FloatArray:
-        """The nearest points of its core to points (3, m, b) of the world; of those that are no meshes."""
-        assert self.inside.to_core is not None
-        core = self.inside.to_core(_turned_back(self._R, self.own(points, bodies) - self._p))
-        points = _turned(self._R, core) + self._p
+    def pose(self, bodies: Frames) -> tuple[FloatArray, FloatArray]:
+        """Its own frame in the world, (3, 3, m) and (3, m)."""
+        R, p = self._R[..., 0], self._p[..., 0]
         if self.body == FIXED:
-            return points
-        return np.asarray(_turned(bodies.R[self.body, ..., None], points) + bodies.p[self.body, ..., None])
+            return R, p
+        turned = np.stack([_turned(bodies.R[self.body], R[:, k]) for k in range(3)], axis=1)
+        return turned, _turned(bodies.R[self.body], p) + bodies.p[self.body]
 
     def depth(self, points: FloatArray, bodies: Frames) -> FloatArray:
         """At least how deep points (3, m, b) of the world lie in it; outside, minus at least the distance."""
@@ -455,10 +462,10 @@ class _Overlap:
         own, against: The bodies that move the solid, and the other one, against each other; outermost first.
         loose: Those of ``against`` that boxes say nothing about.
         change: How much the depth less the motion by such joints can change at most while a ball moves by 1.
-        centres: Of the balls, (3, b) in the frame of their body.
-        radii: Of the balls, (b,); the last that of the sliding one, if there is one.
-        sliding: Whether there is one more ball, which is put in each configuration where it reaches deep.
+        centres, radii: Of the balls, (3, b) in the frame of their body and (b,).
         free: How far the bodies of ``own`` that boxes say nothing about move them, (b,).
+        gap: 0 for balls at fixed places. One ball of the same size slides: it is put in each configuration where it
+            reaches deep, so far from a fixed one at most, in metres.
     """
 
     solid: _Solid
@@ -470,17 +477,24 @@ class _Overlap:
     centres: FloatArray
     radii: FloatArray
     free: FloatArray
-    sliding: bool
+    gap: float = 0.0
 
     def points(self, bodies: Frames) -> FloatArray:
-        """The centres of the balls in the world, (3, m, b); the sliding one by projections on both cores by turns."""
-        points = _carried(self.solid.body, self.centres, bodies)
-        if not self.sliding:
-            return points
-        best = points[..., :1]
+        """The centres of the balls in the world, (3, m, b)."""
+        return self._deep(bodies)[..., None] if self.gap else _carried(self.solid.body, self.centres, bodies)
+
+    def _deep(self, bodies: Frames) -> FloatArray:
+        """The centre of a sliding ball in the world, (3, m): projected on both cores by turns."""
+        own, against = self.solid.inside.to_core, self.other.inside.to_core
+        assert own is not None
+        assert against is not None
+        (R, p), (other_R, other_p) = self.solid.pose(bodies), self.other.pose(bodies)
+        turn = np.stack([_turned_back(other_R, R[:, k]) for k in range(3)], axis=1)
+        shift = _turned_back(other_R, p - other_p)
+        centre: FloatArray = np.zeros_like(shift)
         for _ in range(PROJECTIONS):
-            best = self.solid.to_core(self.other.to_core(best, bodies), bodies)
-        return np.concatenate([points, best], axis=-1)
+            centre = own(_turned_back(turn, against(_turned(turn, centre) + shift) - shift))
+        return _turned(R, centre) + p
 
     def witness(self, bodies: Frames, ball: IntArray) -> Witness:
         """The chosen balls (m,), and what they reach into."""
