@@ -568,11 +568,16 @@ class Store:
                     self._move_log()
 
     def _move_log(self) -> None:
-        """Have SQLite use its log from the beginning again; over a connection of its own nobody waits for this."""
+        """Have SQLite use its log from the beginning again, which it does once all of it is in the database.
+
+        Most is moved over a connection of its own, while nobody waits; what was written meanwhile, while all do.
+        """
         if self._synced - self._moved >= LOG_LENGTH:
             self._moved = self._synced
             with closing(sqlite3.connect(self._folder / "index.db", isolation_level=None)) as index:
                 index.execute("PRAGMA wal_checkpoint(PASSIVE)")
+                with self._lock:
+                    index.execute("PRAGMA wal_checkpoint(PASSIVE)")
 
     def _require_disk(self) -> None:
         if self._failure is not None:

@@ -11,6 +11,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -247,6 +248,26 @@ def _require_all(store: Store, told: list[list[bytes]]) -> None:
     for version in range(max(1, latest - stores.MAX_VERSIONS + 1), latest + 1):
         scene = store.scene("cell", version)
         assert hashlib.sha256(store.content(scene.content)).hexdigest() == scene.hash
+
+
+def test_the_log_is_used_anew_though_somebody_always_writes(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stores, "SYNC_SECONDS", 0.01)
+    monkeypatch.setattr(stores, "LOG_LENGTH", 100)
+
+    def size_after(jobs: int) -> int:
+        def write(thread: int) -> None:
+            for number in range(jobs // 4):
+                store.accept("plan", b"work", request=b"%d %d" % (thread, number))
+
+        with ThreadPoolExecutor(4) as threads:
+            list(threads.map(write, range(4)))
+        (log,) = tmp_path.rglob("index.db-wal")
+        return log.stat().st_size
+
+    first = size_after(2_000)
+    assert size_after(8_000) < 2 * first
 
 
 def test_an_answer_that_a_power_cut_took_is_a_job_to_be_done_again(
