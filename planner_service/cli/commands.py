@@ -33,7 +33,7 @@ from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.planning.torque import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
-from planner_service.records.explanation import ReachedRecord
+from planner_service.records.exports.explanation import ReachedRecord
 from planner_service.records.exports.no_path_file import save_no_path
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.result import result_record

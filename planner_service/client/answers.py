@@ -18,7 +18,7 @@ from planner_service.geometry.arrays import read_only
 from planner_service.infeasibility.remedies import Explanation, Remedy
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
-from planner_service.records.explanation import NoPathRecord, ReachedRecord
+from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.failure import MAX_PAIRS, ContactRecord, FailureRecord
 from planner_service.records.plan_file import PlanRecord, SavedPlan, StepRecord
 from planner_service.records.result import CertificateRecord, CountsRecord, PairList, PathRecord, TrajectoryRecord

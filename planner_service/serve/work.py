@@ -29,7 +29,7 @@ from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.world import World
-from planner_service.records.explanation import NoPathRecord, ReachedRecord
+from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.failure import ContactRecord, FailureRecord
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify

@@ -1,1 +1,1 @@
-"""Trajectories in the formats of other tools."""
+"""Trajectories and proofs in the formats of other tools, and explanations as a server answers them."""
