@@ -70,6 +70,7 @@ def test_whatever_harm_an_input_does_is_found_made_small_and_done_again(
     bad: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "maker", lambda name: of(bad))
+    monkeypatch.setattr(running, "LESS", 4.0)  # a busy machine takes longer to make a finding small
     kind = {"sleep": "hang"}.get(bad, bad)
     summary, (finding, *others) = run_part("api", 3, 5.0, 3)
     assert (finding.kind, others, finding.minimised) == (kind, [], True)
