@@ -42,7 +42,7 @@ quick: $(BIN)/.dev lint  ## the inner loop: the tests of all packages but the sl
 test: $(BIN)/.dev  ## lint, types and the test suite
 	@$(MAKE) --no-print-directory --jobs=2 lint types suite
 
-suite: $(BIN)/.dev  # files in the order of their names: those that wait for browsers and clusters are spread
+suite: $(BIN)/.dev  # files in the order in which they are collected; tests/conftest.py has those that wait first
 	$(BIN)/python -m pytest -m "not sim and not cluster" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m sim
 

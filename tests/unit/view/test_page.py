@@ -131,7 +131,7 @@ def test_a_joints_slider_moves_the_robot(page: Any, viewer: Viewer) -> None:
     until(lambda: abs(viewer.page.state.q[0] - q[0]) > 0.02)
     assert viewer.page.state.q[1] == q[1]
     assert viewer.page.state.seconds is None
-    assert np.any(settled(page) != before)
+    until(lambda: np.any(picture(page) != before))
 
 
 @pytest.mark.slow
@@ -142,7 +142,7 @@ def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Vie
     page.keyboard.press("End")
     until(lambda: viewer.page.state.seconds == playback.duration)
     assert viewer.page.state.q.tolist() == playback.at(playback.duration).q.tolist()
-    assert np.any(settled(page) != before)
+    until(lambda: np.any(picture(page) != before))
 
 
 @pytest.mark.slow
@@ -162,11 +162,11 @@ def test_a_colliding_configuration_shows_its_pair_in_red(page: Any, viewer: View
     (contact, *_) = service.checker.contacts(hit)
     viewer.page.pose(start)
     page.get_by_text("free").first.wait_for()
-    assert reds(settled(page)) == 0
+    until(lambda: reds(picture(page)) == 0)
     viewer.page.pose(hit)
     page.get_by_text("in collision").first.wait_for()
     assert f"{contact.a} × {contact.b}" in page.locator("body").inner_text()
-    assert reds(settled(page)) > 20
+    until(lambda: reds(picture(page)) > 20)
 
 
 def reds(image: Any) -> int:
@@ -197,7 +197,7 @@ def constrained(browser: Any) -> Iterator[tuple[Any, Viewer]]:
 def test_constraints_are_drawn_while_their_box_is_ticked(constrained: tuple[Any, Viewer]) -> None:
     page, _ = constrained
     page.get_by_role("tab", name="show").click()
-    assert teals(settled(page)) > 200
+    until(lambda: teals(picture(page)) > 200)
     page.get_by_text("constraints (teal)").click()
     until(lambda: teals(picture(page)) == 0)
     page.get_by_text("constraints (teal)").click()
@@ -210,6 +210,7 @@ def test_the_arrows_of_a_constraint_move_with_the_robot(constrained: tuple[Any, 
     viewer.page.scrub(0.0)
     before = settled(page)
     viewer.page.scrub(present(viewer.page.state.playback).duration)
+    until(lambda: np.any(picture(page) != before))
     after = settled(page)
     first, second = (np.argwhere(teal(image)).mean(axis=0) for image in (before, after))
     assert np.abs(first - second).max() > 20.0
@@ -272,15 +273,15 @@ def test_what_the_robot_looks_like_is_shown_under_the_checked_shapes(browser: An
         page = new_window(browser, viewport={"width": 800, "height": 500})
         page.goto(viewer.url)
         page.get_by_text("shoulder_pan_joint").first.wait_for()
+        until(lambda: len(np.unique(picture(page).reshape(-1, 3), axis=0)) > 50)
         checked = settled(page)
         viewer.page.draw_robot(LOOKS)
+        until(lambda: np.any(picture(page) != checked))
         looks = settled(page)
         viewer.page.draw_robot(BOTH)
-        both = settled(page)
+        until(lambda: np.any(picture(page) != looks))
         viewer.page.draw_robot(CHECKED)
-        assert np.any(looks != checked)
-        assert np.any(both != looks)
-        assert np.array_equal(settled(page), checked)
+        until(lambda: np.array_equal(picture(page), checked))
         page.close()
 
 
