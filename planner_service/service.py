@@ -249,7 +249,7 @@ class PlannerService:
             blends = np.full(len(points), request.blend)
             asked = FollowRequest(points, (), Pace.of(request), blends, constraints=request.constraints)
             result = follow(asked, checker, certifier, cancel=cancel)
-            return replace(result, origin=Origin(self.world, None, asked.pace))
+            return replace(result, goal_index=way.goal_index, origin=Origin(self.world, None, asked.pace))
 
         result = followed(way.points)
         if not result.ok or result.certificate is None:

@@ -97,9 +97,11 @@ class OpenWay:
 
     Attributes:
         points: Of a polyline from the start to a goal, (m, n), in radians or metres.
+        goal_index: Which of the goals it ends at.
     """
 
     points: FloatArray
+    goal_index: int
 
 
 def prove_no_path(
@@ -182,9 +184,9 @@ def _between(way: FloatArray, begin: FloatArray, ends: Sequence[FloatArray], rob
     endless = np.array(robot.continuous) if robot.continuous else np.zeros(robot.n, dtype=np.bool_)
     points = way + np.where(endless, TURN * np.round((begin - way[0]) / TURN), 0.0)
     turned = [end + np.where(endless, TURN * np.round((points[-1] - end) / TURN), 0.0) for end in ends]
-    points[-1] = min(turned, key=lambda end: float(np.abs(end - points[-1]).max()))
-    points[0] = begin
-    return OpenWay(points)
+    nearest = int(np.argmin([np.abs(end - points[-1]).max() for end in turned]))
+    points[0], points[-1] = begin, turned[nearest]
+    return OpenWay(points, nearest)
 
 
 def _choices(robot: Robot, pairs: Sequence[SolidPair]) -> Iterator[Walls]:

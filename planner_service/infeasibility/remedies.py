@@ -95,7 +95,7 @@ class Explanation:
         plans: How many plans were tried.
         reached: How far the search came, if there was one and its planner says what it grew.
         way: A proven plan along a way that dividing joint space found and the search did not, for robots of up to four
-            joints; it may keep less than the padding.
+            joints; it may keep less than the padding. Its ``goal_index`` says which goal it reaches.
     """
 
     result: PlanResult

@@ -141,14 +141,18 @@ SLIT = tuple(
 SLIT_ENDS = (-1.199937, 2.240154), (-0.921082, 0.133948)
 """Between them the arm has less than a tenth of a millimetre of room."""
 
+WITHIN_A_DISC = (-0.7, 0.0)
+
 
 def test_a_way_too_narrow_for_a_search_is_found_by_dividing_joint_space() -> None:
     service = PlannerService("planar2", Scene(SLIT))
     start, goal = SLIT_ENDS
-    found = service.explain(PlanRequest(start, goal, max_checks=20_000, time_limit=None), plans=1)
+    goals = [WITHIN_A_DISC, goal]
+    found = service.explain(PlanRequest(start, goals, max_checks=20_000, time_limit=None), plans=1)
     assert not found.result.ok
     assert not found.proven
     assert found.way is not None
+    assert found.way.goal_index == 1
     path, trajectory = found.way.unwrap()
     assert [path.waypoints[k].tolist() for k in (0, -1)] == [list(start), list(goal)]
     checker = CollisionChecker(service.robot, service.scene)
