@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Tests start many processes: what one has compiled the next need not, whatever the shell says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo quick test suite cluster lint types bench attack mutants measures docs wheel clean
+.PHONY: demo quick test suite sim cluster lint types bench attack mutants measures docs wheel clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -39,15 +39,18 @@ demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it
 quick: $(BIN)/.dev lint  ## the inner loop: the tests of all packages but the slow ones, in a minute
 	$(BIN)/python -m pytest tests/unit -m "not (slow or sim or browser or ray or cluster)" --numprocesses auto --dist worksteal
 
-test: $(BIN)/.dev  ## lint, types and the test suite
-	@$(MAKE) --no-print-directory --jobs=2 lint types suite
+test: $(BIN)/.dev lint  ## lint, types and the test suite
+	@$(MAKE) --no-print-directory --jobs=2 types sim
+	@$(MAKE) --no-print-directory suite
 
 suite: $(BIN)/.dev  # files in the order in which they are collected; tests/conftest.py has those that wait first
 	$(BIN)/python -m pytest -m "not sim and not cluster" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest -m sim
+
+sim: $(BIN)/.dev  # in real time: beside few others
+	$(BIN)/python -m pytest -m sim tests/integration/test_simulation.py
 
 cluster: $(BIN)/.dev  ## the loss of a machine under Ray Serve, apart since Ray now and then fails to start its proxy in time
-	$(BIN)/python -m pytest -m cluster
+	$(BIN)/python -m pytest -m cluster tests/unit/serve/test_ray_serve.py
 
 lint: $(BIN)/.dev
 	$(BIN)/ruff check .
