@@ -14,10 +14,10 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from benchmarks.attack.jail import give_to_nobody
 from benchmarks.harness.report import Promise, Report, Row, table_of
+from benchmarks.studies.serve import asked
 from benchmarks.studies.serve.processes import Server, connected, server
 
 __all__ = ["run"]
@@ -27,7 +27,11 @@ TURNS, CLIENTS, WORKERS = 20, 4, 2
 SHORTEST, LONGEST = 0.2, 2.0
 """Seconds from the first request to the end of the server."""
 
-TASK = {"scene": "bin", "target": "blue_block", "onto": "tray"}
+PLANS = 100
+"""Requests for plans, of which clients draw one; every fifth is for a whole pick-and-place."""
+
+PAUSE = 0.05
+"""Seconds after a request whose answer is not waited for: a full queue would have nothing answered."""
 
 
 @dataclass
@@ -81,16 +85,19 @@ def _killed_under_load(running: Server, told: _Told, draws: random.Random) -> No
 
 def _ask(port: int, told: _Told, seed: float) -> None:
     """Ask until the server is gone, and note what it tells."""
-    draws = random.Random(seed)
+    draws, plans = random.Random(seed), asked.plan_bodies(asked.plan_requests(PLANS))
     with suppress(OSError, http.client.HTTPException), connected(port) as link:
         while True:
-            body: dict[str, Any] = {**TASK, "request": {"seed": draws.randrange(1000)}}
+            path, body = "/plans", draws.choice(plans)
+            if draws.random() < 0.2:
+                path, (body,) = "/pick_place", asked.task_bodies([draws.randrange(1000)])
             if draws.random() < 0.5:
-                reply = link.ask("POST", "/pick_place", body)
+                reply = link.ask("POST", path, body)
                 if reply.status == 202:
                     told.accepted.add(reply.headers["location"])
+                time.sleep(PAUSE)
             else:
-                reply = link.ask("POST", "/pick_place", body, Prefer="wait=60")
+                reply = link.ask("POST", path, body, Prefer="wait=60")
                 if reply.status == 200:
                     told.answers[reply.headers["content-location"]] = _hash(reply.data)
 
