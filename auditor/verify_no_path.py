@@ -45,7 +45,10 @@ def depth(solid: Json, name: str, points: Array, document: Json) -> Array:
         rows, (low, high) = unpacked(document["boxes"][name], "<f8", 6).reshape(-1, 2, 3), cells(solid)
         for row in rows:  # a box that cells fill
             filled = np.maximum(np.minimum(high, row[1]) - np.maximum(low, row[0]), 0).prod(axis=1).sum()
-            require(filled >= np.prod(row[1] - row[0]) * (1 - SLACK), f"{name}: a box that is not filled")
+            require(
+                (row[0] < row[1]).all() and filled >= np.prod(row[1] - row[0]) * (1 - SLACK),
+                f"{name}: a box not filled",
+            )
         return np.max([outside(np.abs(points - row.mean(axis=0)) - np.ptp(row, axis=0) / 2) for row in rows], axis=0)
     if kind in ("sphere", "capsule"):
         return r - np.linalg.norm(points - np.clip(points, [0, 0, -half], [0, 0, half]), axis=1)
@@ -103,7 +106,7 @@ def collide(world: World, pair: Json, centres: Array, Q: Array, half: Array, doc
 
 def deep(solid: Solid, points: Array, document: Json) -> Array:
     """How deep points in the frame of the body that carries a solid are in it."""
-    name, R, t = solid.name.removesuffix(" (object)").removesuffix(" (link)"), solid.at[:3, :3], solid.at[:3, 3]
+    name, R, t = solid.name.removesuffix(" (object)"), solid.at[:3, :3], solid.at[:3, 3]
     return depth(solid.record, name, (points - t) @ R, document)
 
 
@@ -146,6 +149,7 @@ def verify(document: Json) -> Iterator[str]:
     world = World(robot, scene["obstacles"], scene["attached"], document["allowed"], document["boxes"], moved)
     require(world.stands(robot["gripper_width"]), "fingers elsewhere")
     divisions, pairs = np.array(document["divisions"], np.int64), document["pairs"]
+    require(divisions.shape == low.shape == high.shape == (k,), "a range or divisions of other joints")
     region = unpacked(document["region"], "<i8", 2 * k).reshape(-1, 2, k)
     walls, of = np.split(unpacked(document["walls"], "<i8", 2 * k + 1), [2 * k], axis=1)
     walls, centres = walls.reshape(-1, 2, k), unpacked(document["centres"], "<f8", 6).reshape(-1, 2, 3)
@@ -157,7 +161,8 @@ def verify(document: Json) -> Iterator[str]:
     Q[:, columns] = low + (high - low) * walls.mean(axis=1) / divisions
     half[:, columns] = (high - low) * np.diff(walls, axis=1)[:, 0] / divisions / 2 + SLACK
     wanted = {frozenset((one.name, two.name)) for one, two in world.wanted()}
-    wanted -= {frozenset(pair) for retreat in robot["retreats"] for pair in retreat["pairs"]}
+    excepted = [pair for retreat in robot["retreats"] for pair in retreat["pairs"]]
+    wanted -= {frozenset(world.label("link", name) for name in pair) for pair in excepted}
     for number, pair in enumerate(pairs):
         on = np.flatnonzero(of[:, 0] == number)
         require(frozenset(pair) in wanted, f"{pair} need not be apart")
@@ -171,7 +176,10 @@ def verify(document: Json) -> Iterator[str]:
     for q, inside in [(start, held == "start"), *((goal, held == "goals") for goal in goals)]:
         x = np.array(q, float)[columns]
         x = np.where(endless[columns], low + (x - low) % (2 * math.pi), x)
-        boxes, x = np.concatenate([region, walls]) if inside else region, (x - low) / (high - low) * divisions
+        x = (
+            (np.where(endless[columns], x, np.clip(x, low, high)) - low) / (high - low) * divisions
+        )  # as planners clip it
+        boxes = np.concatenate([region, walls]) if inside else region
         slack = 0.0 if inside else SLACK * divisions
         holds = ((x >= boxes[:, 0] - slack) & (x <= boxes[:, 1] + slack)).all(axis=1).any()
         require(holds == inside and np.isfinite(x).all(), f"{q} is not where the proof needs it")

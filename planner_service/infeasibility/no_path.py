@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.certify.pairs import ProofPairs, pairs_of_names
+from planner_service.certify.pairs import pairs_of_names
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.validation import instance, items, whole
@@ -155,7 +155,7 @@ def divide(
     charge: Callable[[int], None] | None = None,
 ) -> NoPath | OpenWay | None:
     """As ``prove_no_path``; or a way that is open for all joints of the robot, if there is no proof."""
-    pairs = solid_pairs(robot, ProofPairs(robot, scene, allowed))
+    pairs = solid_pairs(robot, scene, allowed)
     way: OpenWay | None = None
     left = max_boxes
     searches: Iterable[_Search] = (_Search(robot, walls, begin, ends, charge) for walls in _choices(robot, pairs))
@@ -179,14 +179,15 @@ def divide(
     return way
 
 
-def _between(way: FloatArray, begin: FloatArray, ends: Sequence[FloatArray], robot: Robot) -> OpenWay:
-    """A way that begins at a start and ends at a goal, or whole turns from it, to the last bit."""
+def _between(way: FloatArray, begin: FloatArray, ends: Sequence[FloatArray], robot: Robot) -> OpenWay | None:
+    """A way that begins at a start and ends at a goal, or whole turns from it, to the last bit; None out of bounds."""
     endless = np.array(robot.continuous) if robot.continuous else np.zeros(robot.n, dtype=np.bool_)
     points = way + np.where(endless, TURN * np.round((begin - way[0]) / TURN), 0.0)
     turned = [end + np.where(endless, TURN * np.round((points[-1] - end) / TURN), 0.0) for end in ends]
     nearest = int(np.argmin([np.abs(end - points[-1]).max() for end in turned]))
     points[0], points[-1] = begin, turned[nearest]
-    return OpenWay(points, nearest)
+    lower, upper = robot.bounds
+    return OpenWay(points, nearest) if np.all((points >= lower) & (points <= upper)) else None
 
 
 def _choices(robot: Robot, pairs: Sequence[SolidPair]) -> Iterator[Walls]:

@@ -10,7 +10,7 @@ about may be anywhere in its range; that costs little where the ball lies on its
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Spher
 from planner_service.infeasibility.depth import inside_of
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Names
+from planner_service.scene.scene import Scene
 
 __all__ = ["Judgement", "Middle", "SolidPair", "Walls", "Witness", "solid_pairs"]
 
@@ -112,9 +114,10 @@ class Witness:
     depths: FloatArray
 
 
-def solid_pairs(robot: Robot, listed: ProofPairs) -> list[SolidPair]:
-    """The pairs of a list whose overlap is a collision wherever the robot is: those of a fixed way out are not."""
-    excepted = {frozenset(names) for retreat in robot.retreats for names in retreat.pairs}
+def solid_pairs(robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> list[SolidPair]:
+    """The pairs whose overlap is a collision wherever the robot is: those of a fixed way out are not."""
+    listed, labels = ProofPairs(robot, scene, allowed), Names(robot, scene)
+    excepted = {frozenset(names) for retreat in robot.retreats for names in labels.links(retreat.pairs)}
     solids = [_Solid(piece) for piece in (*listed.riding, *listed.standing)]
     chains = [() if s.body == FIXED else tuple(chain_to_base(robot.bodies, s.body)) for s in solids]
     out = []

@@ -278,7 +278,8 @@ def _ways_round(robot: Robot, goal: FloatArray, begin: FloatArray) -> list[Float
             other = nearest.copy()
             other[joint] -= math.copysign(TURN, nearest[joint] - begin[joint])
             out.append(read_only(other))
-    return [q for q in out if _outside(q, robot) is None]
+    lower, upper = robot.bounds
+    return [q for q in out if _outside(q, robot) is None and np.all((q >= lower) & (q <= upper))]
 
 
 def _beyond_retreat(context: PlanContext, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:

@@ -164,3 +164,11 @@ def test_a_joint_is_not_continuous_if_a_mimic_turns_by_a_part_of_its_turn(tmp_pa
     assert with_mimic(2.0).continuous == (True, True)
     assert with_mimic(0.5).continuous == (False, True)
     assert with_mimic(0.5).limits.upper[0] == pytest.approx(2.0 * math.pi)
+
+
+def test_no_way_round_leaves_the_thousand_radians(pendulum: Robot) -> None:
+    service = PlannerService(pendulum, Scene())
+    for start, goal in ((999.9, 997.4), (999.9, 0.0), (-999.9, -997.4)):
+        path, _ = service.plan(PlanRequest([start, 0.0], [goal, 0.0])).unwrap()
+        assert np.abs(path.waypoints).max() <= 1000.0
+        assert service.explain(PlanRequest([start, 0.0], [goal, 0.0])).result.ok

@@ -25,6 +25,7 @@ from planner_service.records.evidence import boxes_of, packed
 from planner_service.records.plan_file import OURS
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import MeshRecord, SceneRecord
+from planner_service.scene.names import Kind, Owner, owner_of
 
 __all__ = ["NO_PATH_FORMAT", "no_path_document", "save_no_path"]
 
@@ -57,11 +58,13 @@ def save_no_path(
 def no_path_document(proof: NoPath, world: World, start: object, goals: Sequence[object]) -> dict[str, Any]:
     """What a file of a proof holds; see ``save_no_path``."""
     robot, scene = world.robot, world.scene
-    named = {name for pair in proof.pairs for name in pair}
-    links = [item.shape for item in robot.shapes if item.link in named]
-    objects = [item for items in (scene.obstacles, scene.attached) for item in items if item.name in named]
-    meshes = dict(_faces([*links, *(item.shape for item in objects)]))
-    walls = np.column_stack([proof.wall_cells.reshape(len(proof.wall_cells), -1), proof.wall_pairs])
+    named = {owner_of(label, robot) for pair in proof.pairs for label in pair}
+    links = [item.shape for item in robot.shapes if Owner(Kind.LINK, item.link) in named]
+    items = [item for items in (scene.obstacles, scene.attached) for item in items]
+    objects = [item.shape for item in items if Owner(Kind.OBJECT, item.name) in named]
+    meshes = dict(_faces([*links, *objects]))
+    row = 2 * len(proof.joints)
+    walls = np.column_stack([proof.wall_cells.reshape(-1, row), proof.wall_pairs])
     return {
         "format": NO_PATH_FORMAT,
         "version": VERSION,
@@ -77,7 +80,7 @@ def no_path_document(proof: NoPath, world: World, start: object, goals: Sequence
         "range": [proof.range_lower.tolist(), proof.range_upper.tolist()],
         "divisions": proof.divisions.tolist(),
         "encloses": proof.encloses,
-        "region": packed(proof.region_cells.reshape(len(proof.region_cells), -1), "<i8"),
+        "region": packed(proof.region_cells.reshape(-1, row), "<i8"),
         "pairs": [list(pair) for pair in proof.pairs],
         "walls": packed(walls, "<i8"),
         "centres": packed(proof.witness.centres.reshape(-1, 6), "<f8"),

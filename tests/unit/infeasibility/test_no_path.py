@@ -57,6 +57,14 @@ def test_discs_before_and_behind_the_arm_enclose_it() -> None:
     assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0], [0.2, 0.1]]) is None
 
 
+@pytest.mark.parametrize("name", ["crate", "link_2", "link_5"])
+def test_an_object_called_like_a_link_closes_no_fixed_way_out(name: str) -> None:
+    """Folded, the arm's links touch, which its way out allows."""
+    arm, scene = load_robot("wxai"), Scene((Obstacle(name, Box((0.1, 0.1, 0.1)), Pose((2.0, 2.0, 0.1))),))
+    assert PlannerService(arm, scene).plan(PlanRequest(arm.pose("sleep"), arm.home)).ok
+    assert prove_no_path(arm, scene, arm.pose("sleep"), [arm.home]) is None
+
+
 def test_thin_discs_enclose_the_arm_as_thick_ones_do() -> None:
     """Balls at fixed places in a disc of 2 cm miss most of it."""
     discs = [Obstacle(name, Cylinder(0.25, 0.02), Pose((0.5, y, 0.0))) for name, y in (("l", 0.5), ("r", -0.5))]

@@ -9,6 +9,7 @@ import sys
 import zlib
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,26 @@ from typer.testing import CliRunner
 
 from auditor.verify import Invalid
 from auditor.verify_no_path import in_mesh, verify
-from planner_service import Box, Cylinder, HeightField, InvalidRequest, Obstacle, PointCloud, Pose, Scene, load_robot
+from planner_service import (
+    Box,
+    Cylinder,
+    HeightField,
+    InvalidRequest,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    PointCloud,
+    Pose,
+    Scene,
+    load_robot,
+)
 from planner_service.cli.commands import app
 from planner_service.geometry.mesh import Mesh
 from planner_service.infeasibility import prove_no_path
 from planner_service.planning.world import World
+from planner_service.records.evidence import boxes_of
 from planner_service.records.exports.no_path_file import no_path_document, save_no_path
-from planner_service.records.scene import MeshRecord
+from planner_service.records.scene import MeshRecord, SceneRecord
 from tests.support.optional import present
 from tests.support.small_robots import built, joint, link, solid, urdf
 
@@ -63,6 +77,64 @@ def test_it_says_between_which_ends_there_is_no_path(plain: Document) -> None:
     lines = list(verify(plain))
     assert "from [0.0, 0.0] no path leads to any of 1 goals:" in lines
     assert "  [3.0, 0.0]" in lines
+
+
+WAY_ROUND = [0.0, -1.0], [0.0, 1.0]
+"""Between them the arm is free to move where nothing stands."""
+
+
+def empty(encloses: str, divisions: list[int], region: list[int], start: list[float]) -> Document:
+    """A file without a wall, of a scene without an object."""
+    copy = document(DISCS, [0.0, 0.0], [3.0, 0.0])
+    copy["scene"] |= {"obstacles": []}
+    copy |= {"joints": list(ARM.joint_names), "range": [ARM.limits.lower.tolist(), ARM.limits.upper.tolist()]}
+    copy |= {"start": start, "goals": [WAY_ROUND[1]], "encloses": encloses, "divisions": divisions, "pairs": []}
+    columns = {"region": [region], "walls": np.zeros((0, 5))}
+    packs = {name: packed(table, "<i8") for name, table in columns.items()}
+    return copy | packs | {"centres": packed(np.zeros((0, 6)), "<f8")}
+
+
+def test_a_region_is_enclosed_along_every_joint() -> None:
+    with pytest.raises(Invalid, match="a range or divisions of other joints"):
+        list(verify(empty("start", [16], [0, 0, 16, 8], WAY_ROUND[0])))
+
+
+@pytest.mark.parametrize("beyond", [1e-6, 0.005])
+def test_an_end_a_little_beyond_a_limit_is_one_at_the_limit_as_for_planners(beyond: float) -> None:
+    start = [float(ARM.limits.upper[0]) + beyond, 0.0]
+    assert PlannerService(ARM, Scene()).plan(PlanRequest(start, WAY_ROUND[1])).ok
+    with pytest.raises(Invalid, match="is not where the proof needs it"):
+        list(verify(empty("goals", [16, 16], [0, 0, 16, 16], start)))
+
+
+def test_cells_do_not_fill_a_box_that_is_inside_out() -> None:
+    """Its volume is below 0, which is less than what any cells fill."""
+    y = (0.5, -0.5)
+    boxes = [Obstacle(name, Box((0.2, 0.2, 0.3)), Pose((0.5, at, 0.0))) for name, at in zip("lr", y, strict=True)]
+    far = PointCloud(np.array([[3.0, 3.0, 3.0]]), 0.02)
+    forged = document(Scene(tuple(boxes)), [0.0, 0.0], [3.0, 0.0])
+    scene = Scene(tuple(replace(box, shape=far) for box in boxes))
+    forged["scene"] = json.loads(json.dumps(SceneRecord.of(scene).document()))
+    for name, text in boxes_of(scene):
+        inside_out = [0.1, -0.1, -0.15, -0.1, 0.1, 0.15]
+        forged["boxes"][name] = packed([*array(text, "<f8", 6), inside_out], "<f8")
+    with pytest.raises(Invalid, match="a box not filled"):
+        list(verify(forged))
+
+
+@pytest.mark.parametrize("name", ["l", "upper_arm"])
+@pytest.mark.parametrize(
+    "shape", [PointCloud(np.random.default_rng(0).uniform(-0.08, 0.08, (20_000, 3)), 0.02), Box((0.16, 0.16, 0.3))]
+)
+def test_an_object_may_be_called_as_it_likes(name: str, shape: Any) -> None:
+    there = [Obstacle(name, shape, Pose((0.5, 0.5, 0.0))), Obstacle("r", shape, Pose((0.5, -0.5, 0.0)))]
+    list(verify(document(Scene(tuple(there)), [0.0, 0.0], [3.0, 0.0])))
+
+
+def test_a_proof_without_a_region_is_saved() -> None:
+    """Of a goal within a wall."""
+    scene = Scene((Obstacle("block", Box((0.3, 0.3, 0.3)), Pose((0.5, 0.0, 0.0))),))
+    assert document(scene, [2.0, 0.0], [0.0, 0.0])["encloses"] == "goals"
 
 
 @pytest.mark.parametrize(
