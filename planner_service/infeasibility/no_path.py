@@ -33,6 +33,9 @@ MOST_JOINTS = 4
 
 MOST_BOXES = 100_000
 
+MOST_JUDGED = 100_000_000
+"""Pairs of solids in all boxes together: among thousands of points a box costs as much as a hundred elsewhere."""
+
 FIRST, MORE = 2_000, 4
 """Boxes that each set of joints may take at first, and how many times as many whenever all have had theirs."""
 
@@ -116,8 +119,8 @@ def prove_no_path(
 ) -> NoPath | None:
     """A proof that none of the goals can be reached from the start; None if none was found, which says nothing.
 
-    It is the same on every machine: it ends by a number of boxes, not by a clock. Fixed ways out of named poses may
-    collide, so the pairs that they except are no walls.
+    It is the same on every machine: it ends by a number of boxes and of pairs in them, not by a clock. Fixed ways out
+    of named poses may collide, so the pairs that they except are no walls.
 
     Args:
         start: Configuration (n,) in radians (metres for joints that slide).
@@ -157,17 +160,18 @@ def divide(
     """As ``prove_no_path``; or a way that is open for all joints of the robot, if there is no proof."""
     pairs = solid_pairs(robot, scene, allowed)
     way: OpenWay | None = None
-    left = max_boxes
+    left, work = max_boxes, MOST_JUDGED
     searches: Iterable[_Search] = (_Search(robot, walls, begin, ends, charge) for walls in _choices(robot, pairs))
     most = FIRST
-    while left > 0:
+    while left > 0 and work > 0:
         unfinished = []
         for search in searches:
             before = search.cells.count
-            found = search.run(min(most, before + left))
+            found = search.run(min(most, before + min(left, work // search.pairs)))
             if found is not None:
                 return found
-            left -= search.cells.count - before
+            spent = search.cells.count - before
+            left, work = left - spent, work - spent * search.pairs
             if search.cells.way is None:
                 unfinished.append(search)
             elif search.cells.way.shape[1] == robot.n:
@@ -204,7 +208,11 @@ def _choices(robot: Robot, pairs: Sequence[SolidPair]) -> Iterator[Walls]:
 
 
 class _Search:
-    """Looks for a proof by the walls of some joints."""
+    """Looks for a proof by the walls of some joints.
+
+    Attributes:
+        pairs: How many pairs of solids may be walls.
+    """
 
     def __init__(
         self,
@@ -214,7 +222,7 @@ class _Search:
         ends: Sequence[FloatArray],
         charge: Callable[[int], None] | None,
     ) -> None:
-        self._walls, self._charge = walls, charge
+        self._walls, self._charge, self.pairs = walls, charge, max(1, len(walls.pairs))
         columns = list(walls.columns)
         self._joints = tuple(robot.joint_names[column] for column in columns)
         endless = [bool(robot.continuous) and robot.continuous[column] for column in columns]

@@ -65,6 +65,16 @@ def test_an_object_called_like_a_link_closes_no_fixed_way_out(name: str) -> None
     assert prove_no_path(arm, scene, arm.pose("sleep"), [arm.home]) is None
 
 
+def test_it_gives_up_after_so_many_pairs_of_solids(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene((disc("left", 0.5, 0.5), disc("right", 0.5, -0.5)))
+    asked = list[int]()
+    assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=asked.append) is not None
+    monkeypatch.setattr("planner_service.infeasibility.no_path.MOST_JUDGED", sum(asked) // 4)
+    fewer = list[int]()
+    assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=fewer.append) is None
+    assert sum(fewer) < sum(asked)
+
+
 def test_thin_discs_enclose_the_arm_as_thick_ones_do() -> None:
     """Balls at fixed places in a disc of 2 cm miss most of it."""
     discs = [Obstacle(name, Cylinder(0.25, 0.02), Pose((0.5, y, 0.0))) for name, y in (("l", 0.5), ("r", -0.5))]
