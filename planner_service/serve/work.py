@@ -180,7 +180,7 @@ class ServerWork:
         self._stages: list[Mapping[str, Any]] = []
         self._told = 0
         self._telling = threading.Lock()
-        self._services: OrderedDict[tuple[tuple[str, ...], float | None], PlannerService] = OrderedDict()
+        self._services: OrderedDict[tuple[tuple[tuple[str, str], ...], float | None], PlannerService] = OrderedDict()
 
     def prepare(self) -> None:
         """Load what every plan needs."""
@@ -243,7 +243,8 @@ class ServerWork:
     def _service(self, item: Assignment) -> PlannerService:
         """The service for the world of a request."""
         width = getattr(item.body, "gripper_width", None)
-        key = (tuple(source.hash for name, source in item.sources.items() if name != "roadmap"), width)
+        named = tuple((name, source.hash) for name, source in item.sources.items() if name != "roadmap")
+        key = (named, width)  # a task is the world that it begins in, or the one after it
         if key not in self._services:
             world = _world(item, self.world)
             service = PlannerService.of(world)

@@ -285,7 +285,8 @@ class Store:
         """Forget which versions a deleted scene had, or refuse one more."""
         if self._rows("SELECT count(DISTINCT name) FROM scenes")[0][0] < MAX_SCENES:
             return
-        deleted = self._rows("SELECT name FROM scenes WHERE content IS NULL LIMIT 1")
+        latest = "SELECT name, max(version), content FROM scenes GROUP BY name"
+        deleted = self._rows(f"SELECT name FROM ({latest}) WHERE content IS NULL LIMIT 1")
         if not deleted:
             raise InvalidRequest("scenes", MAX_SCENES + 1, f"at most {MAX_SCENES:,} scenes; delete one")
         self._index.execute("DELETE FROM scenes WHERE name = ?", deleted[0])

@@ -178,6 +178,7 @@ def test_a_place_begins_in_the_world_that_a_pick_has_left(server: Server) -> Non
     assert pick.json()["ok"]
     job = pick.headers["content-location"].removeprefix("/plans/")
     free = {"position": [0.25, -0.25, 0.10], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    assert server.post("certify", {"plan": job}).json()["certified"]  # in the world that the pick began in
     place = server.post("place", {"scene": {"after": job}, "carried": "blue_block", "poses": [free]})
     assert place.status_code == 200
     assert [item["name"] for item in place.json()["scene"]["attached"]] == ["blue_block"]

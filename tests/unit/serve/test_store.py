@@ -124,6 +124,19 @@ def test_of_a_scene_the_latest_versions_are_kept_and_what_a_job_reads(
     assert contents(tmp_path / "state") == {b"4", b"5"}
 
 
+def test_room_is_made_by_forgetting_scenes_that_are_deleted_still(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stores, "MAX_SCENES", 2)
+    store.put_scene("one", HASH, b"1")
+    store.delete_scene("one")
+    store.put_scene("one", HASH, b"1")
+    store.put_scene("two", HASH, b"2")
+    store.delete_scene("two")
+    store.put_scene("three", HASH, b"3")
+    assert [scene.name for scene in store.scenes()] == ["one", "three"]
+
+
 def test_there_can_be_no_more_scenes_and_roadmaps_than_stated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stores, "MAX_SCENES", 2)
     monkeypatch.setattr(stores, "MAX_ROADMAPS", 1)
