@@ -56,21 +56,23 @@ class Guard:
         if problem is not None:
             await _refuse(problem, send)
             return
-        began = False
+        began = over = False
         left = MAX_BODY
 
         async def limited() -> Message:
-            nonlocal left
+            nonlocal left, over
             message = await receive()
             left -= len(message.get("body", b""))
             if left < 0:
+                over = True
                 raise _TooLarge
             return message
 
         async def watched(message: Message) -> None:
             nonlocal began
-            began = True
-            await send(message)
+            if began or not over:  # else the application would answer that it failed
+                began = True
+                await send(message)
 
         try:
             await self.app(scope, limited, watched)

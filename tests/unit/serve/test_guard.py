@@ -8,6 +8,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from starlette.middleware.errors import ServerErrorMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
@@ -33,7 +34,7 @@ def asked(
     """What an application behind the guard answers."""
 
     async def ask() -> httpx.Response:
-        guarded = Guard(app, token, Guard.loopback(8080))
+        guarded = Guard(ServerErrorMiddleware(app), token, Guard.loopback(8080))
         async with httpx.AsyncClient(transport=httpx.ASGITransport(app=guarded), base_url=URL) as client:
             return await client.request("POST" if content else "GET", path, headers=headers, content=content)
 
