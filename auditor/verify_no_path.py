@@ -45,10 +45,8 @@ def depth(solid: Json, name: str, points: Array, document: Json) -> Array:
         rows, (low, high) = unpacked(document["boxes"][name], "<f8", 6).reshape(-1, 2, 3), cells(solid)
         for row in rows:  # a box that cells fill
             filled = np.maximum(np.minimum(high, row[1]) - np.maximum(low, row[0]), 0).prod(axis=1).sum()
-            require(
-                (row[0] < row[1]).all() and filled >= np.prod(row[1] - row[0]) * (1 - SLACK),
-                f"{name}: a box not filled",
-            )
+            solidly = filled >= np.prod(row[1] - row[0]) * (1 - SLACK)
+            require(solidly and (row[0] < row[1]).all(), f"{name}: a box that is not filled")
         return np.max([outside(np.abs(points - row.mean(axis=0)) - np.ptp(row, axis=0) / 2) for row in rows], axis=0)
     if kind in ("sphere", "capsule"):
         return r - np.linalg.norm(points - np.clip(points, [0, 0, -half], [0, 0, half]), axis=1)
@@ -175,14 +173,12 @@ def verify(document: Json) -> Iterator[str]:
     require(held in ("start", "goals") and len(goals) > 0, "ends that are none")
     for q, inside in [(start, held == "start"), *((goal, held == "goals") for goal in goals)]:
         x = np.array(q, float)[columns]
-        x = np.where(endless[columns], low + (x - low) % (2 * math.pi), x)
-        x = (
-            (np.where(endless[columns], x, np.clip(x, low, high)) - low) / (high - low) * divisions
-        )  # as planners clip it
-        boxes = np.concatenate([region, walls]) if inside else region
+        require(np.isfinite(x), f"{q} is no configuration")
+        x = np.where(endless[columns], low + (x - low) % (2 * math.pi), np.clip(x, low, high))  # as planners clip it
+        boxes, x = np.concatenate([region, walls]) if inside else region, (x - low) / (high - low) * divisions
         slack = 0.0 if inside else SLACK * divisions
         holds = ((x >= boxes[:, 0] - slack) & (x <= boxes[:, 1] + slack)).all(axis=1).any()
-        require(holds == inside and np.isfinite(x).all(), f"{q} is not where the proof needs it")
+        require(holds == inside, f"{q} is not where the proof needs it")
     yield f"from {start} no path leads to any of {len(goals)} goals:"
     yield from (f"  {goal}" for goal in goals)
     yield from (f"may touch: {pair} (allowed by the author)" for pair in document["allowed"])

@@ -244,8 +244,9 @@ class Walls:
         left = np.ones((len(centres), len(self.pairs)), dtype=np.bool_) if doubtful is None else doubtful.copy()
         self.asked += int(left.sum())
         near = self._near.may_touch(bodies, left, lambda chain, points: self._motion(chain, points, bodies, travel))
-        left &= near.any(axis=0)
-        for row in np.flatnonzero(near.any(axis=0)).tolist():
+        somewhere = near.any(axis=0)
+        left &= somewhere
+        for row in np.flatnonzero(somewhere).tolist():
             overlaps, asked = self._overlaps[row], wall < 0
             rows = np.flatnonzero(asked & near[:, row])
             left[asked, row] = False

@@ -60,8 +60,8 @@ def no_path_document(proof: NoPath, world: World, start: object, goals: Sequence
     robot, scene = world.robot, world.scene
     named = {owner_of(label, robot) for pair in proof.pairs for label in pair}
     links = [item.shape for item in robot.shapes if Owner(Kind.LINK, item.link) in named]
-    items = [item for items in (scene.obstacles, scene.attached) for item in items]
-    objects = [item.shape for item in items if Owner(Kind.OBJECT, item.name) in named]
+    there = [item for items in (scene.obstacles, scene.attached) for item in items]
+    objects = [item.shape for item in there if Owner(Kind.OBJECT, item.name) in named]
     meshes = dict(_faces([*links, *objects]))
     row = 2 * len(proof.joints)
     walls = np.column_stack([proof.wall_cells.reshape(-1, row), proof.wall_pairs])

@@ -107,6 +107,12 @@ def test_an_end_a_little_beyond_a_limit_is_one_at_the_limit_as_for_planners(beyo
         list(verify(empty("goals", [16, 16], [0, 0, 16, 16], start)))
 
 
+@pytest.mark.parametrize("number", [np.inf, np.nan])
+def test_an_end_that_is_not_finite_is_none(plain: Document, number: float) -> None:
+    with pytest.raises(Invalid, match="is no configuration"):
+        list(verify(plain | {"start": [number, 0.0]}))
+
+
 def test_cells_do_not_fill_a_box_that_is_inside_out() -> None:
     """Its volume is below 0, which is less than what any cells fill."""
     y = (0.5, -0.5)
@@ -118,7 +124,7 @@ def test_cells_do_not_fill_a_box_that_is_inside_out() -> None:
     for name, text in boxes_of(scene):
         inside_out = [0.1, -0.1, -0.15, -0.1, 0.1, 0.15]
         forged["boxes"][name] = packed([*array(text, "<f8", 6), inside_out], "<f8")
-    with pytest.raises(Invalid, match="a box not filled"):
+    with pytest.raises(Invalid, match="a box that is not filled"):
         list(verify(forged))
 
 
