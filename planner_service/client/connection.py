@@ -166,10 +166,8 @@ class Connection:
 
     def _withdraw(self, job: str) -> None:
         """Cancel some work; what has ended stays, as long as the server keeps it."""
-        path = f"/plans/{job}"
         with suppress(ServerRefused):
-            if self._persistent("GET", path, None, {}).status == 202:
-                self._persistent("DELETE", path, None, {})
+            self._persistent("DELETE", f"/plans/{job}?finished=keep", None, {})
 
     def _persistent(self, method: str, path: str, content: bytes | None, headers: Mapping[str, str]) -> Answer:
         """The answer to a request that is sent until there is one, or patience ends."""

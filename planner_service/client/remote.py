@@ -82,6 +82,9 @@ AT_ONCE = 8
 
 MAX_AT_ONCE = 256
 
+SENT_AGAIN = 5
+"""Times that a scene of one's own is sent again for a request; other clients may delete it."""
+
 
 class Remote:
     """Plans motions of a server's robot in one scene, as ``PlannerService`` does in this process.
@@ -381,18 +384,19 @@ class Remote:
         if cancel is not None:
             instance("cancel", cancel, CancelToken, "a CancelToken, or None")
         width = {"gripper_width": self.robot.gripper_width} if gripper and self.robot.gripper is not None else {}
-        connection = self._server.connection
-        try:
-            return connection.work(kind, {"scene": self._scene_reference(), **width, **body}, cancel)
-        except UnknownName as error:
-            if error.kind != "scene" or self._version is not None:
-                raise
-        return connection.work(kind, {"scene": self._scene_reference(again=True), **width, **body}, cancel)
-
-    def _scene_reference(self, *, again: bool = False) -> dict[str, Any]:
+        connection, scenes = self._server.connection, self._server.scenes
         if self._version is not None:
-            return {"name": self.scene.name, "version": self._version}
-        return self._server.scenes.reference(self.scene, again=again)
+            stored = {"name": self.scene.name, "version": self._version}
+            return connection.work(kind, {"scene": stored, **width, **body}, cancel)
+        left = SENT_AGAIN
+        while True:
+            own = scenes.reference(self.scene, again=left < SENT_AGAIN)
+            try:
+                return connection.work(kind, {"scene": own, **width, **body}, cancel)
+            except UnknownName as error:  # another client with the same scene has deleted it
+                if not left or error.kind not in ("scene", f"version of scene {own['name']}"):
+                    raise
+            left -= 1
 
     def _joints(self, name: str, q: ArrayLike) -> list[float]:
         values: list[float] = joint_vector(name, q, self.robot).tolist()

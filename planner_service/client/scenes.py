@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 from planner_service.client.connection import Connection
-from planner_service.client.problems import StaleVersion
+from planner_service.client.problems import ServerRefused, StaleVersion
 from planner_service.errors import InvalidFile, PlannerServiceError
 from planner_service.files.schema import read_record
 from planner_service.records.scene import PlanReading, SceneRecord
@@ -98,8 +98,11 @@ class ScenesOnServer:
         try:
             return self.put(name, scene, If_None_Match="*")
         except StaleVersion:  # another client has the same scene
-            stored, version = self.stored(name)
-            return version if stored.hash == scene.hash else self.put(name, scene)
+            with suppress(ServerRefused):  # or had it until now
+                stored, version = self.stored(name)
+                if stored.hash == scene.hash:
+                    return version
+            return self.put(name, scene)
 
     def _delete(self, names: list[str]) -> None:
         for name in names:

@@ -31,7 +31,7 @@ MAX_WAIT = 60
 """Seconds for which a response is held back until there is an answer."""
 
 PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,;])", re.IGNORECASE)
-ETAG = re.compile(r'"(\d{1,15})"')
+ETAG = re.compile(r'"([1-9]\d{0,14})"')
 KEY = re.compile(r"[\x21-\x7e]{1,255}")
 
 Handler = Callable[[Request], Awaitable[Response]]
@@ -94,7 +94,8 @@ async def _refused(_: Request, error: Exception) -> Response:
 
 async def _invalid(_: Request, error: Exception) -> Response:
     assert isinstance(error, InvalidRequest | MissingDependency)
-    return _problem(problem_of(error))
+    problem = problem_of(error)
+    return _problem(problem, {"Retry-After": "1"} if problem.status == 503 else None)
 
 
 async def _http_error(request: Request, error: Exception) -> Response:
@@ -150,7 +151,7 @@ def _add_work(app: FastAPI, server: PlanningServer) -> None:
             responses={
                 200: _reply("The answer; that there is no plan is one"),
                 202: _reply("Accepted", AcceptedReply),
-                **_problems(400, 408, 410, 413, 415, 422, 429, 503),
+                **_problems(400, 408, 410, 413, 415, 422, 429, 503, 507),
             },
             openapi_extra={**_takes(body), "parameters": [WAIT, key]},
         )
@@ -263,7 +264,7 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
         "/plans",
         summary="List requests, newest first",
         operation_id="list_plans",
-        responses={200: _reply("The list", JobsReply), **_problems(400)},
+        responses={200: _reply("The list", JobsReply), **_problems(400, 404, 503)},
         openapi_extra={
             "parameters": [
                 _query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}),
@@ -283,7 +284,7 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
         responses={
             200: _reply("The plan file, the task file, or the answer of another kind"),
             202: _reply("It is not finished", AcceptedReply),
-            **_problems(404, 408, 410, 422, 503),
+            **_problems(404, 408, 410, 422, 503, 507),
         },
         openapi_extra={"parameters": [WAIT]},
     )
@@ -313,7 +314,7 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
         operation_id="view_plan",
         status_code=303,
         response_class=Response,
-        responses={303: {"description": "The page is at this address"}, **_problems(404, 409, 422)},
+        responses={303: {"description": "The page is at this address"}, **_problems(404, 409, 422, 503)},
     )
     async def view_plan(plan: str) -> Response:
         """A page of this machine that shows the motions."""
@@ -324,14 +325,19 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
         summary="Cancel a request, or remove its answer",
         operation_id="delete_plan",
         status_code=204,
-        responses={202: _reply("It is being cancelled", AcceptedReply), **_problems(404)},
+        responses={202: _reply("It is being cancelled", AcceptedReply), **_problems(400, 404, 503)},
+        openapi_extra={"parameters": [_query("finished", {"type": "string", "enum": ["remove", "keep"]})]},
     )
-    async def delete_plan(plan: str) -> Response:
-        """A request that waits or runs is cancelled, and its answer says so; one that is finished is removed."""
+    async def delete_plan(plan: str, request: Request) -> Response:
+        """What waits or runs is cancelled, and its answer says so; what is finished is removed, or kept."""
+        finished = request.query_params.get("finished", "remove")
+        if finished not in ("remove", "keep"):
+            raise Refused("malformed", f"finished: got {finished!r:.100}; expected remove, or keep")
         await server.require_job(plan)
         if server.cancel(plan):
             return Response(json.dumps(await server.state(plan)), 202, {"Location": f"/plans/{plan}"}, JSON)
-        await server.remove(plan)
+        if finished == "remove":
+            await server.remove(plan)
         return Response(status_code=204)
 
 
@@ -357,7 +363,10 @@ def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = Non
 
 def _add_scenes(app: FastAPI, server: PlanningServer) -> None:
     @app.get(
-        "/scenes", summary="List scenes", operation_id="list_scenes", responses={200: _reply("Scenes", ScenesReply)}
+        "/scenes",
+        summary="List scenes",
+        operation_id="list_scenes",
+        responses={200: _reply("Scenes", ScenesReply), **_problems(503)},
     )
     async def list_scenes() -> Response:
         """Their names, latest versions and hashes."""
@@ -369,7 +378,7 @@ def _add_scenes(app: FastAPI, server: PlanningServer) -> None:
         "/scenes/{name}",
         summary="Get a scene",
         operation_id="get_scene",
-        responses={200: _reply("The scene", SceneReply), **_problems(400, 404)},
+        responses={200: _reply("The scene", SceneReply), **_problems(400, 404, 503)},
         openapi_extra={"parameters": [version]},
     )
     async def get_scene(name: str, request: Request) -> Response:
@@ -422,7 +431,7 @@ def _add_scenes(app: FastAPI, server: PlanningServer) -> None:
         summary="Remove a scene",
         operation_id="delete_scene",
         status_code=204,
-        responses=_problems(400, 404, 412),
+        responses=_problems(400, 404, 412, 503),
         openapi_extra={"parameters": [IF_MATCH]},
     )
     async def delete_scene(name: str, request: Request) -> Response:
@@ -454,7 +463,10 @@ def _add_roadmaps(app: FastAPI, server: PlanningServer) -> None:
         summary="Get a roadmap",
         operation_id="get_roadmap",
         response_class=Response,
-        responses={200: {"description": "Its file", "content": {"application/octet-stream": {}}}, **_problems(404)},
+        responses={
+            200: {"description": "Its file", "content": {"application/octet-stream": {}}},
+            **_problems(404, 503),
+        },
     )
     async def get_roadmap(roadmap: str) -> Response:
         """The npz file of the roadmap with this hash."""
@@ -465,7 +477,7 @@ def _add_roadmaps(app: FastAPI, server: PlanningServer) -> None:
         summary="Remove a roadmap",
         operation_id="delete_roadmap",
         status_code=204,
-        responses=_problems(404),
+        responses=_problems(404, 503),
     )
     async def delete_roadmap(roadmap: str) -> Response:
         """The roadmap with this hash."""

@@ -464,6 +464,11 @@ def test_a_scene_of_ones_own_is_sent_once_and_deleted_at_the_end(url: str, here:
         with pytest.raises(ServerRefused):
             remote.with_scene(name)
         assert remote.check([HOME]).states[0].free  # sent again
+        with Remote(url, own) as another:
+            another.check([HOME])
+        with Remote(url, own) as another:
+            another.check([HOME])  # as another version
+            assert remote.check([HOME]).states[0].free
     with Remote(url, "bin") as remote, pytest.raises(ServerRefused, match="client-"):
         remote.with_scene(name)
 

@@ -223,6 +223,15 @@ def test_the_same_key_gets_the_same_answer_and_another_request_a_problem(server:
     assert other.json()["type"].endswith(":key-reused")
 
 
+def test_the_same_key_gets_its_answer_also_when_what_it_names_is_gone(server: Server) -> None:
+    server.client.put("/scenes/short", json={"obstacles": []})
+    body = {**PLAN, "scene": "short"}
+    first = server.post("plans", body, Idempotency_Key="short")
+    server.client.delete("/scenes/short")
+    assert server.post("plans", body).status_code == 422
+    assert server.post("plans", body, Idempotency_Key="short").content == first.content
+
+
 def test_stages_are_told_in_their_order_also_to_those_who_come_late(server: Server) -> None:
     job = server.begun("plans", PLAN)
     events = server.events(job, lambda *_: False)
@@ -270,8 +279,11 @@ def test_what_is_cancelled_ends_and_says_so(server: Server) -> None:
     assert answer.json()["result"]["failure"]["reason"] == "PREEMPTED"
     server.end(*running)
     assert {server.answer(job).status_code for job in running} == {410}
-    assert server.client.delete(f"/plans/{waiting}").status_code == 204
-    assert server.client.get(f"/plans/{waiting}").status_code == 404
+    for finished, kept in (("keep", 200), ("remove", 404)):
+        deleted = server.client.delete(f"/plans/{waiting}", params={"finished": finished})
+        assert (deleted.status_code, server.client.get(f"/plans/{waiting}").status_code) == (204, kept)
+    assert server.client.delete(f"/plans/{running[0]}").status_code == 204
+    assert server.client.get(f"/plans/{running[0]}").status_code == 404
 
 
 def test_a_deadline_ends_a_request_that_waits_and_one_that_runs(server: Server) -> None:
@@ -335,6 +347,8 @@ def test_a_scene_is_changed_only_from_the_version_that_the_client_knows(server: 
         server.client.delete("/scenes/room", headers={"If-Match": '"1"'}),
     ):
         assert change.status_code == 412
+    for version in ('"0"', "2", "*"):
+        assert server.client.delete("/scenes/room", headers={"If-Match": version}).status_code == 400
     assert [o["name"] for o in server.client.get("/scenes/room").json()["obstacles"]] == ["box"]
     assert server.client.get("/scenes/room?version=1").json()["obstacles"] == []
     assert server.client.delete("/scenes/room").status_code == 204
