@@ -9,8 +9,9 @@ import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 from planner_service.parallel.pool import Answered, Backend, Died, Event, Noted, Raised
 from planner_service.serve.work import Answer, Assignment, Cancellation, Ending, Following
@@ -20,6 +21,7 @@ __all__ = ["Dispatcher", "Listener", "Task"]
 logger = logging.getLogger(__name__)
 
 Worker = TypeVar("Worker")
+Told = ParamSpec("Told")
 
 GRACE = 5.0
 """Seconds that a cancelled request may take to end; then its worker is ended."""
@@ -57,7 +59,7 @@ class Task:
 
 
 class Listener(Protocol):
-    """Is told what becomes of tasks; called from several threads."""
+    """Is told what becomes of tasks; called from several threads. What it raises is logged, and changes nothing."""
 
     def started(self, task: Task) -> None:
         """A worker is about to get it; nothing may be asked of the dispatcher now."""
@@ -147,7 +149,7 @@ class Dispatcher(Generic[Worker]):
                     return False
                 self._tell_to_end(worker, ending)
         if waiting is not None:
-            self.listener.ended(waiting, ending)
+            self._announce(self.listener.ended, waiting, ending)
         return True
 
     def follow(self, job: str) -> None:
@@ -159,6 +161,13 @@ class Dispatcher(Generic[Worker]):
                 if state.task is not None and state.task.id == job and not state.task.followed:
                     state.task.followed = True
                     self.backend.tell(worker, Following(job))
+
+    def _announce(self, told: Callable[Told, None], *what: Told.args, **named: Told.kwargs) -> None:
+        """Tell the listener something."""
+        try:
+            told(*what, **named)
+        except Exception:  # whatever it is, tasks and workers go on
+            logger.exception("what became of a task was not taken note of")
 
     def _tell_to_end(self, worker: Worker, ending: Ending) -> None:
         task = self._workers[worker].task
@@ -189,7 +198,7 @@ class Dispatcher(Generic[Worker]):
         task = state.task
         if isinstance(event, Noted):
             if task is not None:
-                self.listener.noted(task, event.value)
+                self._announce(self.listener.noted, task, event.value)
             return
         if isinstance(event, Died) or not state.ready:
             if isinstance(event, Answered):
@@ -200,7 +209,7 @@ class Dispatcher(Generic[Worker]):
             return
         self._go_on(state)
         if task is not None:
-            self.listener.ended(task, event if isinstance(event, Raised) else event.value)
+            self._announce(self.listener.ended, task, event if isinstance(event, Raised) else event.value)
 
     def _go_on(self, state: _State) -> None:
         """Give a worker that has answered its next task."""
@@ -215,7 +224,7 @@ class Dispatcher(Generic[Worker]):
                 return
             if state.ready and state.task is None:
                 state.task = self._queue.popleft()
-                self.listener.started(state.task)
+                self._announce(self.listener.started, state.task)
                 self.backend.send(worker, state.task.assignment)
                 if state.task.followed:
                     self.backend.tell(worker, Following(state.task.id))
@@ -235,11 +244,11 @@ class Dispatcher(Generic[Worker]):
             return
         task.deaths += not (isinstance(event, Died) and event.blameless)
         if task.ending is not None:
-            self.listener.ended(task, task.ending)
+            self._announce(self.listener.ended, task, task.ending)
         elif task.deaths >= MAX_DEATHS:
-            self.listener.ended(task, Ending.LOST)
+            self._announce(self.listener.ended, task, Ending.LOST)
         else:
-            self.listener.retried(task)
+            self._announce(self.listener.retried, task)
             with self._lock:
                 self._queue.appendleft(task)
                 self._hand_out()
@@ -256,7 +265,7 @@ class Dispatcher(Generic[Worker]):
                     self._tell_to_end(worker, Ending.DEADLINE)
             stuck = [w for w, s in self._workers.items() if s.task and s.task.kill_at and s.task.kill_at <= now]
         for task in overdue:
-            self.listener.ended(task, Ending.DEADLINE)
+            self._announce(self.listener.ended, task, Ending.DEADLINE)
         for worker in stuck:
             self.backend.kill([worker])
             self._lose(worker, Died("it did not end what was cancelled"))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, NotProven, UnknownName, shown
+from planner_service.serve.state.content_files import StateUnusable
 
 __all__ = ["PROBLEM_JSON", "Problem", "Refused", "problem_of"]
 
@@ -42,6 +43,7 @@ TITLES: Mapping[str, tuple[int, str]] = {
     "internal": (500, "The server is at fault"),
     "worker-lost": (503, "The worker was lost"),
     "unavailable": (503, "The server is not ready"),
+    "not-kept": (507, "The answer could not be kept"),
 }
 """Status and title of each kind of problem."""
 
@@ -85,6 +87,8 @@ def problem_of(error: InvalidRequest | MissingDependency) -> Problem:
     """The problem that an error of the library is; its detail is the error's message."""
     if isinstance(error, MissingDependency):
         return Problem("invalid-request", str(error), {"package": error.package, "extra": error.extra})
+    if isinstance(error, StateUnusable):
+        return Problem("unavailable", "; ".join(error.problems))
     if isinstance(error, InvalidFile):
         lines = list(error.problems)
         kind = "malformed" if any(line.startswith(("malformed", "not UTF-8", "too large")) for line in lines) else ""

@@ -11,6 +11,7 @@ import json
 import logging
 import math
 import shutil
+import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -35,7 +36,8 @@ from planner_service.serve.bodies import BODIES, AfterTask, Body, EditsBody, Sce
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.metrics import Metrics
 from planner_service.serve.problems import Problem, Refused, problem_of
-from planner_service.serve.state.store import ANY_VERSION, ENDED, Job, StaleVersion, State, Store
+from planner_service.serve.state.content_files import StateUnusable
+from planner_service.serve.state.store import ANY_VERSION, ENDED, Job, ReusedKey, StaleVersion, State, Store
 from planner_service.serve.work import Answer, Assignment, Ending, Source, unrun
 
 __all__ = ["PlanningServer", "StoredAnswer", "StoredScene"]
@@ -56,6 +58,9 @@ MAX_PAGES = 4
 
 RECENT = 100
 """Requests whose times say how long one takes."""
+
+KEEP_PAUSE = 1.0
+"""Seconds before it is tried again to keep an answer for which the disk had no room."""
 
 SCENES_AT_HAND = 16
 """Scenes that are read from the disk, and checked against their hash, only once while they are used."""
@@ -153,12 +158,14 @@ class PlanningServer:
             live.news.set()
             if not live.done.done():
                 live.done.set_result(None)
-        await asyncio.to_thread(self._dispatcher.stop)
-        await asyncio.to_thread(self._store.close)
-        for page in self._pages:
-            page.close()
-        if self._folder_to_remove is not None:
-            shutil.rmtree(self._folder_to_remove, ignore_errors=True)
+        try:
+            await asyncio.to_thread(self._dispatcher.stop)
+            await asyncio.to_thread(self._store.close)
+        finally:
+            for page in self._pages:
+                page.close()
+            if self._folder_to_remove is not None:
+                shutil.rmtree(self._folder_to_remove, ignore_errors=True)
 
     def _restart(self, job: Job) -> None:
         """Carry out a job that was accepted before the server was started."""
@@ -167,14 +174,24 @@ class PlanningServer:
         left = None if work["deadline"] is None else work["deadline"] - time.time()
         try:
             body = read_body(BODIES[job.kind], work["body"].encode(), self._world.robot)
-            assignment = self._assignment(job, body, work["sources"])
+        except InvalidRequest as error:
+            self._end(live, Assignment(job.id, job.kind), _refusal(error))
+        else:
+            self._begin(live, body, work["sources"], left)
+
+    def _begin(self, live: _Live, body: Body, sources: Mapping[str, str], left: float | None) -> None:
+        """Have a job carried out that is in the store."""
+        job = live.job
+        try:
+            assignment = self._assignment(job, body, sources)
         except InvalidRequest as error:  # such as a damaged content: it ends the request that reads it, not the server
             self._end(live, Assignment(job.id, job.kind), _refusal(error))
             return
         if job.attempts >= MAX_STARTS:
             self._end(live, assignment, Ending.LOST)
         else:
-            self._submit(live, assignment, left)
+            self._say(live, "state", {"state": "queued"})
+            self._dispatcher.submit(Task(assignment, None if left is None else time.monotonic() + left))
 
     def _alive(self, job: Job) -> _Live:
         live = self._live[job.id] = _Live(job, self._loop.create_future())
@@ -183,7 +200,7 @@ class PlanningServer:
     @property
     def ready(self) -> bool:
         """Whether it can plan."""
-        return self._dispatcher.ready and not self._stopping
+        return self._dispatcher.ready and not self._stopping and self._store.usable
 
     # Requests for work.
 
@@ -223,19 +240,20 @@ class PlanningServer:
             self._arriving -= 1
 
     def _accept(self, kind: str, body: bytes, key: str | None) -> str:
-        read: Any = read_body(BODIES[kind], body, self._world.robot)
-        sources = self._sources(read)
-        deadline = None if read.deadline is None else time.time() + read.deadline
-        work = json.dumps({"body": body.decode(), "sources": sources, "deadline": deadline}).encode()
         try:
+            earlier = None if key is None else self._store.accepted(kind, body, key)
+            if earlier is not None:  # whether or not what it names is still there
+                return earlier.id
+            read: Any = read_body(BODIES[kind], body, self._world.robot)
+            sources = self._sources(read)
+            deadline = None if read.deadline is None else time.time() + read.deadline
+            work = json.dumps({"body": body.decode(), "sources": sources, "deadline": deadline}).encode()
             job, new = self._store.accept(kind, work, request=body, key=key, uses=list(sources.values()))
-        except InvalidRequest as error:
-            if error.field == "Idempotency-Key":
-                raise Refused("key-reused", str(error)) from None
-            raise
+        except ReusedKey as error:
+            raise Refused("key-reused", str(error)) from None
         if new:
             self.metrics.accepted.labels(kind).inc()
-            self._submit(self._alive(job), self._assignment(job, read, sources), read.deadline)
+            self._begin(self._alive(job), read, sources, read.deadline)
         return job.id
 
     def _sources(self, body: Any) -> dict[str, str]:
@@ -266,16 +284,12 @@ class PlanningServer:
         contents = {name: Source(key, read.get(name, self._store.content)(key)) for name, key in sources.items()}
         return Assignment(job.id, job.kind, body, contents)
 
-    def _submit(self, live: _Live, assignment: Assignment, left: float | None) -> None:
-        self._say(live, "state", {"state": "queued"})
-        self._dispatcher.submit(Task(assignment, None if left is None else time.monotonic() + left))
-
     # What the dispatcher tells.
 
     def started(self, task: Task) -> None:
         """See ``Listener``."""
-        self._store.start(task.id)
         self._say(self._live[task.id], "state", {"state": "running"})
+        self._store.start(task.id)
 
     def noted(self, task: Task, note: Any) -> None:
         """See ``Listener``."""
@@ -295,20 +309,30 @@ class PlanningServer:
         self._end(live, task.assignment, outcome)
 
     def _end(self, live: _Live, assignment: Assignment, outcome: Answer | Ending | Raised) -> None:
-        """Keep what a job has come to; only then is it told."""
+        """Keep what a job has come to, which is tried until it is kept; only then is it told."""
         job = live.job
         try:
-            state, answer = self._outcome(assignment, outcome)
-            if answer.roadmap is not None:
-                roadmap_hash, file = answer.roadmap
-                self._store.put_roadmap(roadmap_hash, file, answer.content.decode())
-            self._store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
-        except InvalidRequest as error:  # the disk is full, or has failed, or there are too many roadmaps
-            logger.error("the answer to %s cannot be kept: %s", job.id, error)
-            state, answer = State.REFUSED, _refusal(error)
-            self._store.end(job.id, state, answer.content, ok=False, reason=answer.reason)
+            try:
+                state, answer = self._outcome(assignment, outcome)
+                self._keep(job, state, answer)
+            except InvalidRequest as error:  # it is too large, there are too many roadmaps, or the disk is full
+                logger.error("the answer to %s cannot be kept: %s", job.id, error)
+                state, answer = State.REFUSED, _refusal(error)
+                self._keep(job, state, answer)
+        except StateUnusable:  # not even that
+            if not self._stopping:
+                again = threading.Timer(KEEP_PAUSE, self._end, (live, assignment, outcome))
+                again.daemon = True
+                again.start()
+            return
         self.metrics.ended(job.kind, time.monotonic() - live.began, answer)
         self._say(live, "state", {"state": _shown(state)}, StoredAnswer(answer.content, answer.refused))
+
+    def _keep(self, job: Job, state: State, answer: Answer) -> None:
+        if answer.roadmap is not None:
+            roadmap_hash, file = answer.roadmap
+            self._store.put_roadmap(roadmap_hash, file, answer.content.decode())
+        self._store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
 
     def _outcome(self, assignment: Assignment, outcome: Answer | Ending | Raised) -> tuple[State, Answer]:
         if isinstance(outcome, Raised):
@@ -555,7 +579,10 @@ MAX_STARTS = 2
 
 def _refusal(error: InvalidRequest) -> Answer:
     """The answer to a request whose content, or whose answer, the store cannot give or keep."""
-    return Answer(problem_of(error).content, False, "NOT_KEPT", refused=True)
+    problem = problem_of(error)
+    if isinstance(error, StateUnusable):
+        problem = Problem("not-kept", problem.detail)
+    return Answer(problem.content, False, "NOT_KEPT", refused=True)
 
 
 def _planners(body: Any) -> list[Any]:

@@ -13,12 +13,16 @@ from planner_service.errors import BrokenInvariant, InvalidFile
 from planner_service.files.reading import read_bytes
 from planner_service.files.writing import remove_leftovers, swap_in
 
-__all__ = ["MAX_CONTENT", "ContentFiles", "sync_file"]
+__all__ = ["MAX_CONTENT", "ContentFiles", "StateUnusable", "sync_file"]
 
 MAX_CONTENT = 50_000_000
 """Bytes of one file, as of a plan file."""
 
 HASH = re.compile(r"[0-9a-f]{64}")
+
+
+class StateUnusable(InvalidFile):
+    """The folder of a server cannot be used now: the disk is full or has failed, or there is no access."""
 
 
 class ContentFiles:
@@ -36,7 +40,8 @@ class ContentFiles:
         """Write a file, which then survives the end of this process, and return its hash; ``sync`` for more.
 
         Raises:
-            InvalidFile: it is too large, or cannot be written.
+            InvalidFile: it is too large.
+            StateUnusable: it cannot be written.
         """
         name = hashlib.sha256(content).hexdigest()
         path = self._path(name)
@@ -45,7 +50,7 @@ class ContentFiles:
         try:
             self._write(path, content)
         except OSError as error:
-            raise InvalidFile(path, [f"cannot be written: {error.strerror or error}"]) from error
+            raise StateUnusable(path, [f"cannot be written: {error.strerror or error}"]) from error
         return name
 
     def read(self, name: str) -> bytes:

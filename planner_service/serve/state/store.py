@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.serve.state.content_files import ContentFiles, sync_file
+from planner_service.serve.state.content_files import ContentFiles, StateUnusable, sync_file
 from planner_service.serve.state.folder_lock import FolderLock
 from planner_service.serve.state.index import open_index
 
@@ -40,6 +40,7 @@ __all__ = [
     "MAX_SCENES",
     "MAX_VERSIONS",
     "Job",
+    "ReusedKey",
     "RoadmapEntry",
     "SceneVersion",
     "StaleVersion",
@@ -159,6 +160,13 @@ class StaleVersion(InvalidRequest):
         self.latest = latest
 
 
+class ReusedKey(InvalidRequest):
+    """An idempotency key came with another request before."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__("Idempotency-Key", key, "a new key: it came with another request before")
+
+
 ANY_VERSION = 0
 """Changes a scene whatever its latest version is."""
 
@@ -170,8 +178,7 @@ class Store:
         folder: Created if its parent is there. Must be empty or made by a store.
         max_jobs, max_bytes: Of ended jobs and their answers that are kept; the latest always is.
 
-    Every method raises ``InvalidFile`` if the folder cannot be used: no access, a full disk, damage. After a disk
-    failed to write something through, nothing more is accepted: what is on it is then unknown.
+    Every method raises ``StateUnusable`` if the folder cannot be read or written, and then has changed nothing.
 
     Raises:
         InvalidFile: another server uses the folder, it holds other files, or ``index.db`` is damaged.
@@ -197,6 +204,11 @@ class Store:
         self._due, self._closing = threading.Event(), threading.Event()
         self._syncer = threading.Thread(target=self._sync_in_background, name="store sync", daemon=True)
         self._syncer.start()
+
+    @property
+    def usable(self) -> bool:
+        """Whether the disk has written everything through; if it once failed to, what is on it is unknown."""
+        return self._failure is None
 
     # scenes
 
@@ -356,16 +368,13 @@ class Store:
             uses: Hashes of contents that the job reads, which are kept as long as the job.
 
         Raises:
-            InvalidRequest: The key came with another request before.
+            ReusedKey: The key came with another request before.
         """
-        fingerprint = hashlib.sha256(kind.encode() + b"\0" + request).hexdigest()
+        fingerprint = _fingerprint(kind, request)
         with self._writing() as index:
-            if key is not None:
-                earlier = self._rows(f"SELECT fingerprint, {JOB} FROM jobs WHERE key = ?", key)
-                if earlier and earlier[0][0] != fingerprint:
-                    raise InvalidRequest("Idempotency-Key", key, "a new key: it came with another request before")
-                if earlier:
-                    return _job(earlier[0][1:]), False
+            earlier = None if key is None else self._with_key(key, fingerprint)
+            if earlier is not None:
+                return earlier, False
             added = index.execute(
                 "INSERT INTO jobs (id, kind, key, fingerprint, work, state, attempts, accepted, synced, size, summary)"
                 f" VALUES (?, ?, ?, ?, ?, 'queued', 0, ?, 0, 0, '{{}}') RETURNING number, {JOB}",
@@ -373,6 +382,22 @@ class Store:
             ).fetchone()
             index.executemany("INSERT INTO uses VALUES (?, ?)", [(added[0], content) for content in set(uses)])
             return _job(added[1:]), True
+
+    def accepted(self, kind: str, request: bytes, key: str) -> Job | None:
+        """The job that was accepted with the same key, if there is one.
+
+        Raises:
+            ReusedKey: The key came with another request before.
+        """
+        with self._lock:
+            return self._with_key(key, _fingerprint(kind, request))
+
+    def _with_key(self, key: str, fingerprint: str) -> Job | None:
+        for kept, *job in self._rows(f"SELECT fingerprint, {JOB} FROM jobs WHERE key = ?", key):
+            if kept != fingerprint:
+                raise ReusedKey(key)
+            return _job(job)
+        return None
 
     def knows(self, key: str) -> bool:
         """Whether a job was accepted with that key."""
@@ -564,7 +589,7 @@ class Store:
             self._due.wait()
             self._due.clear()
             if not self._closing.wait(SYNC_SECONDS):
-                with suppress(InvalidFile, sqlite3.Error):  # the next call says so
+                with suppress(StateUnusable, sqlite3.Error):  # the next call says so
                     self._write_through(self._sync_contents)
                     self._move_log()
 
@@ -582,7 +607,7 @@ class Store:
 
     def _require_disk(self) -> None:
         if self._failure is not None:
-            raise InvalidFile(self._folder, [f"the disk failed: {self._failure.strerror or self._failure}"])
+            raise StateUnusable(self._folder, [f"the disk failed: {self._failure.strerror or self._failure}"])
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
@@ -601,7 +626,7 @@ class Store:
                         self._index.execute("ROLLBACK")
                     raise
             except sqlite3.Error as error:
-                raise InvalidFile(self._folder / "index.db", [f"cannot be written: {error}"]) from error
+                raise StateUnusable(self._folder / "index.db", [f"cannot be written: {error}"]) from error
             self._written += 1
         self._due.set()
 
@@ -609,7 +634,7 @@ class Store:
         try:
             return self._index.execute(query, parameters).fetchall()
         except sqlite3.Error as error:
-            raise InvalidFile(self._folder / "index.db", [f"cannot be read: {error}"]) from error
+            raise StateUnusable(self._folder / "index.db", [f"cannot be read: {error}"]) from error
 
     def _put(self, content: bytes, *, sync: bool = False) -> str:
         """Keep a content that the transaction names; ``sync`` if the index may not be on the disk before it is."""
@@ -650,6 +675,10 @@ def _require_latest(name: str, expected: int | None, latest: SceneVersion | None
     now = None if latest is None else latest.version
     if expected not in (ANY_VERSION, now):
         raise StaleVersion(name, expected, now)
+
+
+def _fingerprint(kind: str, request: bytes) -> str:
+    return hashlib.sha256(kind.encode() + b"\0" + request).hexdigest()
 
 
 def _job(row: Sequence[Any]) -> Job:

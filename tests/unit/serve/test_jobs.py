@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from planner_service.parallel.pool import Answered, Died, Event, Raised
+from planner_service.parallel.pool import Answered, Died, Event, Noted, Raised
 from planner_service.serve import jobs
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.work import Answer, Assignment, Cancellation, Ending
@@ -56,28 +56,39 @@ class Workers:
 
 @dataclass
 class Heard:
-    """What a dispatcher tells."""
+    """What a dispatcher tells.
 
+    Attributes:
+        failing: Whether each call raises once it is noted.
+    """
+
+    failing: bool = False
     ends: dict[str, Any] = field(default_factory=dict)
     retries: list[str] = field(default_factory=list)
 
     def started(self, task: Task) -> None:
-        pass
+        self._fail()
 
     def noted(self, task: Task, note: Any) -> None:
-        pass
+        self._fail()
 
     def retried(self, task: Task) -> None:
         self.retries.append(task.id)
+        self._fail()
 
     def ended(self, task: Task, outcome: Answer | Ending | Raised) -> None:
         assert task.id not in self.ends
         self.ends[task.id] = outcome
+        self._fail()
+
+    def _fail(self) -> None:
+        if self.failing:
+            raise OSError("no room on the disk")
 
 
 @contextmanager
-def dispatching(workers: int) -> Iterator[tuple[Workers, Heard, Dispatcher[int]]]:
-    backend, heard = Workers(workers), Heard()
+def dispatching(workers: int, *, failing: bool = False) -> Iterator[tuple[Workers, Heard, Dispatcher[int]]]:
+    backend, heard = Workers(workers), Heard(failing)
     dispatcher = Dispatcher(backend, heard, 0.001)
     dispatcher.start()
     try:
@@ -149,3 +160,20 @@ def test_a_deadline_ends_what_waits_and_tells_the_worker_of_what_runs() -> None:
         until(lambda: "b" in heard.ends)
         assert heard.ends == {"b": Ending.DEADLINE}
         assert workers.told == []
+
+
+def test_whatever_the_listener_raises_every_request_ends_and_no_worker_is_lost() -> None:
+    with dispatching(2, failing=True) as (workers, heard, dispatcher):
+        for name in "abcd":
+            dispatcher.submit(task(name))
+        dispatcher.submit(task("e", deadline=time.monotonic()))
+        until(lambda: "e" in heard.ends and len(workers.sent) == 2)
+        workers.events.put((1, Noted("half")))
+        workers.events.put((1, Died("it was ended")))
+        for _ in "abcd":
+            until(lambda: len(workers.sent) > len(heard.ends) - 1 + len(heard.retries))
+            worker, name = next((w, n) for w, n in reversed(workers.sent) if n not in heard.ends and w != 1)
+            workers.events.put((worker, Answered(answer(name))))
+            until(lambda name=name: name in heard.ends)  # type: ignore[misc]
+        assert len(heard.retries) == 1
+        assert (dispatcher.running, dispatcher.waiting, workers.killed) == (0, 0, [])
