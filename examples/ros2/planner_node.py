@@ -1,9 +1,8 @@
-"""A ROS 2 node that answers MoveIt's GetMotionPlan, by a server that plans.
+"""A ROS 2 node that answers MoveIt's GetMotionPlan, by a server that plans; its scene and gripper are the server's.
 
+What cannot be kept is refused; group, planner, workspace, tolerances and joints that are not the arm's are not used.
 Run: planner-service serve --robot wxai --scene bin --port 8080
      python examples/ros2/planner_node.py --ros-args -p url:=http://127.0.0.1:8080 -p scene:=bin
-
-The scene is the server's. What cannot be kept is refused; group, planner, workspace and tolerances are not used.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from planner_service import InvalidRequest, PlannerServiceError, PlanRequest, Pl
 from planner_service.client import Remote
 from planner_service.records import joint_trajectory
 
-CODES = {"START_IN_COLLISION": "START_STATE_IN_COLLISION"}  # where MoveIt calls a reason otherwise
-
 
 def plan_request(asked: Any, robot: Robot) -> PlanRequest:
     """A MotionPlanRequest as ours; raises InvalidRequest for what cannot be kept."""
@@ -31,47 +28,48 @@ def plan_request(asked: Any, robot: Robot) -> PlanRequest:
     if any(unkept) or asked.cartesian_speed_limited_link not in ("", robot.tool_frame):
         expected = f"no constraints but goals, nothing attached, and no speed limit of a link but {robot.tool_frame}"
         raise InvalidRequest("motion_plan_request", asked.group_name, expected)
-    limits = {"time_limit": asked.allowed_planning_time, "max_tool_speed": asked.max_cartesian_speed}
-    limits["velocity_scale"] = asked.max_velocity_scaling_factor
-    limits["acceleration_scale"] = asked.max_acceleration_scaling_factor
-    given: dict[str, Any] = {name: value for name, value in limits.items() if value != 0.0}  # MoveIt's default
-    goals = [_goal(goal, robot) for goal in asked.goal_constraints]
-    joints = dict(zip(start.joint_state.name, start.joint_state.position, strict=True))
-    return PlanRequest(_ordered("start_state", joints, robot), goals, **given)
+    limits = [asked.max_velocity_scaling_factor, asked.max_acceleration_scaling_factor, asked.max_cartesian_speed]
+    limits.append(asked.allowed_planning_time)
+    named = zip(("velocity_scale", "acceleration_scale", "max_tool_speed", "time_limit"), limits, strict=True)
+    given: dict[str, Any] = {name: value for name, value in named if value != 0.0}  # MoveIt's default
+    state = zip(start.joint_state.name, start.joint_state.position, strict=False)
+    begin = _ordered("start_state", [row for row in state if row[0] in robot.joint_names], robot)
+    return PlanRequest(begin, [_goal(goal, robot) for goal in asked.goal_constraints], **given)
 
 
 def _goal(goal: Any, robot: Robot) -> Any:
-    if goal.joint_constraints:
-        named = {joint.joint_name: joint.position for joint in goal.joint_constraints}
-        return _ordered("goal_constraints", named, robot)
-    for place, turn in zip(goal.position_constraints, goal.orientation_constraints, strict=True):
-        links = {place.link_name, turn.link_name} == {robot.tool_frame}
-        frames = {place.header.frame_id, turn.header.frame_id} <= {"", *robot.base_links}
+    joints, places, turns = goal.joint_constraints, goal.position_constraints, goal.orientation_constraints
+    if joints and not (places or turns or goal.visibility_constraints):
+        return _ordered("goal_constraints", [(joint.joint_name, joint.position) for joint in joints], robot)
+    if len(places) == len(turns) == 1 and not (joints or goal.visibility_constraints):
+        (place,), (turn,), frame = places, turns, places[0].header.frame_id
+        known = place.link_name == turn.link_name == robot.tool_frame and frame in ("", *robot.base_links)
         offset, poses = place.target_point_offset, place.constraint_region.primitive_poses
-        if links and frames and len(poses) == 1 and (offset.x, offset.y, offset.z) == (0.0, 0.0, 0.0):
+        if known and frame == turn.header.frame_id and len(poses) == 1 and not (offset.x or offset.y or offset.z):
             at, q = poses[0].position, turn.orientation
-            return Pose((at.x, at.y, at.z), (q.w, q.x, q.y, q.z))
+            base = Pose.from_matrix(robot.link_frame(frame)[1]) if frame else Pose()
+            return base @ Pose((at.x, at.y, at.z), (q.w, q.x, q.y, q.z))
     raise InvalidRequest("goal_constraints", goal.name, f"all joints, or a pose of {robot.tool_frame} in its base")
 
 
-def _ordered(field: str, values: dict[str, float], robot: Robot) -> list[float]:
-    if not values.keys() >= set(robot.joint_names):
-        raise InvalidRequest(field, sorted(values), f"a position of each of {', '.join(robot.joint_names)}")
-    return [values[name] for name in robot.joint_names]
+def _ordered(field: str, joints: list[tuple[str, float]], robot: Robot) -> list[float]:
+    if sorted(name for name, _ in joints) != sorted(robot.joint_names):
+        raise InvalidRequest(field, joints, f"a position of each of {', '.join(robot.joint_names)}, once")
+    return [dict(joints)[name] for name in robot.joint_names]
 
 
 def fill(answer: Any, result: PlanResult, robot: Robot) -> None:
     """Write a plan, or why there is none, into a MotionPlanResponse."""
     if result.failure is not None:
-        name = CODES.get(result.failure.reason.value, result.failure.reason.value)
+        name = result.failure.reason.value.replace("START_IN_", "START_STATE_IN_")  # as MoveIt calls it
         answer.error_code.val = getattr(MoveItErrorCodes, name, MoveItErrorCodes.PLANNING_FAILED)
         return
     message = joint_trajectory(result, robot.joint_names, 0.01)
     answer.trajectory.joint_trajectory = trajectory = JointTrajectory(joint_names=message["joint_names"])
     trajectory.header.frame_id = robot.base_links[0]
     for point in message["points"]:
-        values = {**point, "time_from_start": Duration(**point["time_from_start"])}
-        trajectory.points.append(JointTrajectoryPoint(**values))
+        point["time_from_start"] = Duration(**point["time_from_start"])
+        trajectory.points.append(JointTrajectoryPoint(**point))
     answer.error_code.val = MoveItErrorCodes.SUCCESS
 
 
@@ -85,10 +83,11 @@ def main() -> None:
     def answer(request: Any, response: Any) -> Any:
         asked, told = request.motion_plan_request, response.motion_plan_response
         told.trajectory_start, told.group_name = asked.start_state, asked.group_name
-        told.error_code.val = MoveItErrorCodes.INVALID_MOTION_PLAN
         try:
             fill(told, remote.plan(plan_request(asked, remote.robot)), remote.robot)
-        except (PlannerServiceError, ValueError) as error:
+        except PlannerServiceError as error:
+            code = "INVALID_MOTION_PLAN" if isinstance(error, InvalidRequest) else "FAILURE"
+            told.error_code.val = getattr(MoveItErrorCodes, code)
             node.get_logger().error(str(error))
         return response
 

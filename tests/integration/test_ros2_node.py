@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from planner_service import PlannerService, PlanRequest
+from planner_service import PlannerService, PlanRequest, load_robot
 from planner_service.errors import PlannerServiceError
 
 NODE = Path(__file__).parents[2] / "examples" / "ros2" / "planner_node.py"
@@ -58,8 +58,8 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 """Messages by name: their fields, with the default or the name of the message that a field holds."""
 
 CODES = {
-    "SUCCESS": 1, "PLANNING_FAILED": -1, "INVALID_MOTION_PLAN": -2, "TIMED_OUT": -6, "START_STATE_IN_COLLISION": -10,
-    "GOAL_IN_COLLISION": -12, "NO_IK_SOLUTION": -31,
+    "SUCCESS": 1, "FAILURE": 99999, "PLANNING_FAILED": -1, "INVALID_MOTION_PLAN": -2, "TIMED_OUT": -6,
+    "START_STATE_IN_COLLISION": -10, "GOAL_IN_COLLISION": -12, "NO_IK_SOLUTION": -31,
 }  # fmt: skip
 
 
@@ -89,6 +89,7 @@ class Ros:
     def __init__(self) -> None:
         self.told: list[str] = []
         self.callbacks: dict[str, Callable[[Any, Any], Any]] = {}
+        self.names: dict[str, Any] = {}
 
     def init(self) -> None: ...
 
@@ -142,7 +143,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Ros:
         monkeypatch.setitem(sys.modules, name, module)
     for package in ("builtin_interfaces", "moveit_msgs", "trajectory_msgs"):
         monkeypatch.setitem(sys.modules, package, ModuleType(package))
-    runpy.run_path(str(NODE), run_name="__main__")
+    ros.names = runpy.run_path(str(NODE), run_name="__main__")
     return ros
 
 
@@ -166,6 +167,7 @@ def tool_goal(frame: str = "base_link") -> Any:
     place.constraint_region.primitive_poses = [pose]
     turned = message("Quaternion", w=0.70711, x=0.0, y=0.70711, z=0.0)
     turn = message("OrientationConstraint", link_name=ROBOT.tool_frame, orientation=turned)
+    turn.header.frame_id = frame
     return message("Constraints", position_constraints=[place], orientation_constraints=[turn])
 
 
@@ -238,16 +240,38 @@ def _half_a_goal(request: Any) -> None:
     request.goal_constraints[0].joint_constraints = request.goal_constraints[0].joint_constraints[:2]
 
 
+def _two_goals(request: Any) -> None:
+    request.goal_constraints[0].position_constraints = tool_goal().position_constraints
+
+
+def _seen(request: Any) -> None:
+    request.goal_constraints[0].visibility_constraints = [object()]
+
+
+def _fingers(request: Any) -> None:
+    request.goal_constraints[0].joint_constraints.append(message("JointConstraint", joint_name="finger"))
+
+
+def _twice(request: Any) -> None:
+    request.start_state.joint_state.name = [*ROBOT.joint_names, "joint_0"]
+    request.start_state.joint_state.position = [*ROBOT.home.tolist(), 1.0]
+
+
+def _place_alone(request: Any) -> None:
+    request.goal_constraints = [tool_goal()]
+    request.goal_constraints[0].orientation_constraints = []
+
+
+def _position_missing(request: Any) -> None:
+    request.start_state.joint_state.position = request.start_state.joint_state.position[:-1]
+
+
 def _other_link(request: Any) -> None:
     request.cartesian_speed_limited_link = "link_3"
 
 
 def _no_number(request: Any) -> None:
     request.allowed_planning_time = float("nan")
-
-
-def _unreachable(_: Any) -> None:
-    Remote.reachable = False
 
 
 @pytest.mark.parametrize(
@@ -260,13 +284,17 @@ def _unreachable(_: Any) -> None:
         (_half_a_goal, "goal_constraints: got .*; expected a position of each of joint_0"),
         (_other_link, "no speed limit of a link but ee_gripper_link"),
         (_no_number, "time_limit: got nan"),
-        (_unreachable, "the server is gone"),
+        (_two_goals, "goal_constraints: got .*; expected all joints, or a pose"),
+        (_seen, "goal_constraints: got .*; expected all joints, or a pose"),
+        (_fingers, "goal_constraints: got .*; expected a position of each of joint_0"),
+        (_twice, "start_state: got .*; expected a position of each of joint_0, .*, once"),
+        (_place_alone, "goal_constraints: got .*; expected all joints, or a pose"),
+        (_position_missing, "start_state: got .*; expected a position of each of joint_0"),
     ],
 )
 def test_the_node_refuses_what_it_cannot_keep_and_goes_on(
-    ros: Ros, monkeypatch: pytest.MonkeyPatch, change: Callable[[Any], None], message: str
+    ros: Ros, change: Callable[[Any], None], message: str
 ) -> None:
-    monkeypatch.setattr(Remote, "reachable", True)
     request = asked(joints("ready"))
     change(request)
     told = answer(ros, request)
@@ -274,3 +302,20 @@ def test_the_node_refuses_what_it_cannot_keep_and_goes_on(
     assert told.trajectory.joint_trajectory.points == []
     assert len(ros.told) == 1
     assert re.search(message, ros.told[0])
+
+
+def test_the_node_says_that_the_server_is_gone_and_goes_on(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Remote, "reachable", False)
+    assert answer(ros, asked(joints("ready"))).error_code.val == CODES["FAILURE"]
+    assert ros.told == ["the server is gone"]
+
+
+def test_a_pose_is_in_the_frame_that_it_names(ros: Ros) -> None:
+    robot, goal = load_robot("wxai_dual"), tool_goal("right_base_link")
+    for constraint in (*goal.position_constraints, *goal.orientation_constraints):
+        constraint.link_name, constraint.header.frame_id = robot.tool_frame, "right_base_link"
+    state = message("JointState", name=list(robot.joint_names), position=robot.home.tolist())
+    request = asked(goal)
+    request.start_state.joint_state = state
+    (pose,) = ros.names["plan_request"](request, robot).goal
+    assert pose.position == pytest.approx((0.2, 0.28 - 0.25, 0.15))
