@@ -153,5 +153,5 @@ def reach_objection(
     objection = grasp_objection(target, tool, robot.gripper) or objection
     if objection:
         return objection
-    inside = np.clip(samples, robot.limits.lower, robot.limits.upper)
+    inside = np.clip(samples, *robot.bounds)
     return next(filter(None, (unwanted(checker, q, pairs) for q in inside)), "")

@@ -64,6 +64,16 @@ class Clip:
         """Reports collisions during this motion."""
         return CollisionReporter(self.service)
 
+    def clearances(self, t: FloatArray) -> FloatArray:
+        """Proven clearances in metres t seconds (m,) after the motion began, but for pairs that may touch; (m,)."""
+        q = np.clip(self.trajectory(t), *self.service.robot.bounds)
+        expected = [self.expected(at) for at in t.tolist()]
+        clearance = np.zeros(len(t))
+        for pairs in set(expected):
+            rows: NDArray[np.bool_] = np.array([other == pairs for other in expected])
+            clearance[rows] = self.reporter.clearances(q[rows], pairs)
+        return clearance
+
     def expected(self, t: float) -> Pairs:
         """Pairs that may touch t seconds after the motion began."""
         s = float(self.trajectory.s(t))
@@ -170,12 +180,8 @@ class Playback:
 
 def _sampled(clip: Clip, t: FloatArray) -> Samples:
     q, qd, qdd = (clip.trajectory(t, order) for order in (0, 1, 2))
-    limits = clip.service.robot.limits
+    limits = clip.service.robot.around(q[0]).limits
     middle, half = (limits.lower + limits.upper) / 2.0, (limits.upper - limits.lower) / 2.0
-    inside = np.minimum(np.maximum(q, limits.lower), limits.upper)
-    expected = [clip.expected(at) for at in t.tolist()]
-    clearance = np.zeros(len(t))
-    for pairs in set(expected):
-        rows: NDArray[np.bool_] = np.array([other == pairs for other in expected])
-        clearance[rows] = clip.reporter.clearances(inside[rows], pairs)
-    return Samples(t + clip.begin, (q - middle) / half, qd / limits.velocity, qdd / limits.acceleration, clearance)
+    return Samples(
+        t + clip.begin, (q - middle) / half, qd / limits.velocity, qdd / limits.acceleration, clip.clearances(t)
+    )

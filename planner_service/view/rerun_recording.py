@@ -16,7 +16,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService
 from planner_service.view.lines import curve_lines, tool_points
-from planner_service.view.playback import Clip, Playback
+from planner_service.view.playback import Clip
 from planner_service.view.state import ViewState
 from planner_service.view.triangles import TOOL, Solid, placements, robot_solids, scene_solids
 
@@ -58,7 +58,6 @@ def log_motions(recording: Any, service: PlannerService, shown: Showable, *, dt:
     for number, clip in enumerate(playback.clips):
         drawn = _log_solids(recording, clip, drawn)
         _log_clip(recording, clip, f"{number} {clip.name}", dt)
-    _log_clearance(recording, playback)
 
 
 def rerun_bytes(service: PlannerService, shown: Showable, *, dt: float = 0.02) -> bytes:
@@ -121,13 +120,8 @@ def _log_clip(recording: Any, clip: Clip, name: str, dt: float) -> None:
             recording.send_columns(_path("joint", kind, joint), times, rerun.Scalars.columns(scalars=column))
     ahead, behind = (tool_points(robot, q + sign * STEP * qd) for sign in (1.0, -1.0))
     speed: FloatArray = np.sqrt(((ahead - behind) ** 2).sum(axis=1)) / (2.0 * STEP)
-    recording.send_columns(_path("speed", "tool"), times, rerun.Scalars.columns(scalars=speed))
-
-
-def _log_clearance(recording: Any, playback: Playback) -> None:
-    rerun, samples = _rerun(), playback.samples
-    times = [rerun.TimeColumn(TIMELINE, duration=samples.t)]
-    recording.send_columns("clearance", times, rerun.Scalars.columns(scalars=samples.clearance))
+    for path, values in ((_path("speed", "tool"), speed), ("clearance", clip.clearances(t))):
+        recording.send_columns(path, times, rerun.Scalars.columns(scalars=values))
 
 
 def _path(*parts: str) -> str:

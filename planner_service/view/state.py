@@ -122,8 +122,7 @@ class ViewState:
         return replace(self, playback=playback, start=start, goal=goal).at(0.0)
 
     def _within(self, q: FloatArray) -> FloatArray:
-        limits = self.service.robot.limits
-        return read_only(np.minimum(np.maximum(q, limits.lower), limits.upper))
+        return read_only(np.clip(q, *self.service.robot.bounds))
 
     def at(self, seconds: float) -> ViewState:
         """The playback at a time on its clock, with what the robot then carries; NaN changes nothing."""

@@ -16,6 +16,9 @@ MAX_BYTES = 65_536
 MAX_NUMBER = 2.0**53
 """Beyond it a browser's numbers are not exact."""
 
+UNIT = 5e-4
+"""How far a quaternion's length may be from 1."""
+
 Real = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]  # refuses NaN, too
 Vector = tuple[Real, Real, Real]
 Quaternion = tuple[Real, Real, Real, Real]
@@ -82,7 +85,7 @@ class PageMessages:
             return False
         if isinstance(message, _Update):
             return self._settable(message)
-        return not isinstance(message, _Drag) or sum(x * x for x in message.wxyz) > 0.5  # of length 1
+        return not isinstance(message, _Drag) or abs(math.hypot(*message.wxyz) - 1.0) < UNIT
 
     def _settable(self, message: _Update) -> bool:
         """Whether it gives a control a value that it can have: viser itself would set any attribute to anything."""

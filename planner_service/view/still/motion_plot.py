@@ -29,9 +29,8 @@ MAX_CLEARANCE = 100.0
 
 def clearances_along(certifier: Certifier, path: JointPath) -> FloatArray:
     """Proven lower bounds of the clearance (metres) at evenly spaced points of a path."""
-    limits = certifier.robot.limits
     s = path.length * (np.arange(POINTS) / (POINTS - 1))
-    return certifier.clearances(np.minimum(np.maximum(path(s), limits.lower), limits.upper))
+    return certifier.clearances(np.clip(path(s), *certifier.robot.bounds))
 
 
 def write_plot(

@@ -60,8 +60,10 @@ def test_a_recording_has_robot_curve_clearance_and_speed_over_time(planned: Plan
     _, speed = column(path, "/speed/tool", "Scalars:scalars")
     first, both, bend = qd[:, 0], qd.sum(axis=1), np.cos(q[:, 1])  # links of 1 and 0.5 m
     assert speed == pytest.approx(np.sqrt(first**2 + 0.25 * both**2 + first * both * bend), abs=1e-7)
-    samples = present(Playback.of_result(SERVICE, planned)).samples
-    assert column(path, "/clearance", "Scalars:scalars")[1].tolist() == samples.clearance.tolist()
+    times, clearance = column(path, "/clearance", "Scalars:scalars")
+    assert times == pytest.approx(t, abs=1e-9)
+    (clip,) = present(Playback.of_result(SERVICE, planned)).clips
+    assert clearance.tolist() == clip.clearances(t).tolist()
 
 
 def test_what_a_task_takes_away_is_cleared_and_what_it_carries_moves_with_the_tool(tmp_path: Path) -> None:

@@ -220,7 +220,9 @@ def test_handles_go_to_finite_poses_only(viewer: Viewer) -> None:
     messages = PageMessages(viewer._server.viser.gui)
     pose = {"type": "TransformControlsUpdateMessage", "name": "/aim", "wxyz": (1, 0, 0, 0), "position": (0, 0, 1)}
     assert messages.allowed(msgspec.msgpack.encode(pose))
-    for wrong in ({"wxyz": (0, 0, 0, 0)}, {"position": (float("nan"), 0, 0)}, {"position": (0, 0)}, {"owner": 7}):
+    for turn in ((0, 0, 0, 0), (2, 0, 0, 0), (0.8, 0, 0, 0), (1.002, 0, 0, 0)):
+        assert not messages.allowed(msgspec.msgpack.encode({**pose, "wxyz": turn}))
+    for wrong in ({"position": (float("nan"), 0, 0)}, {"position": (0, 0)}, {"owner": 7}):
         assert not messages.allowed(msgspec.msgpack.encode({**pose, **wrong}))
 
 
