@@ -66,7 +66,7 @@ class EpisodeWork:
     """Makes the episode of an index; sent to each worker once.
 
     Attributes:
-        robot: The robot, with a gripper.
+        robot: The robot, with a gripper that has fingers.
         task: The task to show.
         seed: Seed of the data set.
         fps: Frames per second.
@@ -76,7 +76,8 @@ class EpisodeWork:
         layout: LeRobot's version: "v3.0", which it reads since 0.4, or "v2.1", with a file per episode.
 
     Raises:
-        InvalidRequest: the robot has no gripper, a number is out of range, or no such layout.
+        InvalidRequest: the robot has no gripper, or one that sucks: no frame would say when it does; a number is out
+            of range, or no such layout.
     """
 
     robot: Robot
@@ -89,8 +90,9 @@ class EpisodeWork:
     layout: Layout = "v3.0"
 
     def __post_init__(self) -> None:
-        if instance("robot", self.robot, Robot, "a Robot").gripper is None:
-            raise InvalidRequest("robot", self.robot.name, "a robot with a gripper")
+        gripper = instance("robot", self.robot, Robot, "a Robot").gripper
+        if gripper is None or gripper.kind == "vacuum":
+            raise InvalidRequest("robot", self.robot.name, "a robot with a gripper that has fingers")
         for name, most in (("seed", 2**63 - 1), ("fps", 1000), ("max_checks", 10**9), ("chunk", 10_000)):
             whole(name, getattr(self, name), 0 if name == "seed" else 1, most)
         number("gripper_speed", self.gripper_speed, "metres per second in [0.001, 10]", 0.001, 10.0)

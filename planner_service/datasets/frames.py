@@ -13,7 +13,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
-from planner_service.tasks.result import Segment
+from planner_service.tasks.result import Segment, require_joined
 
 __all__ = ["EpisodeMotion", "Frames", "frames", "timeline"]
 
@@ -71,7 +71,11 @@ def timeline(segments: Sequence[Segment], carrying: Sequence[str], gripper_speed
     Args:
         carrying: Names of the motions during which the robot carries the object.
         gripper_speed: Speed of the opening in m/s.
+
+    Raises:
+        InvalidRequest: a motion does not begin where the last one ends.
     """
+    require_joined(segments)
     parts: list[EpisodeMotion] = []
     begins = 0.0
     for k, segment in enumerate(segments):

@@ -22,11 +22,9 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
+from planner_service.tasks.result import JOIN
 
 __all__ = ["SAME_WIDTH", "ClaimedMotion", "TaskMotion", "fingers_of", "gripped_by", "task_motions"]
-
-JOIN = 1e-6
-"""Radians (or metres) between the end of one motion and the start of the next: less than the margin of a proof."""
 
 SAME_PLACE = 1e-5
 """Metres and radians by which the tool may miss a grasp's pose; inverse kinematics is exact to 1e-7."""

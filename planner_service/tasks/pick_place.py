@@ -69,7 +69,7 @@ def plan_pick_place(
         if done.ok:
             home = after.plan(replace(request, start=done.q, goal=request.start), cancel=cancel)
             segments.append(Segment("retreat -> home", home, done.world.robot.gripper_width, done.world.scene))
-            done = replace(done, failure=home.failure, q=np.asarray(request.start) if home.ok else done.q)
+            done = replace(done, failure=home.failure, q=done.q if home.path is None else home.path.waypoints[-1])
     return replace(
         done,
         segments=tuple(segments),

@@ -33,7 +33,7 @@ from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.gripper import Gripper
-from planner_service.robot.model import Robot
+from planner_service.robot.model import TURN, Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
@@ -258,8 +258,9 @@ class _Task:
         self._service = service
         self._task = task
         self._start = joint_vector("q", q, service.robot)
-        limits = service.robot.limits
+        limits = service.robot.around(self._start).limits
         self._standing = np.clip(self._start, limits.lower, limits.upper)
+        self._still = self._standing - (limits.lower - service.robot.limits.lower)  # but for whole turns
         self._handling = handling
         self._template = replace(
             handling.request or PlanRequest(self._start, self._start), start=self._start, goal=self._start
@@ -285,7 +286,8 @@ class _Task:
                 length = _travel(self._service.robot, outward)[-1]
                 notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
                 choosing = self._spent - sum((segment.counts for segment in segments), CheckCounts())
-                return self._result(segments, contact.made[1], outward[-1], None, choosing, notes)
+                end = _end(segments[-1].result)
+                return self._result(segments, contact.made[1], end, None, choosing, notes)
             if self._ended is not None:
                 return self._failed(self._ended)
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
@@ -335,7 +337,7 @@ class _Task:
     def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
         """Configurations that would do at a contact; why there are none is noted the ``first`` time."""
         robot, seed = self._service.robot, self._template.seed
-        solutions = inverse_kinematics(robot, contact.tool, seed=seed, still=self._standing)
+        solutions = inverse_kinematics(robot, contact.tool, seed=seed, still=self._still)
         refused = ["out of reach"] if len(solutions) == 0 else []
         fitting = []
         for q in solutions:
@@ -359,20 +361,35 @@ class _Task:
             _NoMotion: One of them has no plan.
         """
         before, after = contact.made
-        inward, (going, into, out) = outward[::-1], contact.names
-        away = _travel(before.robot, outward)
+        going, into, out = contact.names
         opening = self._gripper_motion(self._service, self._standing, before.robot.gripper_width, None)
-        grip = self._gripper_motion(before, outward[0], after.robot.gripper_width, contact.grip)
-        line_in = self._followed(into, before, inward, _stretches(contact.touches_in, away, inward=True))
-        line_out = self._followed(out, after, outward, _stretches(contact.touches_out, away, inward=False))
-        request = replace(self._template, goal=inward[0], time_limit=self._share_of_time())
+        outward = _turned(before.robot, outward, self._standing)
+        line_in, grip, line_out = self._touching(contact, outward)
+        request = replace(self._template, goal=outward[-1], time_limit=self._share_of_time())
         to = self._having_plan(going, before.plan(request, cancel=self._handling.cancel))
+        there = _turned(before.robot, outward, _end(to))
+        if there is not outward:  # a joint has gone the other way round
+            line_in, grip, line_out = self._touching(contact, there)
         open_width, law = before.robot.gripper_width, self._handling.line_timing
         return (
             Segment(going, to, open_width, before.scene, opening),
             Segment(into, line_in, open_width, before.scene, timing=law),
             Segment(out, line_out, after.robot.gripper_width, after.scene, grip, law),
         )
+
+    def _touching(self, contact: _Contact, outward: FloatArray) -> tuple[PlanResult, GripperMotion | None, PlanResult]:
+        """The line to a contact, what the gripper does there, and the line out.
+
+        Raises:
+            _NoMotion: One of them is not free.
+        """
+        before, after = contact.made
+        _, into, out = contact.names
+        away = _travel(before.robot, outward)
+        grip = self._gripper_motion(before, outward[0], after.robot.gripper_width, contact.grip)
+        line_in = self._followed(into, before, outward[::-1], _stretches(contact.touches_in, away, inward=True))
+        line_out = self._followed(out, after, outward, _stretches(contact.touches_out, away, inward=False))
+        return line_in, grip, line_out
 
     def _gripper_motion(
         self, service: PlannerService, q: FloatArray, width: float, touch: _Touch | None
@@ -446,6 +463,17 @@ class _Task:
 
 class _NoMotion(Exception):
     """One of the motions of a grasp or placement has no plan; the reason was noted."""
+
+
+def _turned(robot: Robot, outward: FloatArray, q: FloatArray) -> FloatArray:
+    """A line with continuous joints moved by whole turns, its end as near to q as that goes; itself if it is."""
+    turns = np.where(robot.continuous or False, np.round((q - outward[-1]) / TURN), 0.0)
+    return outward + TURN * turns if turns.any() else outward
+
+
+def _end(result: PlanResult) -> FloatArray:
+    end: FloatArray = result.unwrap()[0].waypoints[-1]
+    return end
 
 
 def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:

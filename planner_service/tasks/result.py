@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import NoneType
 from typing import Protocol
+
+import numpy as np
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.constraints.values import MIN_ANGLE, KeepUpright
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.validation import copied_in, instance, number
+from planner_service.geometry.validation import copied_in, instance, items, number
 from planner_service.planning.request import PlanRequest, keeps_torques, require_timing
 from planner_service.planning.result import Failure, PlanResult, Stage, cost_row, stage_row
 from planner_service.planning.world import World
-from planner_service.presentation.measures import clearance_text, proof_text
+from planner_service.presentation.measures import clearance_text, numbers_text, proof_text
 from planner_service.presentation.page import OpenPage
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
 from planner_service.robot.model import length_unit
@@ -25,11 +28,13 @@ from planner_service.scene.scene import Scene
 from planner_service.timing.laws import Timing
 
 __all__ = [
+    "JOIN",
     "MAX_SUPPORT_GAP",
     "Handling",
     "Segment",
     "TaskReport",
     "TaskResult",
+    "require_joined",
     "task_blocks",
     "task_lines",
     "task_rows",
@@ -37,6 +42,9 @@ __all__ = [
 
 MAX_SUPPORT_GAP = 0.05
 """Metres of a lift or of a lowering, at most, within which an object and its support may touch."""
+
+JOIN = 1e-6
+"""Radians (or metres) between the end of one motion and the start of the next: less than the margin of a proof."""
 
 SEARCH_STAGES = (Stage.ROADMAP, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH, Stage.CERTIFY, Stage.TIMING)
 """Stages that get a row of their own below a motion that was searched for."""
@@ -136,6 +144,24 @@ class Segment:
         if not moves and scene == before.scene:
             return before
         return replace(before, robot=before.robot.with_gripper(self.width) if moves else before.robot, scene=scene)
+
+
+def require_joined(segments: Sequence[Segment]) -> None:
+    """Refuse motions of which one does not begin where the one before it ends.
+
+    Raises:
+        InvalidRequest: it does not, or there is no motion.
+        PlanningFailed: a motion without a plan.
+    """
+    if not items("segments", segments, Segment, "a list of Segment"):
+        raise InvalidRequest("segments", segments, "at least one motion")
+    paths = [segment.result.unwrap()[0] for segment in segments]
+    for before, after, path, then in zip(segments, segments[1:], paths, paths[1:], strict=False):
+        end, begin = path.waypoints[-1], then.waypoints[0]
+        if not np.array_equal(end.shape, begin.shape) or not np.all(np.abs(end - begin) <= JOIN):
+            given = f"{after.name}, which begins at {numbers_text(begin.tolist())}"
+            expected = f"one that begins at {numbers_text(end.tolist())}, where {before.name} ends"
+            raise InvalidRequest("segments", given, expected)
 
 
 @dataclass(frozen=True, eq=False)

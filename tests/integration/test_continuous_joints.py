@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +21,17 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason
 from planner_service.records.plan_file import load_plan
 from planner_service.records.recertify import recertify
-from planner_service.robot.model import MAX_TURNED, TURN, Robot
+from planner_service.robot.model import MAX_TURNED, TURN, Robot, load_robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
+from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.view.playback import Playback
+from planner_service.view.state import ViewState
+from tests.support.optional import present
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import built, joint, link, solid, urdf
 
+WXAI = Path(__file__).parents[2] / "robots" / "wxai"
 ENDLESS = '<limit velocity="2" effort="1"/>'
 PENDULUM = urdf(
     "pendulum",
@@ -172,3 +179,47 @@ def test_no_way_round_leaves_the_thousand_radians(pendulum: Robot) -> None:
         path, _ = service.plan(PlanRequest([start, 0.0], [goal, 0.0])).unwrap()
         assert np.abs(path.waypoints).max() <= 1000.0
         assert service.explain(PlanRequest([start, 0.0], [goal, 0.0])).result.ok
+
+
+@pytest.fixture(scope="module")
+def endless_base(tmp_path_factory: pytest.TempPathFactory) -> PlannerService:
+    """The WidowX AI on a base that turns without end, before the bin."""
+    folder = tmp_path_factory.mktemp("endless") / "wxai"
+    shutil.copytree(WXAI, folder)
+    model = folder / "wxai.urdf"
+    model.write_text(re.sub(r'(<joint\s+name="joint_0"\s+type=)"revolute"', r'\1"continuous"', model.read_text()))
+    table = folder / "robot.toml"
+    text = table.read_text().replace("lower = [-3.0543261909900767", f"lower = [{-TURN!r}")
+    text = text.replace("upper = [3.0543261909900767", f"upper = [{TURN!r}")
+    text = text.replace('inverse_kinematics = "wxai"', 'continuous = ["joint_0"]\ninverse_kinematics = "numeric"')
+    table.write_text(text)
+    return PlannerService(load_robot(table), "bin")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turned", [0.0, 1.15, 20.0])
+def test_the_motions_of_a_task_follow_one_another_wherever_the_robot_is(
+    endless_base: PlannerService, turned: float
+) -> None:
+    start = endless_base.robot.home + turned * np.eye(6)[0]
+    task = plan_pick_place(endless_base, "blue_block", "tray", PlanRequest(start, start, time_limit=None))
+    assert task.ok
+    recertify(task, endless_base).required()  # each motion begins where the last one ends, the gripper moves there
+    ends = [end for segment in task.segments for end in present(segment.result.path).waypoints[[0, -1]].tolist()]
+    assert [start.tolist(), *ends[1:-1:2]] == ends[::2]
+    assert task.q.tolist() == ends[-1]
+
+
+def test_the_page_and_curves_show_a_robot_where_it_is_after_some_turns(pendulum: Robot) -> None:
+    service = PlannerService(pendulum, Scene((POST,)))
+    result = service.plan(PlanRequest(np.array([2.4 + 3.0 * TURN, 0.2]), np.array([-2.4, 0.1])))
+    playback = present(Playback.of_result(service, result))
+    for t in (0.0, 0.5 * playback.duration, playback.duration):
+        assert ViewState.of(service, result).at(t).q.tolist() == playback.at(t).q.tolist()
+    (clip,) = playback.clips
+    instants = playback.samples.t
+    assert playback.samples.clearance.min() > 0.0
+    assert playback.samples.clearance == pytest.approx(
+        Certifier(pendulum.around(clip.trajectory(0.0)), service.scene).clearances(clip.trajectory(instants))
+    )
+    assert np.abs(playback.samples.position).max() <= 1.0

@@ -17,9 +17,10 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
 from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import text
 from planner_service.path.trajectory import Samples, Trajectory
 from planner_service.planning.result import PlanResult
-from planner_service.tasks.result import Segment
+from planner_service.tasks.result import Segment, require_joined
 
 __all__ = [
     "OURS",
@@ -36,8 +37,10 @@ __all__ = [
 ]
 
 OURS = re.compile(
-    rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions|joint_trajectory|model_id)\""
-    rb"|<mujoco>\s*<keyframe>|(?:header|motions|joint_trajectory|model_id):"
+    rb't,(?:"?q_|motion,)|<mujoco>\s*<keyframe>'
+    rb'|\s*\{\s*"(?:header":\s*\{\s*"stamp|motions":\s*\[\s*\{\s*"name|joint_trajectory":\s*\{\s*"header)"'
+    rb'|\s*\{\s*"model_id":\s*"[^\n]*",\s*"trajectory"'
+    rb"|(?:header:\n +stamp|motions:\n- name|joint_trajectory:\n +header|model_id:[^\n]*\ntrajectory):"
 )
 """How exported trajectories begin."""
 
@@ -105,7 +108,7 @@ def display_trajectory(
         model_id: The robot's name, as in its URDF.
 
     Raises:
-        InvalidRequest: as of ``joint_trajectory``, or there is no motion.
+        InvalidRequest: as of ``joint_trajectory``, there is no motion, or one does not begin where the last one ends.
         PlanningFailed: a motion without a plan.
     """
     results = [segment.result for segment, _ in on_one_clock(segments)]
@@ -114,7 +117,7 @@ def display_trajectory(
     state = {"header": _header(frame_id), "name": list(joint_names), "position": first["positions"]}
     no_joints: dict[str, Any] = {"joint_names": [], "transforms": [], "twist": [], "wrench": []}
     return {
-        "model_id": model_id,
+        "model_id": text("model_id", model_id),
         "trajectory": trajectories,
         "trajectory_start": {
             "joint_state": {**state, "velocity": [], "effort": []},
@@ -136,8 +139,8 @@ def yaml_text(message: dict[str, Any]) -> str:
     except ImportError:
         raise MissingDependency("yaml", "yaml") from None
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    text: str = yaml.dump(message, Dumper=dumper, sort_keys=False, default_flow_style=None, width=2**30)
-    return text
+    written: str = yaml.dump(message, Dumper=dumper, sort_keys=False, default_flow_style=None, width=2**30)
+    return written
 
 
 def csv_text(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float) -> str:
@@ -162,7 +165,7 @@ def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: f
     be waited for.
 
     Raises:
-        InvalidRequest: as of ``csv_text``, or there is no motion.
+        InvalidRequest: as of ``csv_text``, there is no motion, or one does not begin where the last one ends.
         PlanningFailed: a motion without a plan.
     """
     rows: list[list[Any]] = []
@@ -177,7 +180,7 @@ def task_trajectories(
 ) -> dict[str, Any]:
     """The motions of a task, of plain JSON values: ``motions``, each a ``joint_trajectory`` with its own time 0.
 
-    Beside its ``trajectory`` each has ``name``, ``gripper_width`` in metres during it (null without a gripper) and
+    Beside its ``trajectory`` each has ``name``, ``gripper_width`` in metres during it (null or 0 without fingers) and
     ``begin``, seconds of motion before it. After a motion the arm is at rest; a gripper whose width changes is to be
     waited for before the next.
 
@@ -185,7 +188,7 @@ def task_trajectories(
         moveit: Give each as a ``robot_trajectory``.
 
     Raises:
-        InvalidRequest: as of ``joint_trajectory``, or there is no motion.
+        InvalidRequest: as of ``joint_trajectory``, there is no motion, or one does not begin where the last one ends.
         PlanningFailed: a motion without a plan.
     """
     message = robot_trajectory if moveit else joint_trajectory
@@ -204,8 +207,7 @@ def task_trajectories(
 
 def on_one_clock(segments: Sequence[Segment]) -> list[tuple[Segment, float]]:
     """The motions with the seconds of motion before each."""
-    if not segments:
-        raise InvalidRequest("segments", segments, "at least one motion")
+    require_joined(segments)
     durations = [segment.result.unwrap()[1].duration for segment in segments]
     return list(zip(segments, accumulate(durations, initial=0.0), strict=False))
 
@@ -219,11 +221,11 @@ def _columns(names: Sequence[str]) -> list[str]:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
+    written = io.StringIO(newline="")
+    table = csv.writer(written, lineterminator="\n")
     table.writerow(head)
     table.writerows(rows)  # floats by repr
-    return text.getvalue()
+    return written.getvalue()
 
 
 def write_csv(
@@ -275,7 +277,7 @@ def _growing(times: list[int]) -> tuple[list[int], list[int]]:
 
 
 def _header(frame_id: str) -> dict[str, Any]:
-    return {"stamp": _time(0), "frame_id": frame_id}
+    return {"stamp": _time(0), "frame_id": text("frame_id", frame_id)}
 
 
 def _time(nanoseconds: int) -> dict[str, int]:

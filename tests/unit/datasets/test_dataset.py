@@ -711,6 +711,7 @@ def test_the_command_tells_what_it_wrote(tmp_path: Path) -> None:
         (("--engine", "slurm"), "--engine: got 'slurm'; expected processes, ray or ray=ADDRESS"),
         (("--workers", "0"), "workers: got 0"),
         (("--robot", "planar2"), "expected a robot with a gripper"),
+        (("--robot", "ur5_vacuum"), "expected a robot with a gripper that has fingers"),
         (("--layout", "v4"), 'layout: got \'v4\'; expected "v3.0" or "v2.1"'),
     ],
 )

@@ -54,14 +54,15 @@ def compiled(model: Path, keys: str) -> Any:
 
 
 def test_a_model_that_includes_the_keyframes_has_the_motions_bits(motion: PlanResult, model: Path) -> None:
-    segments = [Segment('there & "back"', motion, 0.0), Segment("again", motion, 0.0)]
+    back = SERVICE.plan(PlanRequest((0.3, -0.4), (0.0, 0.0)))
+    segments = [Segment('there & "back"', motion, 0.0), Segment("back", back, 0.0)]
     found = compiled(model, keyframes_text(segments, NAMES, 0.05, model=model))
-    t, q, qd, _ = motion.unwrap()[1].sample(0.05)
+    (t, q, qd, _), (t_back, q_back, qd_back, _) = (plan.unwrap()[1].sample(0.05) for plan in (motion, back))
     arm = [found.joint(name).qposadr[0] for name in NAMES]
     turn = [found.joint(name).dofadr[0] for name in NAMES]
-    assert found.key_time.tolist() == [*t, *(t[-1] + t)]
-    assert np.array_equal(found.key_qpos[:, arm], [*q, *q])
-    assert np.array_equal(found.key_qvel[:, turn], [*qd, *qd])
+    assert found.key_time.tolist() == [*t, *(t[-1] + t_back)]
+    assert np.array_equal(found.key_qpos[:, arm], [*q, *q_back])
+    assert np.array_equal(found.key_qvel[:, turn], [*qd, *qd_back])
     rest = np.setdiff1d(np.arange(found.nq), arm)
     assert (found.key_qpos[:, rest] == found.qpos0[rest]).all()
     assert found.key(0).name == '0 there & "back"'

@@ -20,10 +20,12 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.trajectory_export import (
+    OURS,
     csv_text,
     display_trajectory,
     joint_trajectory,
     robot_trajectory,
+    task_csv_text,
     task_trajectories,
     write_csv,
     yaml_text,
@@ -100,9 +102,11 @@ def test_moveits_messages_have_their_fields_and_the_same_trajectory(planned: Pla
     robot = robot_trajectory(planned, NAMES, 0.01, frame_id="base")
     assert robot["joint_trajectory"] == joints
     assert fields(robot) == ROBOT
-    segments = [Segment("there", planned, 0.0), Segment("again", planned, 0.0)]
+    poses = SERVICE.robot.poses
+    back = SERVICE.plan(PlanRequest(poses["lesson_goal"], poses["lesson_start"], time_limit=None))
+    segments = [Segment("there", planned, 0.0), Segment("back", back, 0.0)]
     shown = display_trajectory(segments, NAMES, 0.01, model_id="planar2", frame_id="base")
-    assert shown["trajectory"] == [robot, robot]
+    assert shown["trajectory"] == [robot, robot_trajectory(back, NAMES, 0.01, frame_id="base")]
     assert shown["trajectory_start"]["joint_state"]["position"] == SERVICE.robot.pose("lesson_start").tolist()
     assert fields(shown) == {
         "model_id": None,
@@ -117,8 +121,15 @@ def test_moveits_messages_have_their_fields_and_the_same_trajectory(planned: Pla
         },
     }  # fmt: skip
     assert task_trajectories(segments, NAMES, 0.01, moveit=True)["motions"][1]["trajectory"] == robot_trajectory(
-        planned, NAMES, 0.01
+        back, NAMES, 0.01
     )
+
+
+def test_motions_that_do_not_follow_one_another_are_refused(planned: PlanResult) -> None:
+    twice = [Segment("there", planned, 0.0), Segment("again", planned, 0.0)]
+    for export in (task_trajectories, task_csv_text):
+        with pytest.raises(InvalidRequest, match=r"segments: got 'again, which begins at .*; .* where there ends"):
+            export(twice, NAMES, 0.01)
 
 
 def test_yaml_reads_back_as_the_same_bits(planned: PlanResult) -> None:
@@ -283,3 +294,33 @@ def test_commands_take_worlds_of_others(tmp_path: Path) -> None:
     broken = run("check", "--scene", write(tmp_path, NEWER[:100], "cut.scene"), "--q", "home")
     assert (broken.exit_code, broken.stdout) == (2, "")
     assert "the file ends" in broken.stderr
+
+
+def test_what_was_exported_is_known_again_and_nothing_else(planned: PlanResult) -> None:
+    segments = [Segment("plan", planned, 0.0)]
+    messages = [
+        joint_trajectory(planned, NAMES, 0.1),
+        robot_trajectory(planned, NAMES, 0.1),
+        display_trajectory(segments, NAMES, 0.1, model_id="planar2"),
+        task_trajectories(segments, NAMES, 0.1),
+    ]
+    texts = [csv_text(planned, ('an "odd", name', "b"), 0.1), task_csv_text(segments, NAMES, 0.1)]
+    texts += [form(message) for message in messages for form in (yaml_text, json.dumps)]
+    texts += [json.dumps(message, indent=1) for message in messages]
+    assert all(OURS.match(text.encode()) for text in texts)
+    for other in ("header: a post", '{"header": "a post"}', "motions: []", '{"motions": 3}', "model_id: 7", "t,q"):
+        assert not OURS.match(other.encode())
+
+
+@pytest.mark.parametrize("segments", [None, [], [1], "plan"])
+def test_what_are_no_motions_is_refused(segments: Any) -> None:
+    with pytest.raises(InvalidRequest, match="segments"):
+        task_trajectories(segments, NAMES, 0.1)
+
+
+def test_names_of_frames_and_models_are_texts(planned: PlanResult) -> None:
+    wrong: Any = 7
+    with pytest.raises(InvalidRequest, match="frame_id"):
+        joint_trajectory(planned, NAMES, 0.1, frame_id=wrong)
+    with pytest.raises(InvalidRequest, match="model_id"):
+        display_trajectory([Segment("plan", planned, 0.0)], NAMES, 0.1, model_id=wrong)
