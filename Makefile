@@ -39,8 +39,8 @@ demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it
 quick: $(BIN)/.dev lint  ## the inner loop: the tests of all packages but the slow ones, in a minute
 	$(BIN)/python -m pytest tests/unit -m "not (slow or sim or browser or ray or cluster)" --numprocesses auto --dist worksteal
 
-test: $(BIN)/.dev lint  ## lint, types and the test suite
-	@$(MAKE) --no-print-directory --jobs=2 types sim
+test: $(BIN)/.dev  ## lint, types and the test suite
+	@$(MAKE) --no-print-directory --jobs=2 sim types lint
 	@$(MAKE) --no-print-directory suite
 
 suite: $(BIN)/.dev  # files in the order in which they are collected; tests/conftest.py has those that wait first
