@@ -11,13 +11,15 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 
 from planner_service.certify import Certificate
+from planner_service.client.problems import ServerUnavailable
 from planner_service.collision import CheckCounts, Contact, EdgeStep
+from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.schema import Count, Prose, Record, Rows, Text, at_most, read_record
 from planner_service.geometry.arrays import read_only
 from planner_service.infeasibility.remedies import Explanation, Remedy
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.result import PlanResult
+from planner_service.planning.result import PlanResult, Reason
 from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.failure import MAX_PAIRS, ContactRecord, FailureRecord
 from planner_service.records.plan_file import PlanRecord, SavedPlan, StepRecord
@@ -198,9 +200,15 @@ def read_replanned(plan: SavedPlan, source: str) -> Replanned:
     """What replanning has made, of the plan that its motion is.
 
     Raises:
+        Cancelled: It was cancelled before a worker began.
+        ServerUnavailable: No worker came to it before its deadline, or workers were lost.
         InvalidFile: The plan is another one.
     """
-    section, n = plan.sections.get("replanned"), plan.robot.n
+    section, n, failure = plan.sections.get("replanned"), plan.robot.n, plan.result.failure
+    if section is None and failure is not None:
+        if failure.reason is Reason.PREEMPTED:
+            raise Cancelled(failure.detail)
+        raise ServerUnavailable(source, failure.detail)
     record = _read(ReplannedRecord, section, source, n)
     outcome: Outcome = record.value
     if plan.request is None or (outcome is Outcome.UNSAFE) == plan.result.ok:

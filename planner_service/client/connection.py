@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from planner_service.client.problems import ServerRefused, ServerUnavailable, error_of
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, PlannerServiceError
@@ -206,7 +208,8 @@ class Connection:
             with suppress(InvalidFile):
                 return error_of(answer.document(), self.url)
         detail = f"answered {answer.status}, and not as a planning service does"
-        return ServerUnavailable(self.url, detail) if answer.status == 503 else ServerRefused(self.url, "", detail)
+        gone = answer.status in (500, 502, 503, 504)  # as servers say that end, and proxies of servers that are gone
+        return ServerUnavailable(self.url, detail) if gone else ServerRefused(self.url, "", detail)
 
 
 def _address(url: Any) -> str:
@@ -225,9 +228,15 @@ def _address(url: Any) -> str:
 
 def _text(body: Any) -> bytes:
     try:
-        return json.dumps(body, allow_nan=False).encode("ascii")
+        return json.dumps(body, allow_nan=False, default=_of_numpy).encode("ascii")
     except ValueError:
         raise InvalidRequest("request", "a number that is not finite", "finite numbers") from None
+
+
+def _of_numpy(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise InvalidRequest("request", value, "numbers, texts, and lists of them")
 
 
 def _job(answer: Answer) -> str:

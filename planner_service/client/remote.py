@@ -178,11 +178,8 @@ class Remote:
             StaleVersion: the server has another version by now.
             InvalidRequest: the server takes no such name, or the scene has no place in a file.
         """
-        if version is None:
-            return self._server.scenes.put(name, scene)
-        version = whole("version", version, 0, 2**53)
-        condition = {"If_Match": f'"{version}"'} if version else {"If_None_Match": "*"}
-        return self._server.scenes.put(name, scene, **condition)
+        before = None if version is None else whole("version", version, 0, 2**53)
+        return self._server.scenes.put(name, scene, before=before)
 
     def changed(self, *, gripper: float | None = None, scene: Scene | None = None) -> Remote:
         """The same server where the gripper stands ``gripper`` metres open, or with another scene."""
@@ -314,8 +311,15 @@ class Remote:
         answer = self._work("explain", body, cancel)
         document = answer.document()
         plan = document.pop("result", None)
-        result = self._saved_plan(answer, plan if isinstance(plan, dict) else {}, request).result
-        return read_explanation(document, answer.url, result)
+        read = self._reader.plan(plan if isinstance(plan, dict) else {}, answer.url)
+        explained = read_explanation(document, answer.url, _of_server(read.result, self.world, request))
+        changes = []
+        for remedy in explained.remedies:
+            scene = replace(remedy.scene, name=self.scene.name)
+            result = _of_server(remedy.result, replace(self.world, scene=scene), remedy.request)
+            changes.append(replace(remedy, scene=scene, result=result))
+        way = None if explained.way is None else _of_server(explained.way, self.world, request)
+        return replace(explained, remedies=tuple(changes), way=way)
 
     def replan(
         self,
@@ -412,7 +416,7 @@ class Remote:
         plan = self._reader.plan(document, answer.url)
         self._server.remember(plan.result.trajectory, answer.job)
         asked = plan.request if request is None else request
-        return replace(plan, result=replace(plan.result, origin=Origin(self.world, asked, pace, elsewhere=True)))
+        return replace(plan, result=_of_server(plan.result, self.world, asked, pace))
 
     def _task(self, kind: str, body: Mapping[str, Any], q: FloatArray, cancel: CancelToken | None) -> TaskResult:
         answer = self._work(kind, body, cancel)
@@ -457,18 +461,24 @@ def _threads(at_once: int) -> Threads:
     return Threads(whole("at_once", at_once, 1, MAX_AT_ONCE))
 
 
+def _of_server(result: PlanResult, world: World, request: PlanRequest | None, pace: Pace | None = None) -> PlanResult:
+    return replace(result, origin=Origin(world, request, pace, elsewhere=True))
+
+
 def _task_result(saved: SavedTask, q: FloatArray) -> TaskResult:
     """A task as the library returns it.
 
     Args:
         q: Where the robot stood before it.
     """
-    world, end = saved.begin, q
+    world, end, segments = saved.begin, q, []
     for segment in saved.segments:
         world = segment.world_after(world)
         end = end if segment.result.path is None else segment.result.path.waypoints[-1]
+        segments.append(replace(segment, result=_of_server(segment.result, world, None)))
+    done = tuple(segments)
     return TaskResult(
-        saved.segments, world, end, saved.failure, saved.choosing, saved.notes, saved.request, saved.task, saved.seconds
+        done, world, end, saved.failure, saved.choosing, saved.notes, saved.request, saved.task, saved.seconds
     )
 
 

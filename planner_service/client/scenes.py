@@ -42,7 +42,7 @@ class ScenesOnServer:
             ServerRefused: there is none of that name.
             InvalidFile: what the server sent is no scene.
         """
-        answer = self._connection.fetch("GET", f"/scenes/{quote(name, safe='')}")
+        answer = self._connection.fetch("GET", _address(name))
         document = answer.document()
         version = document.get("version")
         record = {field: document[field] for field in FIELDS if field in document}
@@ -51,19 +51,27 @@ class ScenesOnServer:
             raise InvalidFile(answer.url, [f"version: got {version!r:.100}; expected a whole number from 1"])
         return scene, version
 
-    def put(self, name: str, scene: Scene, **condition: str) -> int:
+    def put(self, name: str, scene: Scene, *, before: int | None = None) -> int:
         """Store a scene under a name, and the version it then has.
 
         Args:
-            condition: ``If_Match`` or ``If_None_Match``, as HTTP has them.
+            before: The version that it replaces, 0 if there is none yet; None for whichever there is.
 
         Raises:
-            StaleVersion: the condition does not hold.
+            StaleVersion: there is another version.
             InvalidRequest: the server takes no such name, or the scene has no place in a file.
         """
         document = SceneRecord.of(scene).document()
         body = {field: document[field] for field in ("description", "obstacles", "attached")}
-        answer = self._connection.fetch("PUT", f"/scenes/{quote(name, safe='')}", body, **condition)
+        condition = {} if before is None else {"If_Match": f'"{before}"'} if before else {"If_None_Match": "*"}
+        try:
+            answer = self._connection.fetch("PUT", _address(name), body, **condition)
+        except StaleVersion:  # perhaps of a first try, whose answer was lost
+            with suppress(ServerRefused):
+                stored, latest = self.stored(name)
+                if stored.hash == scene.hash and (before == 0 or latest - 1 == before):
+                    return latest
+            raise
         version = answer.document().get("version")
         if not isinstance(version, int):
             raise InvalidFile(answer.url, [f"version: got {version!r:.100}; expected a whole number"])
@@ -96,15 +104,15 @@ class ScenesOnServer:
 
     def _sent(self, name: str, scene: Scene) -> int:
         try:
-            return self.put(name, scene, If_None_Match="*")
-        except StaleVersion:  # another client has the same scene
-            with suppress(ServerRefused):  # or had it until now
-                stored, version = self.stored(name)
-                if stored.hash == scene.hash:
-                    return version
+            return self.put(name, scene, before=0)
+        except StaleVersion:
             return self.put(name, scene)
 
     def _delete(self, names: list[str]) -> None:
         for name in names:
             with suppress(PlannerServiceError):  # another client has deleted it
                 self._connection.fetch("DELETE", f"/scenes/{name}")
+
+
+def _address(name: str) -> str:
+    return f"/scenes/{quote(name, safe='')}"

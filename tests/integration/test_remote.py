@@ -407,6 +407,18 @@ def test_a_moving_robot_gets_the_librarys_motion(here: Planner, there: Planner) 
     assert {Outcome.NEW, Outcome.STOP} <= outcomes
 
 
+def test_a_line_is_replanned_at_its_own_pace(here: Planner, there: Planner) -> None:
+    pace, start = Pace(Trapezoidal(), velocity_scale=0.2, acceleration_scale=0.3), here.service.robot.pose("ready")
+    replanned = []
+    for planner in (here, there):
+        line = planner.move_linear(planner.service, start, (0.0, 0.0, 0.02), pace=pace)
+        replanned.append(planner.service.replan(line, at_time=0.1, goal=start + 0.1))
+    own, other = replanned
+    assert bits(own.result) == bits(other.result)
+    assert other.request.velocity_scale == own.request.velocity_scale == 0.2
+    assert other.request.acceleration_scale == 0.3
+
+
 def test_a_motion_that_the_server_has_not_made_is_not_replanned(here: Planner, there: Planner) -> None:
     with pytest.raises(InvalidRequest, match="a motion that this server has not made"):
         there.service.replan(here.service.plan(asked()), at_time=0.1)
@@ -418,7 +430,9 @@ def test_an_explanation_is_the_librarys(here: Planner, there: Planner) -> None:
     assert str(own) == str(other)
     assert own.remedies
     assert [bits(remedy.result) for remedy in own.remedies] == [bits(remedy.result) for remedy in other.remedies]
-    assert [remedy.scene.hash for remedy in own.remedies] == [remedy.scene.hash for remedy in other.remedies]
+    assert [remedy.scene for remedy in own.remedies] == [remedy.scene for remedy in other.remedies]
+    for remedy in other.remedies:
+        recertify(remedy.result, here.service.with_scene(remedy.scene)).required()
 
 
 def test_an_explanation_has_the_librarys_proof_or_way(tmp_path: Path) -> None:
@@ -498,6 +512,10 @@ def test_a_plan_of_a_server_is_saved_and_proven_as_any_other(here: Planner, ther
     recertify(result, here.service).required()
     result.save(tmp_path / "plan.json")
     assert bits(load_plan(tmp_path / "plan.json").result) == bits(result)
+    for segment in taken(there).segments:
+        segment.result.save(tmp_path / "motion.json")
+        world = present(segment.result.origin).world
+        assert load_plan(tmp_path / "motion.json").begin.robot.gripper_width == world.robot.gripper_width
 
 
 def test_a_world_of_another_robot_is_refused(there: Planner) -> None:

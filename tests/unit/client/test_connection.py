@@ -9,11 +9,14 @@ from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+import numpy as np
 import pytest
 
-from planner_service import CancelToken, InvalidFile, InvalidRequest
-from planner_service.client import ServerRefused, ServerUnavailable
+from planner_service import CancelToken, InvalidFile, InvalidRequest, Obstacle, Scene, Sphere
+from planner_service.client import ServerRefused, ServerUnavailable, StaleVersion
 from planner_service.client.connection import Connection
+from planner_service.client.scenes import ScenesOnServer
+from planner_service.records.scene import SceneRecord
 
 ACCEPTED = 202, {"Location": "/plans/7"}, b"{}"
 ANSWER = 200, {"Content-Location": "/plans/7"}, b'{"answer": 42}'
@@ -118,6 +121,24 @@ def test_an_answer_that_takes_longer_is_waited_for(script: Script) -> None:
     assert [(method, path) for method, path, _ in script.asked] == [("POST", "/plans"), *[("GET", "/plans/7")] * 3]
 
 
+@pytest.mark.parametrize("status", [500, 502, 503, 504])
+def test_a_server_that_ends_or_is_gone_behind_a_proxy_is_asked_again(script: Script, status: int) -> None:
+    script.answers = [(status, {"Content-Type": "text/plain"}, b"Internal Server Error"), ANSWER]
+    assert connection(script).work("plans", {}).job == "7"
+
+
+def test_a_scene_that_was_stored_though_the_answer_was_lost_is_stored(script: Script) -> None:
+    stored = {**SceneRecord.of(Scene(name="cell")).document(), "version": 4}
+    changed = 412, PROBLEM, problem("changed")
+    for before, version in ((3, 4), (0, 4)):
+        script.answers = [LOST, changed, (200, {}, json.dumps(stored).encode())]
+        assert ScenesOnServer(connection(script)).put("cell", Scene(), before=before) == version
+    for before, scene in ((2, Scene()), (3, Scene((Obstacle("ball", Sphere(0.1)),)))):
+        script.answers = [LOST, changed, (200, {}, json.dumps(stored).encode())]
+        with pytest.raises(StaleVersion):
+            ScenesOnServer(connection(script)).put("cell", scene, before=before)
+
+
 @pytest.mark.parametrize(("status", "kind"), [(429, "queue-full"), (503, "unavailable")])
 def test_a_server_without_room_is_asked_again(script: Script, status: int, kind: str) -> None:
     script.answers = [(status, PROBLEM, problem(kind)), ANSWER]
@@ -199,6 +220,12 @@ def test_an_interrupted_request_is_withdrawn(script: Script, monkeypatch: pytest
 def test_an_address_of_no_server_is_refused(url: Any) -> None:
     with pytest.raises(InvalidRequest, match="url"):
         Connection(url, None, 0.0)
+
+
+def test_numbers_of_numpy_are_numbers(script: Script) -> None:
+    connection(script).work("plans", {"a": np.float32(0.5), "b": np.array([1, 2]), "c": np.bool_(True)})
+    with pytest.raises(InvalidRequest, match="request"):
+        connection(script).work("plans", {"a": object()})
 
 
 def test_numbers_that_json_does_not_have_are_refused_here(script: Script) -> None:
