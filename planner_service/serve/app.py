@@ -13,6 +13,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from planner_service import __version__
@@ -213,7 +214,7 @@ async def _response(server: PlanningServer, request: Request, job: str, seconds:
     else:
         try:
             answer = await _awaited(pending, request, seconds)
-        except asyncio.CancelledError:
+        except (asyncio.CancelledError, ClientDisconnect):
             if cancel:
                 server.cancel(job)
             raise
@@ -236,7 +237,7 @@ async def _awaited(
     """The answer if it is there within so many seconds.
 
     Raises:
-        CancelledError: The client has closed its connection; so it is said, too, where another server is in front.
+        CancelledError, ClientDisconnect: The client has closed its connection.
     """
     if not seconds:
         return pending.result() if pending.done() else None
@@ -244,7 +245,7 @@ async def _awaited(
     try:
         await asyncio.wait((pending, closed), timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
         if not pending.done() and closed.done():
-            raise asyncio.CancelledError
+            raise ClientDisconnect
         return pending.result() if pending.done() else None
     finally:
         closed.cancel()

@@ -31,6 +31,7 @@ from planner_service.files.schema import (
 )
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.optimize import Optimise
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.records.request import (
     MAX_GOALS,
@@ -179,6 +180,14 @@ class PlannerBody(PlannerRecord):
     """A planner: its name, and those of its settings that are not as usual."""
 
     settings: dict[str, JsonValue] = Field(default_factory=dict)
+
+    @cached_property
+    def value(self) -> Any:
+        settings = dict(self.settings)
+        if self.name == Optimise.name:
+            method = settings.get("method", {"name": Optimise().method.name})
+            settings["method"] = {"settings": {}, **method} if isinstance(method, dict) else method
+        return PlannerRecord.model_construct(name=self.name, settings=settings).value
 
 
 class TimingBody(TimingRecord):

@@ -114,7 +114,20 @@ def serve(
         )
         shown = f"[{host}]" if ":" in host else host
         started(f"http://{shown}:{port}")
-        uvicorn.Server(config).run([listener])
+        _Uvicorn(config, server).run([listener])
+
+
+class _Uvicorn(uvicorn.Server):
+    """Lets clients go that wait for answers before it waits for their connections to close."""
+
+    def __init__(self, config: uvicorn.Config, server: PlanningServer) -> None:
+        super().__init__(config)
+        self._planning = server
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the server."""
+        self._planning.leave()
+        await super().shutdown(sockets)
 
 
 def _listening(host: str, port: int) -> socket.socket:

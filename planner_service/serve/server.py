@@ -151,13 +151,17 @@ class PlanningServer:
         for job in await asyncio.to_thread(self._store.unfinished):
             await asyncio.to_thread(self._restart, job)
 
-    async def stop(self) -> None:
-        """End the workers; what they have not answered is carried out after the next start."""
+    def leave(self) -> None:
+        """Accept nothing more, and let clients go that wait."""
         self._stopping = True
         for live in list(self._live.values()):
             live.news.set()
             if not live.done.done():
                 live.done.set_result(None)
+
+    async def stop(self) -> None:
+        """End the workers; what they have not answered is carried out after the next start."""
+        self.leave()
         try:
             await asyncio.to_thread(self._dispatcher.stop)
             await asyncio.to_thread(self._store.close)
@@ -406,8 +410,8 @@ class PlanningServer:
         return {"id": job, "kind": found.kind, "state": state, "position": position, "links": links}
 
     def cancel(self, job: str) -> bool:
-        """End a job; False if it has ended, or there is none."""
-        return self._dispatcher.cancel(job)
+        """End a job; False if it has ended, there is none, or the server stops: then it is carried out later."""
+        return not self._stopping and self._dispatcher.cancel(job)
 
     async def remove(self, job: str) -> None:
         """Delete a job that has ended."""

@@ -37,7 +37,9 @@ from planner_service.records.result import CertificateRecord, CountsRecord, Path
 from planner_service.records.scene import PlanReading, SceneRecord
 from planner_service.replanning.result import Outcome, Replanned
 from planner_service.roadmap import Roadmap, RoadmapReference
+from planner_service.robot.model import Robot
 from planner_service.serve import bodies
+from planner_service.serve.bodies import PaceBody
 from planner_service.serve.problems import Problem, problem_of
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
@@ -246,9 +248,7 @@ class ServerWork:
         named = tuple((name, source.hash) for name, source in item.sources.items() if name != "roadmap")
         key = (named, width)  # a task is the world that it begins in, or the one after it
         if key not in self._services:
-            world = _world(item, self.world)
-            service = PlannerService.of(world)
-            self._services[key] = service if width is None else service.changed(gripper=width)
+            self._services[key] = PlannerService.of(_world(item, self.world))
             if len(self._services) > MAX_SERVICES:
                 self._services.popitem(last=False)
         self._services.move_to_end(key)
@@ -300,19 +300,33 @@ class _Call:
 
 
 def _world(item: Assignment, world: World) -> World:
-    """The world that a request is about: a stored scene, the world after a finished task, or the world of a plan."""
+    """The world that a request is about: a stored scene, the world after a finished task, or the world of a plan.
+
+    Raises:
+        InvalidRequest: A task or a plan was made with another robot, or by a server of an earlier start.
+    """
+    robot = world.robot
     if "after" in item.sources:
         saved = plan_or_task("after", item.sources["after"].data)
         world = saved.begin
         for segment in _finished(saved).segments:
             world = segment.world_after(world)
-        return world
-    if "plan" in item.sources:
+        _require_same(robot, world.robot, "scene.after")
+    elif "plan" in item.sources:
         world = plan_or_task("plan", item.sources["plan"].data).begin
-    if "scene" not in item.sources:
-        return world
-    document = parse_json(Path("scene"), item.sources["scene"].data)
-    return replace(world, scene=read_record(SceneRecord, document, Path("scene"), PlanReading()).value)
+        _require_same(robot, world.robot, "plan")
+    if "scene" in item.sources:
+        document = parse_json(Path("scene"), item.sources["scene"].data)
+        world = replace(world, scene=read_record(SceneRecord, document, Path("scene"), PlanReading()).value)
+    width = getattr(item.body, "gripper_width", None)
+    return world if width is None else replace(world, robot=world.robot.with_gripper(width))
+
+
+def _require_same(robot: Robot, other: Robot, field_name: str) -> None:
+    """Refuse a robot that differs in more than how its gripper stands."""
+    fingers = robot.gripper is not None and other.gripper is not None
+    if (robot.with_gripper(other.gripper_width) if fingers else robot).hash != other.hash:
+        raise InvalidRequest(field_name, other.name, f"one made with this server's robot, {robot.name}")
 
 
 def _finished(saved: SavedPlan | SavedTask) -> SavedTask:
@@ -427,7 +441,8 @@ def _move_linear(call: _Call, body: bodies.MoveLinearBody) -> Answer:
     for name in ("deadline", "scene", "gripper_width"):
         del given[name]
     result = move_linear(call.service, given.pop("start"), given.pop("goal"), cancel=call.cancel, **given)
-    return call.planned(result, {} if result.fraction is None else {"fraction": result.fraction})
+    sections = {} if result.fraction is None else {"fraction": result.fraction}
+    return call.planned(result, sections if body.pace is None else {**sections, "pace": body.pace.document()})
 
 
 def _replan(call: _Call, body: bodies.ReplanBody) -> Answer:
@@ -454,7 +469,9 @@ def _stop(stop: Trajectory) -> dict[str, Any]:
 
 def _previous(saved: SavedPlan) -> PlanResult | Replanned:
     """The motion that a plan file of this server holds."""
-    result = replace(saved.result, origin=Origin(saved.begin, saved.request))
+    pace = read_record(PaceBody, saved.sections.get("pace", {}), Path("pace"), PlanReading()).value
+    origin = Origin(saved.begin, saved.request, pace if saved.request is None else None)
+    result = replace(saved.result, origin=origin)
     section = saved.sections.get("replanned")
     if not isinstance(section, dict) or saved.request is None:
         return result

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.slow
 
 GOAL = [0.9, 1.0, 1.0, 0.0, 0.0, 0.0]
 PLAN = {"scene": "bin", "request": {"start": "home", "goals": [{"joints": GOAL}], "seed": 3}}
-LONG = {"scene": "bin", "planner": {"name": "prm", "settings": {"milestones": 100_000}}}
+LONG = {"scene": "bin", "planner": {"name": "prm", "settings": {"milestones": 100_000, "max_checks": 10**9}}}
 """Takes minutes."""
 
 WORKERS, QUEUE = 1, 3
@@ -305,7 +306,22 @@ def test_a_closed_connection_cancels_what_has_no_key(server: Server) -> None:
     server.end(jobs["with"])
 
 
-# What is lost.
+# What is lost, or comes later.
+
+
+def test_a_server_that_stops_lets_waiting_clients_go_and_answers_after_its_next_start(tmp_path: Path) -> None:
+    with serving(tmp_path) as server, ThreadPoolExecutor(1) as thread:
+        running = server.begun("roadmaps", LONG)
+        waiting = thread.submit(server.post, "plans", PLAN)
+        while len(server.client.get("/plans").json()["plans"]) < 2:
+            time.sleep(0.01)
+        server.process.terminate()
+        response = waiting.result(30.0)
+        assert server.process.wait(30.0) in (0, -signal.SIGTERM)
+    assert response.status_code == 202
+    with serving(tmp_path) as server:
+        server.end(running)
+        assert server.answer(response.json()["id"]).json()["result"]["failure"] is None
 
 
 def test_a_killed_worker_costs_its_request_one_retry(server: Server) -> None:

@@ -7,11 +7,15 @@ from typing import Any
 
 import pytest
 
+from planner_service.optimize import Chomp, Optimise
+from planner_service.planning.request import PlanRequest
 from planner_service.planning.world import World
+from planner_service.records.plan_file import SavedPlan, plan_or_task
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Scene
-from planner_service.serve.bodies import PlanBody, read_body
-from planner_service.serve.work import Assignment, Following, ServerWork
+from planner_service.serve.bodies import BODIES, PlanBody, read_body
+from planner_service.serve.work import Assignment, Ending, Following, ServerWork, Source, unrun
+from planner_service.service import PlannerService
 
 BODY = json.dumps({"scene": "bin", "request": {"start": "home", "goals": [{"joints": "home"}]}}).encode()
 
@@ -30,3 +34,36 @@ def test_stages_are_sent_as_they_end_if_a_client_follows_and_else_with_the_answe
     assert sent == (list(answer.stages) if followed else [])
     assert answer.told == len(sent)
     assert other.told == 0
+
+
+def test_what_was_made_with_another_robot_is_refused() -> None:
+    other = PlannerService("planar2", "discs")
+    file = SavedPlan.of(other.plan(PlanRequest(other.robot.home, other.robot.home))).file_text().encode()
+    work = ServerWork(World(load_robot("wxai"), Scene()))
+    work.connect([].append)
+    for body, field in ((b'{"plan": "one", "at_time": 0.0}', "replan"), (b'{"plan": "one"}', "certify")):
+        item = Assignment("two", field, read_body(BODIES[field], body, work.world.robot), {"plan": Source("0", file)})
+        answer = work(item)
+        assert answer.refused
+        assert json.loads(answer.content)["detail"].startswith("plan: got 'planar2'; expected one made with")
+
+
+def test_a_plan_that_was_not_begun_says_how_the_gripper_stood() -> None:
+    world = World(load_robot("wxai"), Scene())
+    body = read_body(PlanBody, BODY.replace(b'"scene"', b'"gripper_width": 0.02, "scene"', 1), world.robot)
+    answer = unrun(Assignment("one", "plans", body), world, Ending.DEADLINE)
+    assert plan_or_task("plan", answer.content).robot.gripper_width == 0.02
+
+
+@pytest.mark.parametrize(
+    ("given", "planner"),
+    [
+        ({}, Optimise()),
+        ({"settings": {"clearance": 0.02}}, Optimise(clearance=0.02)),
+        ({"settings": {"method": {"name": "chomp"}}}, Optimise(method=Chomp())),
+    ],
+)
+def test_a_planner_is_asked_for_by_what_is_not_as_usual(given: dict[str, Any], planner: Optimise) -> None:
+    request = {"start": "home", "goals": [{"joints": "home"}], "planner": {"name": "optimise", **given}}
+    body: Any = read_body(PlanBody, json.dumps({"scene": "bin", "request": request}).encode(), load_robot("wxai"))
+    assert body.request.value.planner == planner
