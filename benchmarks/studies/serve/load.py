@@ -153,7 +153,8 @@ def _tables(rows: Sequence[Row], engine: Row, single: Row) -> tuple[Any, ...]:
     before, after = engine["rates"]
     caption = (
         f"{WORKERS} workers, {SECONDS} s of locust, which uses the same cores; errors: another status than 200, or "
-        f"other bits than the library's. {engine['way']}: {before:.1f} pick-and-places a second before, {after:.1f} after"
+        "other bits than the library's. Pick-and-places a second by "
+        f"{engine['way']}: {before:.1f} before, {after:.1f} after."
     )
     calls = [{"": f"{name}, ms", "p50": f"{single[name]:.2f}"} for name in ("library", "http", "Remote")]
     above = "The library's call, and what a bare connection and Remote add to it, by turns."
