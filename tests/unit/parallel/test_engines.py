@@ -15,12 +15,14 @@ from typing import Any
 
 import pytest
 
+from planner_service import PRM, PlannerService
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Sequential
 from planner_service.parallel.engine import LOOK_AHEAD
 from planner_service.parallel.pool import Answered, Backend, Event, Noted
 from tests.support.optional import present
 from tests.support.parallel_work import Echo, Faulty, Stillborn, Talkative
+from tests.unit.planning.test_batch import equal
 
 ROOT = Path(__file__).parents[3]
 
@@ -208,6 +210,13 @@ def test_what_cannot_be_sent_is_named() -> None:
     answers = Processes(1).run(Echo(), [lambda: 0])
     with pytest.raises(InvalidRequest, match=r"^item: .*lambda.* cannot be sent to a worker"):
         next(answers)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+def test_plans_on_ray_are_those_of_one_by_one(cluster: Any) -> None:
+    service = PlannerService("wxai", "post")
+    assert equal(service, service.build_roadmap(PRM(milestones=60), progress=False), Ray())
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from planner_service import (
     Roadmap,
     SCurve,
 )
-from planner_service.parallel import Answers, Engine, Limit, Lost, Processes, Ray, Sequential
+from planner_service.parallel import Answers, Engine, Limit, Lost, Processes, Sequential
 from planner_service.planning import Interrupted
 from planner_service.planning.batch import GRACE
 from planner_service.records.result import result_record
@@ -122,12 +122,6 @@ def equal(service: PlannerService, roadmap: Roadmap, engine: Engine | None) -> b
 @pytest.mark.parametrize("engine", [Sequential(), Processes(2)])
 def test_plans_are_those_of_one_by_one(service: PlannerService, roadmap: Roadmap, engine: Engine) -> None:
     assert equal(service, roadmap, engine)
-
-
-@pytest.mark.slow
-@pytest.mark.ray
-def test_plans_on_ray_are_those_of_one_by_one(service: PlannerService, roadmap: Roadmap) -> None:
-    assert equal(service, roadmap, Ray(workers=2))
 
 
 def test_every_core_is_the_default(service: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
