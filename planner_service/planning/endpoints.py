@@ -256,8 +256,8 @@ def _nearest_turns(robot: Robot, Q: FloatArray, begin: FloatArray) -> list[Float
     """Configurations (m, n), each once, continuous joints moved by whole turns to the nearest places to ``begin``."""
     out: list[FloatArray] = []
     for q in Q:
-        turns = np.where(robot.continuous, np.round((begin - q) / TURN), 0.0)
-        near = q + TURN * turns
+        turns = robot.nearest_turns(q[None], begin)
+        near = q + turns
         near = np.where((turns != 0.0) & (np.abs(near - begin) <= SAME_TURN), begin, near)
         if all(_farthest(near, other) > SAME_TURN for other in out):
             out.append(read_only(near))

@@ -29,7 +29,7 @@ from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest, kept_in
-from planner_service.planning.result import PlanResult
+from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.torque import torques_of
 from planner_service.planning.world import World
 from planner_service.records.exemptions import ruled
@@ -341,7 +341,7 @@ def _segments(plan: Plan, world: World) -> Sequence[Segment]:
 def _requests(plan: Plan, segments: Sequence[Segment]) -> list[PlanRequest | None]:
     """What was asked of each motion, as far as that is known."""
     request = None if isinstance(plan, PlanResult) else plan.request
-    origins = [segment.result.origin for segment in segments]
+    origins = [_asking(segment) for segment in segments]
     return [request if origin is None else origin.request for origin in origins]
 
 
@@ -352,10 +352,16 @@ def _paces(plan: Plan, segments: Sequence[Segment]) -> list[Pace | None]:
 
 
 def _pace(segment: Segment, request: PlanRequest | None) -> Pace | None:
-    origin = segment.result.origin
-    if origin is not None and (origin.pace is not None or origin.request is not None):
+    origin = _asking(segment)
+    if origin is not None:
         return origin.pace if origin.request is None else Pace.of(origin.request)
     return None if request is None else Pace.of(request, segment.timing)
+
+
+def _asking(segment: Segment) -> Origin | None:
+    """The origin of a motion if it says what was asked for; those of a served task only say where they were made."""
+    origin = segment.result.origin
+    return None if origin is None or origin.request is origin.pace is None else origin
 
 
 def _constraints(motion: TaskMotion, request: PlanRequest | None) -> tuple[Constraint, ...]:

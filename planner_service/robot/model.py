@@ -263,7 +263,7 @@ class Robot:
 
     def around(self, q: ArrayLike) -> Robot:
         """This robot with the limits of its continuous joints moved by whole turns, q (n,) within half a turn of their
-        middles.
+        middles, as far as the bounds go.
 
         It is the same robot, with the same hash, planned for in another window. Without continuous joints, or where q
         is no configuration of it, this robot itself.
@@ -274,6 +274,29 @@ class Robot:
             return self
         turns = np.where(self.continuous or False, np.round((values - self._middle) / TURN), 0.0)
         return _turned(self, tuple(turns.tolist())) if turns.any() else self
+
+    def nearest_turns(self, waypoints: FloatArray, q: FloatArray) -> FloatArray:
+        """Whole turns, in radians, by which continuous joints bring the end of a curve as near to q as the bounds let
+        all of it go.
+
+        Args:
+            waypoints: Of the curve, shape (m, n).
+            q: Shape (n,).
+
+        Returns:
+            Shape (n,); zero for joints that are not continuous.
+        """
+        lower, upper = self.bounds
+        least = np.ceil((lower - waypoints.min(axis=0)) / TURN)
+        most = np.floor((upper - waypoints.max(axis=0)) / TURN)
+        turns = np.clip(np.round((q - waypoints[-1]) / TURN), least, most)
+        return TURN * np.where(self.continuous or False, turns, 0.0)
+
+    def unwound(self, q: FloatArray) -> FloatArray:
+        """A configuration (n,) within the bounds, its continuous joints moved by whole turns to within half a turn of
+        the middles of their limits."""
+        unwound: FloatArray = q + self.nearest_turns(q[None], self._middle)
+        return unwound
 
     @cached_property
     def _middle(self) -> FloatArray:
@@ -518,8 +541,9 @@ class Robot:
 @lru_cache(maxsize=32)
 def _turned(robot: Robot, turns: tuple[float, ...]) -> Robot:
     """See ``Robot.around``."""
-    shift, limits = TURN * np.array(turns), robot.limits
-    moved = replace(robot, limits=replace(limits, lower=limits.lower + shift, upper=limits.upper + shift))
+    shift, limits, (lower, upper) = TURN * np.array(turns), robot.limits, robot.bounds
+    lower, upper = np.maximum(limits.lower + shift, lower), np.minimum(limits.upper + shift, upper)
+    moved = replace(robot, limits=replace(limits, lower=lower, upper=upper))
     object.__setattr__(moved, "hash", robot.hash)
     return moved
 

@@ -33,7 +33,7 @@ from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.gripper import Gripper
-from planner_service.robot.model import TURN, Robot
+from planner_service.robot.model import Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
@@ -260,7 +260,7 @@ class _Task:
         self._start = joint_vector("q", q, service.robot)
         limits = service.robot.around(self._start).limits
         self._standing = np.clip(self._start, limits.lower, limits.upper)
-        self._still = self._standing - (limits.lower - service.robot.limits.lower)  # but for whole turns
+        self._still = service.robot.unwound(self._standing)
         self._handling = handling
         self._template = replace(
             handling.request or PlanRequest(self._start, self._start), start=self._start, goal=self._start
@@ -467,8 +467,8 @@ class _NoMotion(Exception):
 
 def _turned(robot: Robot, outward: FloatArray, q: FloatArray) -> FloatArray:
     """A line with continuous joints moved by whole turns, its end as near to q as that goes; itself if it is."""
-    turns = np.where(robot.continuous or False, np.round((q - outward[-1]) / TURN), 0.0)
-    return outward + TURN * turns if turns.any() else outward
+    turns = robot.nearest_turns(outward, q)
+    return outward + turns if turns.any() else outward
 
 
 def _end(result: PlanResult) -> FloatArray:

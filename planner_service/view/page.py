@@ -319,9 +319,7 @@ class Page:
             self.pose(self.state.service.robot.pose(name))
 
     def _move_sliders(self) -> None:
-        robot, q = self.state.service.robot, self.state.q
-        turned = robot.around(q).limits.lower - robot.limits.lower  # by whole turns, where a joint turns without end
-        for joint, value in zip(self._joints, (q - turned).tolist(), strict=True):
+        for joint, value in zip(self._joints, self.state.service.robot.unwound(self.state.q).tolist(), strict=True):
             joint.value = min(max(round(value / STEP) * STEP, joint.min), joint.max)
 
     def scrub(self, seconds: float) -> None:

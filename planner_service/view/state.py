@@ -149,7 +149,7 @@ class ViewState:
 
     def aimed(self, pose: Pose) -> ViewState:
         """The next plan ends with the tool at a pose, or as near as the search from the last goal comes to it."""
-        goal, arrived = closest_configuration(self.service.robot, pose, self.goal)
+        goal, arrived = closest_configuration(self.service.robot.around(self.goal), pose, self.goal)
         return replace(self, goal=goal, aim=Aim(pose, reached=arrived))
 
     def released(self) -> ViewState:

@@ -181,6 +181,15 @@ def test_no_way_round_leaves_the_thousand_radians(pendulum: Robot) -> None:
         assert service.explain(PlanRequest([start, 0.0], [goal, 0.0])).result.ok
 
 
+@pytest.mark.parametrize("at", [998.0, 999.9, -999.9])
+def test_a_pose_goal_near_the_thousand_radians_is_reached_within_them(endless_base: PlannerService, at: float) -> None:
+    robot = endless_base.robot
+    beyond = robot.home + 2.0 * np.sign(at) * np.eye(6)[0]  # which the shortest way round would go to
+    aside = Pose.from_matrix(robot.tool_pose(beyond))
+    path, _ = endless_base.plan(PlanRequest(robot.home + at * np.eye(6)[0], aside)).unwrap()
+    assert np.abs(path.waypoints[:, 0]).max() <= MAX_TURNED
+
+
 @pytest.fixture(scope="module")
 def endless_base(tmp_path_factory: pytest.TempPathFactory) -> PlannerService:
     """The WidowX AI on a base that turns without end, before the bin."""
@@ -197,7 +206,7 @@ def endless_base(tmp_path_factory: pytest.TempPathFactory) -> PlannerService:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turned", [0.0, 1.15, 20.0])
+@pytest.mark.parametrize("turned", [0.0, 1.15, 20.0, -999.9])
 def test_the_motions_of_a_task_follow_one_another_wherever_the_robot_is(
     endless_base: PlannerService, turned: float
 ) -> None:
@@ -223,3 +232,10 @@ def test_the_page_and_curves_show_a_robot_where_it_is_after_some_turns(pendulum:
         Certifier(pendulum.around(clip.trajectory(0.0)), service.scene).clearances(clip.trajectory(instants))
     )
     assert np.abs(playback.samples.position).max() <= 1.0
+
+
+def test_a_goal_is_dragged_from_where_it_is_after_some_turns(endless_base: PlannerService) -> None:
+    goal = endless_base.robot.home + 3.0 * TURN * np.eye(6)[0]
+    pose = Pose.from_matrix(endless_base.robot.tool_pose(goal + 0.1))
+    dragged = ViewState.of(endless_base).posed(goal).with_goal().aimed(pose)
+    assert dragged.goal == pytest.approx(goal + 0.1, abs=1e-3)

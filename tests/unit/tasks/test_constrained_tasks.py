@@ -213,6 +213,18 @@ def test_all_motions_of_a_pick_keep_the_constraints_of_its_request() -> None:
     assert present(refused.failure).reason is Reason.START_VIOLATES_CONSTRAINT
 
 
+def test_a_task_of_another_process_that_ignores_what_its_request_asks_for_is_refused() -> None:
+    home = service().robot.home
+    task = pick(service(), home, "blue_block", top_grasps(service().robot, service().scene.obstacle("blue_block")))
+    asked = PlanRequest(home, home, constraints=[KeepUpright((-1, 0, 0), 0.05)])
+    served = [
+        replace(s, result=replace(s.result, origin=replace(present(s.result.origin), request=None, pace=None)))
+        for s in task.segments
+    ]
+    found = recertify(replace(task, segments=tuple(served), request=asked), service())
+    assert any("to pregrasp: upright is not proven kept" in problem for problem in found.problems)
+
+
 @pytest.mark.parametrize("bad", [0.0, -0.1, math.nan, 4.0, "0.1"])
 def test_a_lean_that_is_none_is_refused(bad: float) -> None:
     with pytest.raises(InvalidRequest, match="upright"):
