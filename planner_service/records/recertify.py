@@ -361,7 +361,7 @@ def _pace(segment: Segment, request: PlanRequest | None) -> Pace | None:
 def _asking(segment: Segment) -> Origin | None:
     """The origin of a motion if it says what was asked for; those of a served task only say where they were made."""
     origin = segment.result.origin
-    return None if origin is None or origin.request is origin.pace is None else origin
+    return origin if origin is not None and (origin.request is not None or origin.pace is not None) else None
 
 
 def _constraints(motion: TaskMotion, request: PlanRequest | None) -> tuple[Constraint, ...]:

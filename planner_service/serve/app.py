@@ -31,6 +31,9 @@ JSON = "application/json"
 MAX_WAIT = 60
 """Seconds for which a response is held back until there is an answer."""
 
+MAX_ENDING = 1.0
+"""Seconds for which the end of a request is waited for that cannot be cancelled any more."""
+
 PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,;])", re.IGNORECASE)
 ETAG = re.compile(r'"([1-9]\d{0,14})"')
 KEY = re.compile(r"[\x21-\x7e]{1,255}")
@@ -337,6 +340,11 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
         await server.require_job(plan)
         if server.cancel(plan):
             return Response(json.dumps(await server.state(plan)), 202, {"Location": f"/plans/{plan}"}, JSON)
+        ending = server.pending(plan)
+        if ending is not None:
+            await asyncio.wait((ending,), timeout=MAX_ENDING)
+            if server.pending(plan) is not None:  # the disk is full, or the server stops
+                raise Refused("unavailable", "its answer is not kept yet", headers={"Retry-After": "5"})
         if finished == "remove":
             await server.remove(plan)
         return Response(status_code=204)

@@ -15,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -106,6 +107,15 @@ class _Live:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
 
+@dataclass(frozen=True, eq=False)
+class _Ended:
+    """What a job has come to."""
+
+    live: _Live
+    state: State
+    answer: Answer
+
+
 class PlanningServer:
     """A server for one robot.
 
@@ -136,7 +146,9 @@ class PlanningServer:
         self._live: dict[str, _Live] = {}
         self._seconds: deque[float] = deque(maxlen=RECENT)
         self._arriving = self._followers = 0
-        self._stopping = False
+        self._leaving = threading.Event()
+        self._unkept: dict[str, _Ended] = {}
+        self._keeper = threading.Thread(target=self._keep_again, name="answers to keep", daemon=True)
         self._pages: deque[OpenPage] = deque()
         self._scene_content = lru_cache(SCENES_AT_HAND)(store.content)
         for scene in scenes:
@@ -147,13 +159,14 @@ class PlanningServer:
     async def start(self) -> None:
         """Start the workers, and what was accepted before."""
         self._loop = asyncio.get_running_loop()
+        self._keeper.start()
         await asyncio.to_thread(self._dispatcher.start)
         for job in await asyncio.to_thread(self._store.unfinished):
             await asyncio.to_thread(self._restart, job)
 
     def leave(self) -> None:
         """Accept nothing more, and let clients go that wait."""
-        self._stopping = True
+        self._leaving.set()
         for live in list(self._live.values()):
             live.news.set()
             if not live.done.done():
@@ -164,6 +177,7 @@ class PlanningServer:
         self.leave()
         try:
             await asyncio.to_thread(self._dispatcher.stop)
+            await asyncio.to_thread(self._keeper.join)
             await asyncio.to_thread(self._store.close)
         finally:
             for page in self._pages:
@@ -202,6 +216,10 @@ class PlanningServer:
         return live
 
     @property
+    def _stopping(self) -> bool:
+        return self._leaving.is_set()
+
+    @property
     def ready(self) -> bool:
         """Whether it can plan."""
         return self._dispatcher.ready and not self._stopping and self._store.usable
@@ -216,7 +234,7 @@ class PlanningServer:
         """
         if self._stopping:
             raise Refused("unavailable", "the server is stopping", headers={"Retry-After": "5"})
-        waiting = self._dispatcher.waiting + self._arriving
+        waiting = self._dispatcher.waiting + self._arriving + len(self._unkept)
         if waiting >= self._capacity and not (key is not None and self._store.knows(key)):
             self.metrics.refused.inc()
             raise Refused(
@@ -313,24 +331,36 @@ class PlanningServer:
         self._end(live, task.assignment, outcome)
 
     def _end(self, live: _Live, assignment: Assignment, outcome: Answer | Ending | Raised) -> None:
-        """Keep what a job has come to, which is tried until it is kept; only then is it told."""
-        job = live.job
+        """Keep what a job has come to, and tell it then; what cannot be kept now is tried again until it is."""
         try:
-            try:
-                state, answer = self._outcome(assignment, outcome)
-                self._keep(job, state, answer)
-            except InvalidRequest as error:  # it is too large, there are too many roadmaps, or the disk is full
-                logger.error("the answer to %s cannot be kept: %s", job.id, error)
-                state, answer = State.REFUSED, _refusal(error)
-                self._keep(job, state, answer)
-        except StateUnusable:  # not even that
-            if not self._stopping:
-                again = threading.Timer(KEEP_PAUSE, self._end, (live, assignment, outcome))
-                again.daemon = True
-                again.start()
-            return
-        self.metrics.ended(job.kind, time.monotonic() - live.began, answer)
-        self._say(live, "state", {"state": _shown(state)}, StoredAnswer(answer.content, answer.refused))
+            ended = _Ended(live, *self._outcome(assignment, outcome))
+        except InvalidRequest as error:  # what the job reads is damaged
+            ended = _Ended(live, State.REFUSED, _refusal(error))
+        try:
+            self._keep_and_tell(ended)
+        except StateUnusable as error:
+            logger.error("the answer to %s waits to be kept: %s", live.job.id, error)
+            self._unkept[live.job.id] = ended
+
+    def _keep_again(self) -> None:
+        while not self._leaving.wait(KEEP_PAUSE):
+            for job, ended in list(self._unkept.items()):
+                with suppress(StateUnusable):
+                    self._keep_and_tell(ended)
+                    del self._unkept[job]
+
+    def _keep_and_tell(self, ended: _Ended) -> None:
+        job, state, answer = ended.live.job, ended.state, ended.answer
+        try:
+            self._keep(job, state, answer)
+        except StateUnusable:
+            raise
+        except InvalidRequest as error:  # it is too large, or there are too many roadmaps
+            logger.error("the answer to %s cannot be kept: %s", job.id, error)
+            state, answer = State.REFUSED, _not_kept(error)
+            self._keep(job, state, answer)
+        self.metrics.ended(job.kind, time.monotonic() - ended.live.began, answer)
+        self._say(ended.live, "state", {"state": _shown(state)}, StoredAnswer(answer.content, answer.refused))
 
     def _keep(self, job: Job, state: State, answer: Answer) -> None:
         if answer.roadmap is not None:
@@ -582,11 +612,13 @@ MAX_STARTS = 2
 
 
 def _refusal(error: InvalidRequest) -> Answer:
-    """The answer to a request whose content, or whose answer, the store cannot give or keep."""
-    problem = problem_of(error)
-    if isinstance(error, StateUnusable):
-        problem = Problem("not-kept", problem.detail)
-    return Answer(problem.content, False, "NOT_KEPT", refused=True)
+    """The answer to a request that the store no longer has all contents of."""
+    return Answer(problem_of(error).content, False, "DAMAGED", refused=True)
+
+
+def _not_kept(error: InvalidRequest) -> Answer:
+    """What is kept instead of an answer that cannot be."""
+    return Answer(Problem("not-kept", problem_of(error).detail).content, False, "NOT_KEPT", refused=True)
 
 
 def _planners(body: Any) -> list[Any]:

@@ -5,20 +5,28 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+import httpx
 import pytest
 
 from planner_service import PlannerService
 from planner_service.parallel.pool import Answered, Event
+from planner_service.planning.world import World
+from planner_service.serve import app as apps
 from planner_service.serve import server as servers
+from planner_service.serve.app import create_app
+from planner_service.serve.problems import Refused
 from planner_service.serve.server import PlanningServer, StoredAnswer
+from planner_service.serve.state import content_files
 from planner_service.serve.state.content_files import StateUnusable
 from planner_service.serve.state.store import State, Store
 from planner_service.serve.work import Answer
+from tests.support.optional import present
 
 BODY = b'{"scene": "cell", "planner": {"name": "prm"}}'
 
@@ -27,26 +35,26 @@ class Disk(Store):
     """A store on a disk that may be full.
 
     Attributes:
-        full: While it is, nothing can be written.
-        refused: Set once something could not be.
+        room: Bytes of the longest answer for which there is room; None if nothing can be written.
+        refused: How often something could not be.
     """
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self.full = False
-        self.refused = threading.Event()
+        self.room: int | None = 10**9
+        self.refused = 0
 
     def start(self, job: str) -> int | None:
-        self._require_room()
+        self._require(0)
         return super().start(job)
 
     def end(self, job: str, state: State, answer: bytes | None = None, **about: Any) -> bool:
-        self._require_room()
+        self._require(len(answer or b""))
         return super().end(job, state, answer, **about)
 
-    def _require_room(self) -> None:
-        if self.full:
-            self.refused.set()
+    def _require(self, room: int) -> None:
+        if self.room is None or room > self.room:
+            self.refused += 1
             raise StateUnusable("index.db", ["cannot be written: database or disk is full"])
 
 
@@ -64,7 +72,7 @@ class Echo:
         return 1
 
     def send(self, worker: int, item: Any) -> None:
-        self._events.put((worker, Answered(Answer(json.dumps({"id": item.id}).encode(), True))))
+        self._events.put((worker, Answered(Answer(_echo(item.id), True))))
 
     def tell(self, worker: int, note: Any) -> None:
         raise AssertionError
@@ -84,29 +92,116 @@ class Echo:
         pass
 
 
-def test_answers_made_while_the_disk_is_full_are_told_once_they_are_kept(
-    discs: PlannerService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def _echo(job: str) -> bytes:
+    return json.dumps({"id": job, "much": "." * 1000}).encode()
+
+
+async def until(happened: Callable[[], bool]) -> None:
+    """Wait until something is so."""
+    for _ in range(1000):
+        if happened():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError
+
+
+@pytest.fixture
+def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Disk:
     monkeypatch.setattr(servers, "KEEP_PAUSE", 0.01)
+    store = Disk(tmp_path)
+    store.put_scene("cell", "0" * 64, b'{"name": "cell"}')
+    return store
+
+
+@asynccontextmanager
+async def served(world: World, disk: Disk) -> AsyncIterator[tuple[PlanningServer, Echo]]:
+    workers = Echo()
+    server = PlanningServer(world, disk, workers, capacity=8, poll=0.01)
+    await server.start()
+    try:
+        yield server, workers
+    finally:
+        await server.stop()
+
+
+@pytest.mark.parametrize("room", [None, 500])
+def test_answers_that_the_disk_has_no_room_for_are_told_once_they_are_kept(
+    discs: PlannerService, disk: Disk, room: int | None
+) -> None:
+    async def asked() -> None:
+        async with served(discs.world, disk) as (server, workers):
+            jobs = [await server.accept("roadmaps", BODY, None) for _ in range(4)]
+            answers = [server.pending(job) for job in jobs]
+            disk.room = room
+            workers.allowed.set()
+            await until(lambda: disk.refused > 20)
+            assert not any(answer is not None and answer.done() for answer in answers)
+            disk.room = 10**9
+            for job, answer in zip(jobs, answers, strict=True):
+                expected = StoredAnswer(_echo(job), refused=False)
+                assert await asyncio.wait_for(present(answer), 10.0) == expected
+                assert await server.answer(job) == expected
+            assert await server.accept("roadmaps", BODY, None) not in jobs
+
+    asyncio.run(asked())
+
+
+def test_answers_that_wait_to_be_kept_take_up_the_room_of_requests(
+    discs: PlannerService, disk: Disk, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def asked() -> None:
+        async with served(discs.world, disk) as (server, workers):
+            disk.room = 500
+            workers.allowed.set()
+            for _ in range(8):
+                server.require_room(None)
+                await server.accept("roadmaps", BODY, None)
+            await until(lambda: disk.refused > 20)
+            with pytest.raises(Refused) as refused:
+                server.require_room(None)
+            assert refused.value.problem.kind == "queue-full"
+
+    asyncio.run(asked())
+    assert len([record for record in caplog.records if "waits to be kept" in record.message]) == 8
+    assert all(thread.name != "answers to keep" for thread in threading.enumerate())
+
+
+def test_an_answer_that_can_never_be_kept_says_so(
+    discs: PlannerService, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(content_files, "MAX_CONTENT", 900)
 
     async def asked() -> None:
-        store, workers = Disk(tmp_path), Echo()
-        store.put_scene("cell", "0" * 64, b'{"name": "cell"}')
-        server = PlanningServer(discs.world, store, workers, capacity=8, poll=0.01)
-        await server.start()
-        jobs = [await server.accept("roadmaps", BODY, None) for _ in range(4)]
-        answers = [server.pending(job) for job in jobs]
-        store.full = True
-        workers.allowed.set()
-        assert await asyncio.to_thread(store.refused.wait, 10.0)
-        assert not any(answer is not None and answer.done() for answer in answers)
-        store.full = False
-        for job, answer in zip(jobs, answers, strict=True):
-            assert answer is not None
-            expected = StoredAnswer(json.dumps({"id": job}).encode(), refused=False)
-            assert await asyncio.wait_for(answer, 10.0) == expected
-            assert await server.answer(job) == expected
-        assert await server.accept("roadmaps", BODY, None) not in jobs
-        await server.stop()
+        async with served(discs.world, disk) as (server, workers):
+            job = await server.accept("roadmaps", BODY, None)
+            workers.allowed.set()
+            told = await asyncio.wait_for(present(server.pending(job)), 10.0)
+            assert present(told).refused
+            problem = json.loads(present(told).content)
+            assert problem["status"] == 507
+            assert problem["detail"].startswith("too large")
+
+    asyncio.run(asked())
+
+
+def test_what_can_be_neither_cancelled_nor_removed_yet_is_not_said_to_be(
+    discs: PlannerService, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apps, "MAX_ENDING", 0.01)
+
+    async def asked() -> None:
+        async with served(discs.world, disk) as (server, workers):
+            transport = httpx.ASGITransport(create_app(server))
+            async with httpx.AsyncClient(transport=transport, base_url="http://here") as client:
+                disk.room = 500
+                workers.allowed.set()
+                job = await server.accept("roadmaps", BODY, None)
+                await until(lambda: disk.refused > 2)
+                refused = await client.delete(f"/plans/{job}")
+                assert (refused.status_code, refused.headers["retry-after"]) == (503, "5")
+                disk.room = 10**9
+                await asyncio.wait_for(present(server.pending(job)), 10.0)
+                assert (await client.delete(f"/plans/{job}")).status_code == 204
+                assert (await client.get(f"/plans/{job}")).status_code == 404
 
     asyncio.run(asked())
