@@ -318,7 +318,7 @@ class Remote:
             scene = replace(remedy.scene, name=self.scene.name)
             result = _of_server(remedy.result, replace(self.world, scene=scene), remedy.request)
             changes.append(replace(remedy, scene=scene, result=result))
-        way = None if explained.way is None else _of_server(explained.way, self.world, request)
+        way = None if explained.way is None else _of_server(explained.way, self.world, None, Pace.of(request))
         return replace(explained, remedies=tuple(changes), way=way)
 
     def replan(

@@ -69,7 +69,8 @@ class ScenesOnServer:
         except StaleVersion:  # perhaps of a first try, whose answer was lost
             with suppress(ServerRefused):
                 stored, latest = self.stored(name)
-                if stored.hash == scene.hash and (before == 0 or latest - 1 == before):
+                same = (stored.hash, stored.description) == (scene.hash, scene.description)
+                if same and (before == 0 or latest - 1 == before):
                     return latest
             raise
         version = answer.document().get("version")

@@ -156,7 +156,7 @@ class TimingRecord(ChoiceRecord):
 def _choice(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | None:
     if type(chosen) is not known.get(getattr(chosen, "name", "")):
         return None
-    return {"name": chosen.name, "settings": {item.name: getattr(chosen, item.name) for item in fields(chosen)}}
+    return {"name": chosen.name, "settings": {item.name: plain(getattr(chosen, item.name)) for item in fields(chosen)}}
 
 
 class PayloadRecord(Record):

@@ -332,10 +332,7 @@ class PlanningServer:
 
     def _end(self, live: _Live, assignment: Assignment, outcome: Answer | Ending | Raised) -> None:
         """Keep what a job has come to, and tell it then; what cannot be kept now is tried again until it is."""
-        try:
-            ended = _Ended(live, *self._outcome(assignment, outcome))
-        except InvalidRequest as error:  # what the job reads is damaged
-            ended = _Ended(live, State.REFUSED, _refusal(error))
+        ended = _Ended(live, *self._outcome(assignment, outcome))
         try:
             self._keep_and_tell(ended)
         except StateUnusable as error:

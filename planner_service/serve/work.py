@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -324,8 +325,9 @@ def _world(item: Assignment, world: World) -> World:
 
 def _require_same(robot: Robot, other: Robot, field_name: str) -> None:
     """Refuse a robot that differs in more than how its gripper stands."""
-    fingers = robot.gripper is not None and other.gripper is not None
-    if (robot.with_gripper(other.gripper_width) if fingers else robot).hash != other.hash:
+    gripper, width = robot.gripper, other.gripper_width
+    fits = gripper is not None and other.gripper is not None and gripper.lower <= width <= gripper.upper
+    if (robot.with_gripper(width) if fits else robot).hash != other.hash:
         raise InvalidRequest(field_name, other.name, f"one made with this server's robot, {robot.name}")
 
 
@@ -347,10 +349,13 @@ def _json_answer(document: Any, *, ok: bool = True, counts: CheckCounts | None =
 
 def unrun(item: Assignment, world: World, ending: Ending) -> Answer:
     """The answer to a request that was not carried out, or not to its end: a file that says so, or a problem."""
-    if item.kind not in FILES:
+    begin = None
+    if item.kind in FILES:
+        with suppress(InvalidRequest):  # it could not be carried out, either
+            begin = _world(item, world)
+    if begin is None:
         problem = Problem(PROBLEMS[ending], DETAILS[ending], {"reason": ending.value.value})
         return Answer(problem.content, False, ending.value.value, refused=True)
-    begin = _world(item, world)
     failure = Failure(Stage.ENDPOINTS, ending.value, DETAILS[ending])
     if item.kind in TASKS:
         return _file_answer(SavedTask(begin, item.kind, (), CheckCounts(), 0.0, failure), failure, CheckCounts())

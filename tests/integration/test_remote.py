@@ -196,7 +196,7 @@ REQUESTS = {
     "corners": asked(ROUND, timing=Trapezoidal(), blend=0.0),
     "touching": asked(LOW),
     "clamped": asked(start=[0.0, -0.005, 0.0, 0.0, 0.0, 0.0]),
-    "polished": asked(ROUND, polish=library.Optimise()),
+    "polished": asked(ROUND, polish=library.Optimise(clearance=np.float64(0.02))),
 }
 
 
@@ -222,7 +222,7 @@ def test_a_running_plan_is_cancelled_at_once(planner: Planner) -> None:
     d, cancel = 0.5**0.5, CancelToken()
     across = (math.cos(math.pi / 8), 0.0, 0.0, math.sin(math.pi / 8))  # between the start and the goal, to both sides
     walls = [
-        Obstacle(f"wall_{k}", Box((1.0, 0.02, 1.8)), Pose((d * r, d * r, 0.9), across))
+        Obstacle(f"wall_{k}", Box((1.15, 0.02, 1.8)), Pose((d * r, d * r, 0.9), across))
         for k, r in ((0, 0.7), (1, -0.7))
     ]
     closed = planner.with_scene(
@@ -447,6 +447,8 @@ def test_an_explanation_has_the_librarys_proof_or_way(tmp_path: Path) -> None:
             assert str(own) == str(other)
             if scene is narrow[0]:
                 assert bits(present(own.way)) == bits(present(other.way))
+                origins = [present(present(explanation.way).origin) for explanation in (own, other)]
+                assert len({(origin.request, origin.pace) for origin in origins}) == 1
                 continue
             reached = [present(explanation.reached) for explanation in (own, other)]
             assert reached[0].nearest.tolist() == reached[1].nearest.tolist()

@@ -40,7 +40,7 @@ OURS = re.compile(
     rb't,(?:"?q_|motion,)|<mujoco>\s*<keyframe>'
     rb'|\s*\{\s*"(?:header":\s*\{\s*"stamp|motions":\s*\[\s*\{\s*"name|joint_trajectory":\s*\{\s*"header)"'
     rb'|\s*\{\s*"model_id":\s*"[^\n]*",\s*"trajectory"'
-    rb"|(?:header:\n +stamp|motions:\n- name|joint_trajectory:\n +header|model_id:[^\n]*\ntrajectory):"
+    rb"|(?:header:\n +stamp|motions:\n- name|joint_trajectory:\n +header|model_id:[^\n]*\n(?: [^\n]*\n|\n)*trajectory):"
 )
 """How exported trajectories begin."""
 

@@ -546,7 +546,8 @@ class Store:
             with self._lock:
                 self._index.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         finally:
-            self._index.close()
+            with self._lock:
+                self._index.close()
             self._folder_lock.release()
 
     def _write_through(self, sync: Callable[[], None]) -> None:

@@ -133,7 +133,11 @@ def test_a_scene_that_was_stored_though_the_answer_was_lost_is_stored(script: Sc
     for before, version in ((3, 4), (0, 4)):
         script.answers = [LOST, changed, (200, {}, json.dumps(stored).encode())]
         assert ScenesOnServer(connection(script)).put("cell", Scene(), before=before) == version
-    for before, scene in ((2, Scene()), (3, Scene((Obstacle("ball", Sphere(0.1)),)))):
+    for before, scene in (
+        (2, Scene()),
+        (3, Scene((Obstacle("ball", Sphere(0.1)),))),
+        (3, Scene(description="a new one")),
+    ):
         script.answers = [LOST, changed, (200, {}, json.dumps(stored).encode())]
         with pytest.raises(StaleVersion):
             ScenesOnServer(connection(script)).put("cell", scene, before=before)

@@ -302,6 +302,7 @@ def test_what_was_exported_is_known_again_and_nothing_else(planned: PlanResult) 
         joint_trajectory(planned, NAMES, 0.1),
         robot_trajectory(planned, NAMES, 0.1),
         display_trajectory(segments, NAMES, 0.1, model_id="planar2"),
+        display_trajectory(segments, NAMES, 0.1, model_id="two\n\nlines"),
         task_trajectories(segments, NAMES, 0.1),
     ]
     texts = [csv_text(planned, ('an "odd", name', "b"), 0.1), task_csv_text(segments, NAMES, 0.1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from planner_service.scene.scene import Scene
 from planner_service.serve.bodies import BODIES, PlanBody, read_body
 from planner_service.serve.work import Assignment, Ending, Following, ServerWork, Source, unrun
 from planner_service.service import PlannerService
+from tests.support.optional import present
 
 BODY = json.dumps({"scene": "bin", "request": {"start": "home", "goals": [{"joints": "home"}]}}).encode()
 
@@ -53,6 +55,20 @@ def test_a_plan_that_was_not_begun_says_how_the_gripper_stood() -> None:
     body = read_body(PlanBody, BODY.replace(b'"scene"', b'"gripper_width": 0.02, "scene"', 1), world.robot)
     answer = unrun(Assignment("one", "plans", body), world, Ending.DEADLINE)
     assert plan_or_task("plan", answer.content).robot.gripper_width == 0.02
+
+
+def test_a_robot_with_another_range_of_the_gripper_is_another_robot() -> None:
+    robot = load_robot("wxai")
+    narrow = replace(robot, gripper=replace(present(robot.gripper), upper=0.02), gripper_width=0.01)
+    service = PlannerService(robot.with_gripper(0.05), "empty")
+    file = SavedPlan.of(service.plan(PlanRequest(robot.home, robot.home))).file_text().encode()
+    body = read_body(BODIES["replan"], b'{"plan": "one", "at_time": 0.0}', narrow)
+    work = ServerWork(World(narrow, Scene()))
+    work.connect([].append)
+    answer = work(Assignment("two", "replan", body, {"plan": Source("0", file)}))
+    assert json.loads(answer.content)["detail"].startswith("plan: got 'wxai'; expected one made with")
+    ended = unrun(Assignment("two", "replan", body, {"plan": Source("0", file)}), work.world, Ending.CANCELLED)
+    assert (ended.reason, json.loads(ended.content)["status"]) == ("PREEMPTED", 410)
 
 
 @pytest.mark.parametrize(
