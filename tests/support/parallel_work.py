@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import re
 import time
@@ -43,6 +44,17 @@ class Echo:
 
     def __call__(self, item: Any) -> tuple[Any, int]:
         return item, os.getpid()
+
+
+class Hoard:
+    """Holds a list of lists; answers with how many objects no garbage collection looks at."""
+
+    def prepare(self) -> None:
+        """Fill it."""
+        self.lists: list[list[int]] = [[] for _ in range(10_000)]
+
+    def __call__(self, item: Any) -> int:
+        return gc.get_freeze_count()
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Seq
 from planner_service.parallel.engine import LOOK_AHEAD
 from planner_service.parallel.pool import Answered, Backend, Event, Noted
 from tests.support.optional import present
-from tests.support.parallel_work import Echo, Faulty, Stillborn, Talkative
+from tests.support.parallel_work import Echo, Faulty, Hoard, Stillborn, Talkative
 from tests.unit.planning.test_batch import equal
 
 ROOT = Path(__file__).parents[3]
@@ -100,6 +100,13 @@ def test_what_is_large_crosses_both_ways() -> None:
     items = [bytes([k]) * 1_000_000 for k in range(6)]
     answers = [answer for _, answer in Processes(1).run(Echo(), items)]
     assert [answer[0] for answer in answers if not isinstance(answer, Lost)] == items
+
+
+@pytest.mark.slow
+def test_what_a_worker_has_prepared_is_left_alone_by_its_garbage_collection(workers: Engine) -> None:
+    ((_, frozen),) = workers.run(Hoard(), [0])
+    assert not isinstance(frozen, Lost)
+    assert frozen > 10_000
 
 
 # --- faults
