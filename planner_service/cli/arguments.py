@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
@@ -286,7 +285,7 @@ def reopened(
     notes += differences(begin.robot) if robot is None else []
     if robot is not None:
         arm, before = load_robot(robot), begin.robot
-        arm = arm if arm.gripper is None or before.gripper is None else arm.with_gripper(before.gripper_width)
+        arm = arm.opened_like(before)
         notes += [] if arm.hash == before.hash else [f"made for another robot: {before.name}, {before.hash[:12]}"]
         begin = replace(begin, robot=arm)
     if scene is not None:
@@ -305,11 +304,9 @@ def differences(robot: Robot) -> list[str]:
     if robot.name not in robot_names():
         return []
     try:
-        ours = load_robot(robot.name)
+        ours = load_robot(robot.name).opened_like(robot)
     except MissingDependency as error:
         return [f"robot {robot.name} in this file cannot be compared with {robot.name} of this package: {error}"]
-    with suppress(InvalidRequest):  # no gripper, or another range
-        ours = ours.with_gripper(robot.gripper_width)
     known = robot.link_frames in ((), ours.link_frames)  # files of 0.2.0 have no frames
     if ours.hash == robot.hash and known and _same_dynamics(robot.dynamics, ours.dynamics):
         return []

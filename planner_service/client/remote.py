@@ -197,11 +197,10 @@ class Remote:
             InvalidRequest: the world has another robot, or is checked in another way.
         """
         world = instance("world", world, World, "a World, such as task.world")
-        width = None if self.robot.gripper is None else world.robot.gripper_width
-        other = self.changed(gripper=width, scene=world.scene)
-        if (other.robot.hash, other.allowed, other.edge_step) != (world.robot.hash, world.allowed, world.edge_step):
+        robot = self.robot.opened_like(world.robot)
+        if (robot.hash, self.allowed, self.edge_step) != (world.robot.hash, world.allowed, world.edge_step):
             raise InvalidRequest("world", world.robot.name, f"a world of the server's robot, {self.robot.name}")
-        return other
+        return self._in(robot, world.scene)
 
     # What is asked.
 

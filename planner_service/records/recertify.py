@@ -277,9 +277,7 @@ def _require_same_world(plan: Plan, service: PlannerService) -> None:
 def require_same_robot(plan: Plan, robot: Robot) -> None:
     """Refuse a plan that is known to be for another robot; how far the gripper is open does not matter."""
     for made in _robots(plan):
-        same_width = robot.gripper is None or made.gripper is None or robot.gripper_width == made.gripper_width
-        opened = robot if same_width else robot.with_gripper(made.gripper_width)
-        if made.hash != opened.hash:
+        if robot.opened_like(made).hash != made.hash:
             expected = f"a plan made for this robot (--robot), {_named(robot)}"
             raise InvalidRequest("plan", made, expected, message=f"plan: made for {_named(made)}; expected {expected}")
 

@@ -440,6 +440,15 @@ class Robot:
         object.__setattr__(moved_robot, "_reach_without_fingers", self._reach_without_fingers)
         return moved_robot
 
+    def opened_like(self, other: Robot) -> Robot:
+        """This robot with its gripper as far open as another's; itself if one has none, or its own does not go there.
+
+        It has the other's hash if that is the same robot, however its gripper stands.
+        """
+        gripper, width = self.gripper, other.gripper_width
+        fits = gripper is not None and other.gripper is not None and gripper.lower <= width <= gripper.upper
+        return self.with_gripper(width) if fits and width != self.gripper_width else self
+
     def locked(self, joints: Mapping[str, float]) -> Robot:
         """This robot with some joints locked: one arm of two, a rail, a wrist.
 

@@ -325,9 +325,7 @@ def _world(item: Assignment, world: World) -> World:
 
 def _require_same(robot: Robot, other: Robot, field_name: str) -> None:
     """Refuse a robot that differs in more than how its gripper stands."""
-    gripper, width = robot.gripper, other.gripper_width
-    fits = gripper is not None and other.gripper is not None and gripper.lower <= width <= gripper.upper
-    if (robot.with_gripper(width) if fits else robot).hash != other.hash:
+    if robot.opened_like(other).hash != other.hash:
         raise InvalidRequest(field_name, other.name, f"one made with this server's robot, {robot.name}")
 
 

@@ -501,8 +501,10 @@ def test_a_task_of_another_process_begins_in_the_world_that_it_says(arm: FakeArm
 
 def test_what_was_planned_for_another_robot_is_not_executed(arm: FakeArm) -> None:
     slower = replace(robot(), limits=replace(robot().limits, velocity=robot().limits.velocity * 0.5))
-    with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
-        execute(there(), arm, slower, QUICK)
+    narrow = replace(robot(), gripper=replace(present(robot().gripper), upper=0.02), gripper_width=0.01)
+    for other in (slower, narrow):
+        with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
+            execute(there(), arm, other, QUICK)
     assert arm.told == []
 
 

@@ -278,6 +278,7 @@ def test_opening_the_gripper_moves_each_pad_by_half_the_width(wxai: Robot) -> No
 def test_a_gripper_moved_twice_stands_as_if_moved_once(wxai: Robot) -> None:
     assert wxai.with_gripper(0.013).with_gripper(0.06).hash == wxai.with_gripper(0.06).hash
     assert wxai.with_gripper(0.08).hash == wxai.hash
+    assert wxai.opened_like(wxai.with_gripper(0.02)).hash == wxai.with_gripper(0.02).hash
 
 
 @pytest.mark.parametrize("width", [-0.001, 0.081, math.nan, "wide"])
