@@ -6,7 +6,7 @@ import asyncio
 import json
 import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ from planner_service.serve.documentation import SECURITY, documentation_page, wi
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
 from planner_service.serve.replies import AcceptedReply, JobsReply, SceneReply, ScenesReply, StoredReply
 from planner_service.serve.server import PlanningServer, StoredAnswer
+from planner_service.serve.state.content_files import StateUnusable
 
 __all__ = ["create_app"]
 
@@ -219,7 +220,8 @@ async def _response(server: PlanningServer, request: Request, job: str, seconds:
             answer = await _awaited(pending, request, seconds)
         except (asyncio.CancelledError, ClientDisconnect):
             if cancel:
-                server.cancel(job)
+                with suppress(StateUnusable):
+                    server.cancel(job)
             raise
     if answer is not None:
         return _answered(answer, {"Content-Location": f"/plans/{job}", **waited})

@@ -68,7 +68,7 @@ class Listener(Protocol):
         """Its worker has sent a note."""
 
     def retried(self, task: Task) -> None:
-        """Its worker was lost; another one will have it."""
+        """Its worker was lost; another one will have it. Nothing may be asked of the dispatcher now."""
 
     def ended(self, task: Task, outcome: Answer | Ending | Raised) -> None:
         """It has an answer, or never will; ``Raised`` is a bug of ours."""
@@ -105,11 +105,14 @@ class Dispatcher(Generic[Worker]):
         self._thread.start()
 
     def stop(self) -> None:
-        """End the workers; tasks that have no answer get none."""
+        """End the workers; tasks that have no answer get none, but those that were to end do."""
         self._stopping.set()
         self._thread.join()
         self.backend.kill(list(self._workers))
         self.backend.close()
+        for state in self._workers.values():
+            if state.task is not None and state.task.ending is not None:
+                self._announce(self.listener.ended, state.task, state.task.ending)
 
     @property
     def ready(self) -> bool:
@@ -233,25 +236,23 @@ class Dispatcher(Generic[Worker]):
         """Go on without a worker that has died, or cannot plan."""
         with self._lock:
             state = self._workers.pop(worker)
+            task = state.task
+            again = False
+            if task is not None:
+                task.deaths += not (isinstance(event, Died) and event.blameless)
+                again = task.ending is None and task.deaths < MAX_DEATHS
+                if again:
+                    self._announce(self.listener.retried, task)
+                    self._queue.appendleft(task)
+                    self._hand_out()
         if not isinstance(event, Died):
             self.backend.kill([worker])
         detail = event.detail if isinstance(event, Died) else getattr(event, "traceback", event)
         logger.warning("a worker was lost: %s", detail)
         if not state.ready:
             self._start_at = time.monotonic() + START_PAUSE
-        task = state.task
-        if task is None:
-            return
-        task.deaths += not (isinstance(event, Died) and event.blameless)
-        if task.ending is not None:
-            self._announce(self.listener.ended, task, task.ending)
-        elif task.deaths >= MAX_DEATHS:
-            self._announce(self.listener.ended, task, Ending.LOST)
-        else:
-            self._announce(self.listener.retried, task)
-            with self._lock:
-                self._queue.appendleft(task)
-                self._hand_out()
+        if task is not None and not again:
+            self._announce(self.listener.ended, task, task.ending or Ending.LOST)
 
     def _end_overdue(self) -> None:
         """End tasks whose deadline has passed, and workers that do not end what was cancelled."""

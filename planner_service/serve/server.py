@@ -106,6 +106,12 @@ class _Live:
     ended: bool = False
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
+    def let_go(self) -> None:
+        """Let clients go that wait for its answer."""
+        self.news.set()
+        with suppress(asyncio.InvalidStateError):
+            self.done.set_result(None)
+
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
@@ -168,9 +174,7 @@ class PlanningServer:
         """Accept nothing more, and let clients go that wait."""
         self._leaving.set()
         for live in list(self._live.values()):
-            live.news.set()
-            if not live.done.done():
-                live.done.set_result(None)
+            live.let_go()
 
     async def stop(self) -> None:
         """End the workers; what they have not answered is carried out after the next start."""
@@ -195,24 +199,28 @@ class PlanningServer:
         except InvalidRequest as error:
             self._end(live, Assignment(job.id, job.kind), _refusal(error))
         else:
-            self._begin(live, body, work["sources"], left)
+            self._begin(live, body, work["sources"], left, cancelled=work.get("cancelled", False))
 
-    def _begin(self, live: _Live, body: Body, sources: Mapping[str, str], left: float | None) -> None:
-        """Have a job carried out that is in the store."""
+    def _begin(
+        self, live: _Live, body: Body, sources: Mapping[str, str], left: float | None, *, cancelled: bool = False
+    ) -> None:
+        """Have a job carried out that is in the store, unless it was cancelled."""
         job = live.job
         try:
             assignment = self._assignment(job, body, sources)
         except InvalidRequest as error:  # such as a damaged content: it ends the request that reads it, not the server
             self._end(live, Assignment(job.id, job.kind), _refusal(error))
             return
-        if job.attempts >= MAX_STARTS:
-            self._end(live, assignment, Ending.LOST)
+        if cancelled or job.attempts >= MAX_STARTS:
+            self._end(live, assignment, Ending.CANCELLED if cancelled else Ending.LOST)
         else:
             self._say(live, "state", {"state": "queued"})
             self._dispatcher.submit(Task(assignment, None if left is None else time.monotonic() + left))
 
     def _alive(self, job: Job) -> _Live:
         live = self._live[job.id] = _Live(job, self._loop.create_future())
+        if self._stopping:
+            live.let_go()
         return live
 
     @property
@@ -232,14 +240,17 @@ class PlanningServer:
         Raises:
             Refused: There is no room, or the server stops.
         """
-        if self._stopping:
-            raise Refused("unavailable", "the server is stopping", headers={"Retry-After": "5"})
+        self._require_open()
         waiting = self._dispatcher.waiting + self._arriving + len(self._unkept)
         if waiting >= self._capacity and not (key is not None and self._store.knows(key)):
             self.metrics.refused.inc()
             raise Refused(
                 "queue-full", f"{waiting} requests are waiting", headers={"Retry-After": str(self.retry_after())}
             )
+
+    def _require_open(self) -> None:
+        if self._stopping:
+            raise Refused("unavailable", "the server is stopping", headers={"Retry-After": "5"})
 
     def retry_after(self) -> int:
         """Seconds after which a worker probably has time."""
@@ -262,6 +273,7 @@ class PlanningServer:
             self._arriving -= 1
 
     def _accept(self, kind: str, body: bytes, key: str | None) -> str:
+        self._require_open()
         try:
             earlier = None if key is None else self._store.accepted(kind, body, key)
             if earlier is not None:  # whether or not what it names is still there
@@ -437,8 +449,17 @@ class PlanningServer:
         return {"id": job, "kind": found.kind, "state": state, "position": position, "links": links}
 
     def cancel(self, job: str) -> bool:
-        """End a job; False if it has ended, there is none, or the server stops: then it is carried out later."""
-        return not self._stopping and self._dispatcher.cancel(job)
+        """End a job, and after a restart, too; False if it has ended, there is none, or the server stops.
+
+        Raises:
+            StateUnusable: It ends, but would be carried out after a restart.
+        """
+        if self._stopping or not self._dispatcher.cancel(job):
+            return False
+        with suppress(UnknownName):  # it has ended by now
+            work = json.loads(self._store.work(job))
+            self._store.change_work(job, json.dumps({**work, "cancelled": True}).encode())
+        return True
 
     async def remove(self, job: str) -> None:
         """Delete a job that has ended."""

@@ -404,6 +404,11 @@ class Store:
         with self._lock:
             return bool(self._rows("SELECT 1 FROM jobs WHERE key = ?", key))
 
+    def change_work(self, job: str, work: bytes) -> None:
+        """Keep other work for a job, unless it has ended."""
+        with self._writing() as index:
+            index.execute("UPDATE jobs SET work = ? WHERE id = ? AND ended IS NULL", (work, job))
+
     def start(self, job: str) -> int | None:
         """Note that a worker begins the job, and return how often one has by now; None if the job has ended.
 

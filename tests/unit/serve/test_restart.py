@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
+import pytest
+
 from planner_service import PlannerService
-from planner_service.parallel.pool import Event
+from planner_service.parallel.pool import Answered, Event
+from planner_service.serve.problems import Refused
 from planner_service.serve.server import PlanningServer
 from planner_service.serve.state.store import State, Store
 
@@ -37,6 +42,38 @@ class NoWorkers:
         assert not workers
 
     def close(self) -> None:
+        pass
+
+
+class Busy(NoWorkers):
+    """A backend with one worker, which never answers.
+
+    Attributes:
+        asked: Set once it has a request.
+    """
+
+    max_workers = 1
+
+    def __init__(self) -> None:
+        self.asked = threading.Event()
+        self._events: list[tuple[Any, Event]] = []
+
+    def start(self) -> Any:
+        self._events.append((1, Answered(None)))
+        return 1
+
+    def send(self, worker: Any, item: Any) -> None:
+        self.asked.set()
+
+    def tell(self, worker: Any, note: Any) -> None:
+        pass
+
+    def receive(self, workers: Sequence[Any], timeout: float | None) -> list[tuple[Any, Event]]:
+        time.sleep(0.01)
+        events, self._events = self._events, []
+        return events
+
+    def kill(self, workers: Sequence[Any]) -> None:
         pass
 
 
@@ -86,3 +123,40 @@ def test_a_request_that_was_under_way_when_two_servers_were_killed_is_lost(
     answer = json.loads(store.answer(first)[1] or b"")
     assert (answer["status"], answer["reason"]) == (503, "WORKER_LOST")
     store.close()
+
+
+def test_what_was_cancelled_stays_cancelled_though_the_server_is_killed(discs: PlannerService, tmp_path: Path) -> None:
+    store = Store(tmp_path / "state")
+    store.put_scene("cell", "0" * 64, b'{"name": "cell"}')
+
+    async def asked() -> None:
+        workers = Busy()
+        server = PlanningServer(discs.world, store, workers, capacity=1, poll=0.01)
+        await server.start()
+        job = await server.accept("roadmaps", BODY, None)
+        while not workers.asked.is_set():
+            await asyncio.sleep(0.01)
+        assert server.cancel(job)
+        assert store.job(job).state is State.RUNNING  # and now it is killed
+        copytree(tmp_path / "state", tmp_path / "killed")
+        await server.stop()
+
+    asyncio.run(asked())
+    assert states_after_start(discs, Store(tmp_path / "killed")) == [State.CANCELLED]
+    assert states_after_start(discs, Store(tmp_path / "state")) == [State.CANCELLED]
+
+
+def test_a_server_that_stops_accepts_nothing_more(discs: PlannerService, tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.put_scene("cell", "0" * 64, b'{"name": "cell"}')
+
+    async def asked() -> None:
+        server = PlanningServer(discs.world, store, NoWorkers(), capacity=1, poll=0.01)
+        await server.start()
+        server.leave()
+        with pytest.raises(Refused, match="stopping"):  # whose body came only now
+            await server.accept("roadmaps", BODY, None)
+        assert store.jobs() == []
+        await server.stop()
+
+    asyncio.run(asked())
