@@ -7,7 +7,7 @@ another process made. Whoever moves an arm proves it again with a robot and a sc
 
 from __future__ import annotations
 
-import json
+import sys
 import tempfile
 import threading
 from collections.abc import Generator, Iterable, Mapping, Sequence
@@ -19,8 +19,10 @@ from types import TracebackType
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service import tasks
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.client.answers import (
     Checked,
@@ -49,16 +51,19 @@ from planner_service.client.scenes import ScenesOnServer
 from planner_service.client.threads import Threads
 from planner_service.collision import CancelToken, EdgeStep
 from planner_service.constraints import Constraint
+from planner_service.constraints.values import constraint_names
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, items, whole
+from planner_service.grasping.grasps import top_grasps
 from planner_service.infeasibility.remedies import Explanation
+from planner_service.kinematics.inverse import require_joint_rate
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.batch import Batch
 from planner_service.planning.pipeline import require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector
+from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, require_grower
 from planner_service.planning.world import World
@@ -69,6 +74,8 @@ from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
+from planner_service.service import PlannerService
+from planner_service.tasks.primitives import kept_upright, require_poses
 from planner_service.tasks.result import Handling, TaskResult
 from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE, Target
 from planner_service.timing.laws import Trapezoidal
@@ -217,13 +224,10 @@ class Remote:
         """
         instance("request", request, PlanRequest, "a PlanRequest")
         require_plannable(request, self.robot, self.scene)
-        body = request_body(request)
-        answer = self._work("plans", {"request": body}, cancel)
-        document = answer.document()
-        result = self._saved_plan(answer, document, request).result
-        if document["request"] != json.loads(json.dumps(body)):
-            raise InvalidFile(answer.url, ["request: another one than was sent"])
-        return result
+        if _cancelled(cancel):
+            return self._here.plan(request, cancel=cancel)
+        answer = self._work("plans", {"request": request_body(request)}, cancel)
+        return self._saved_plan(answer, answer.document(), request).result
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, at_once: int = AT_ONCE, progress: bool | None = None
@@ -274,9 +278,20 @@ class Remote:
             Cancelled: ``cancel`` was cancelled.
             ServerUnavailable: As ``plan``.
         """
-        body = {**curve_body(path, padding, exempt, constraints), "part": part}
+        if _cancelled(cancel):
+            return self._here.certify(
+                path, padding=padding, exempt=exempt, constraints=constraints, part=part, cancel=cancel
+            )
+        stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
+        body = {**curve_body(path, padding, stretches, constraints), "part": part}
         answer = self._work("certify", body, cancel)
-        return read_certificate(answer.document(), answer.url)
+        certificate = read_certificate(answer.document(), answer.url)
+        names = constraint_names(kept_in(self.scene, constraints)) if certificate.certified else ""
+        asked = padding, tuple(stretches), None if part is None else tuple(part), names
+        kept = ", ".join(dict.fromkeys(each.name for each in certificate.kept))
+        if asked != (certificate.padding, certificate.exempt, certificate.part, kept):
+            raise InvalidFile(answer.url, ["certificate: of something else than was asked"])
+        return certificate
 
     def check(self, states: Sequence[ArrayLike] = (), edges: Sequence[tuple[ArrayLike, ArrayLike]] = ()) -> Checked:
         """Which configurations and straight edges are free, as a ``CollisionChecker`` says.
@@ -306,11 +321,14 @@ class Remote:
         """
         instance("request", request, PlanRequest, "a PlanRequest")
         require_plannable(request, self.robot, self.scene)
+        if _cancelled(cancel):
+            return self._here.explain(request, plans=plans, remedies=remedies, cancel=cancel)
         body = {"request": request_body(request), "plans": plans, "remedies": remedies}
         answer = self._work("explain", body, cancel)
         document = answer.document()
         plan = document.pop("result", None)
         read = self._reader.plan(plan if isinstance(plan, dict) else {}, answer.url)
+        _require_asked(answer, read.request, request)
         explained = read_explanation(document, answer.url, _of_server(read.result, self.world, request))
         changes = []
         for remedy in explained.remedies:
@@ -344,7 +362,7 @@ class Remote:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         old = underway(previous, self.robot, at_time, latency)
-        request_for(previous, old, request, goal)  # refuses what cannot be kept
+        new = request_for(previous, old, request, goal)  # refuses what cannot be kept
         body = {
             "plan": self._server.plan_of(previous.trajectory),
             "at_time": at_time,
@@ -353,7 +371,7 @@ class Remote:
             "request": settings_body(request),
         }
         answer = self._work("replan", body, cancel, gripper=False)
-        return read_replanned(self._saved_plan(answer, answer.document()), answer.url)
+        return read_replanned(self._saved_plan(answer, answer.document(), new), answer.url)
 
     def build_roadmap(
         self, planner: Grower, *, seed: int = 0, padding: float = 0.001, cancel: CancelToken | None = None
@@ -367,6 +385,8 @@ class Remote:
         """
         require_seed(seed)
         require_grower(planner)
+        if _cancelled(cancel):
+            return self._here.build_roadmap(planner, seed=seed, padding=padding, cancel=cancel)
         body = {"planner": planner_body(planner), "seed": seed, "padding": padding}
         built = self._work("roadmaps", body, cancel).document().get("id")
         answer = self._server.connection.fetch("GET", f"/roadmaps/{built}")
@@ -405,6 +425,11 @@ class Remote:
         values: list[float] = joint_vector(name, q, self.robot).tolist()
         return values
 
+    @property
+    def _here(self) -> PlannerService:
+        """The library in this process, which ends what was cancelled before it was asked."""
+        return PlannerService.of(self.world)
+
     @cached_property
     def _reader(self) -> PlanReader:
         return PlanReader(self.world)
@@ -413,14 +438,37 @@ class Remote:
         self, answer: Answer, document: Mapping[str, Any], request: PlanRequest | None = None, pace: Pace | None = None
     ) -> SavedPlan:
         plan = self._reader.plan(document, answer.url)
+        if request is not None and plan.request is not None:
+            _require_asked(answer, plan.request, request)
         self._server.remember(plan.result.trajectory, answer.job)
-        asked = plan.request if request is None else request
-        return replace(plan, result=_of_server(plan.result, self.world, asked, pace))
+        return replace(plan, request=request, result=_of_server(plan.result, self.world, request, pace))
 
-    def _task(self, kind: str, body: Mapping[str, Any], q: FloatArray, cancel: CancelToken | None) -> TaskResult:
+    def _task(
+        self,
+        kind: str,
+        body: Mapping[str, Any],
+        request: PlanRequest,
+        cancel: CancelToken | None,
+        *,
+        taken: str = "",
+        upright: Sequence[Constraint] = (),
+    ) -> TaskResult:
+        """What became of a task.
+
+        Args:
+            request: What was asked of all its motions; it starts where the robot stands.
+            taken: The object that is carried with one of the constraints ``upright``, if there are any.
+        """
         answer = self._work(kind, body, cancel)
         saved = self._reader.task(answer.document(), answer.url)
-        return _task_result(saved, q)
+        if saved.segments:
+            _require_asked(answer, saved.request, request)
+        task = _task_result(saved, request)
+        scenes = [task.world.scene, *(segment.scene for segment in task.segments if segment.scene is not None)]
+        held = [each for scene in scenes for each in scene.attached if each.name == taken]
+        if upright and not all(set(each.constraints) & set(upright) for each in held):
+            raise InvalidFile(answer.url, [f"{taken}: carried without the constraint that was asked for"])
+        return task
 
 
 class _Server:
@@ -464,21 +512,25 @@ def _of_server(result: PlanResult, world: World, request: PlanRequest | None, pa
     return replace(result, origin=Origin(world, request, pace, elsewhere=True))
 
 
-def _task_result(saved: SavedTask, q: FloatArray) -> TaskResult:
-    """A task as the library returns it.
+def _cancelled(cancel: CancelToken | None) -> bool:
+    return cancel is not None and instance("cancel", cancel, CancelToken, "a CancelToken, or None").cancelled
 
-    Args:
-        q: Where the robot stood before it.
-    """
-    world, end, segments = saved.begin, q, []
+
+def _require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequest) -> None:
+    """Refuse the answer to another request."""
+    if answered is None or request_body(answered) != request_body(asked):
+        raise InvalidFile(answer.url, ["request: another one than was sent"])
+
+
+def _task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
+    """A task as the library returns it."""
+    world, end, segments = saved.begin, np.asarray(request.start), []
     for segment in saved.segments:
         world = segment.world_after(world)
         end = end if segment.result.path is None else segment.result.path.waypoints[-1]
         segments.append(replace(segment, result=_of_server(segment.result, world, None)))
     done = tuple(segments)
-    return TaskResult(
-        done, world, end, saved.failure, saved.choosing, saved.notes, saved.request, saved.task, saved.seconds
-    )
+    return TaskResult(done, world, end, saved.failure, saved.choosing, saved.notes, request, saved.task, saved.seconds)
 
 
 # Tasks.
@@ -496,8 +548,13 @@ def pick(
     """
     start, handling = _started(remote, q, handling)
     remote.scene.obstacle(target)
+    if _cancelled(handling.cancel):
+        return tasks.pick(remote._here, q, target, grasps, handling)
     body = {"q": start.tolist(), "target": target, "grasps": _poses("grasps", grasps)}
-    return remote._task("pick", {**body, "handling": handling_body(handling)}, start, handling.cancel)
+    lean = handling.upright
+    upright = [] if lean is None else [kept_upright(grasp, lean) for grasp in grasps]
+    body |= {"handling": handling_body(handling)}
+    return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
 
 
 def place(
@@ -511,8 +568,11 @@ def place(
         ServerUnavailable: As ``Remote.plan``.
     """
     start, handling = _started(remote, q, handling)
+    if _cancelled(handling.cancel):
+        return tasks.place(remote._here, q, carried, poses, handling)
     body = {"q": start.tolist(), "carried": carried, "poses": _poses("poses", poses)}
-    return remote._task("place", {**body, "handling": handling_body(handling)}, start, handling.cancel)
+    body |= {"handling": handling_body(handling)}
+    return remote._task("place", body, _at(start, handling.request), handling.cancel)
 
 
 def plan_pick_place(
@@ -536,8 +596,13 @@ def plan_pick_place(
     start = joint_vector("start", request.start, remote.robot)
     for name in (target, onto):
         remote.scene.obstacle(name)
+    if _cancelled(cancel):
+        return tasks.plan_pick_place(remote._here, target, onto, request, upright=upright, cancel=cancel)
     body = {"target": target, "onto": onto, "start": start.tolist(), "upright": upright}
-    return remote._task("pick_place", {**body, "request": settings_body(request)}, start, cancel)
+    grasps = [] if upright is None else top_grasps(remote.robot, remote.scene.obstacle(target))
+    kept = [kept_upright(grasp, upright) for grasp in grasps if upright is not None]
+    body |= {"request": settings_body(request)}
+    return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
 
 
 def move_linear(
@@ -561,12 +626,26 @@ def move_linear(
         ServerUnavailable: As ``Remote.plan``.
     """
     _require_remote(remote)
+    if _cancelled(cancel):
+        return tasks.move_linear(
+            remote._here,
+            start,
+            goal,
+            zone=zone,
+            points=points,
+            max_joint_rate=max_joint_rate,
+            partial=partial,
+            pace=pace,
+            padding=padding,
+            constraints=constraints,
+            cancel=cancel,
+        )
     body = {
         "start": joint_vector("start", start, remote.robot).tolist(),
         "goal": target_body(goal),
         "zone": zone,
         "points": points,
-        "max_joint_rate": max_joint_rate,
+        "max_joint_rate": min(require_joint_rate(max_joint_rate), sys.float_info.max),  # JSON has no infinity
         "partial": partial,
         "pace": pace_body(pace),
         "padding": padding,
@@ -575,6 +654,8 @@ def move_linear(
     answer = remote._work("move_linear", body, cancel)
     pace = Pace(Trapezoidal()) if pace is None else pace
     plan = remote._saved_plan(answer, answer.document(), pace=pace)
+    if plan.result.ok and plan.result.constraints != kept_in(remote.scene, constraints):
+        raise InvalidFile(answer.url, ["constraints: others than were asked for"])
     return replace(plan.result, fraction=read_fraction(plan, answer.url))
 
 
@@ -588,5 +669,11 @@ def _require_remote(remote: Remote) -> None:
     instance("remote", remote, Remote, "a Remote")
 
 
+def _at(start: FloatArray, request: PlanRequest | None) -> PlanRequest:
+    """What is asked of all motions of a task that begins somewhere, as the library says it."""
+    return PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)
+
+
 def _poses(name: str, poses: Sequence[Pose]) -> list[Any]:
-    return [pose_body(pose) for pose in items(name, poses, Pose, "a list of Pose")]
+    require_poses(name, poses)
+    return [pose_body(pose) for pose in poses]

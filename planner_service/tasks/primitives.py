@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import GripperMotion
 from planner_service.collision import CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled
-from planner_service.constraints import KeepUpright
+from planner_service.constraints import Constraint, KeepUpright
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
@@ -39,7 +39,7 @@ from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
-__all__ = ["pick", "picked", "place", "placed"]
+__all__ = ["kept_upright", "pick", "picked", "place", "placed", "require_poses"]
 
 USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
@@ -81,7 +81,7 @@ def picked(
     instance("service", service, PlannerService, "a PlannerService")
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     obstacle = service.scene.obstacle(target)
-    _require_poses("grasps", grasps)
+    require_poses("grasps", grasps)
     if handling.support == target:
         raise InvalidRequest("support", target, "what the object stands on, not the object itself")
     task = _Task(service, q, handling, f"pick {target}")
@@ -117,12 +117,13 @@ def placed(
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
     if handling.upright is not None:
         raise InvalidRequest("upright", handling.upright, "None for a place: it keeps the carried object's constraints")
-    _require_poses("poses", poses)
+    require_poses("poses", poses)
     task = _Task(service, q, handling, f"place {carried}")
     return task.result([_placing(service, held, pose, handling) for pose in poses])
 
 
-def _require_poses(name: str, poses: object) -> None:
+def require_poses(name: str, poses: object) -> None:
+    """Refuse what is no list of poses, or an empty one."""
     if not isinstance(poses, list | tuple) or not poses or not all(isinstance(pose, Pose) for pose in poses):
         raise InvalidRequest(name, poses, "a list of at least one Pose")
 
@@ -171,8 +172,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
     pairs = _touching(service, fingers, target.name)
 
     def services() -> tuple[PlannerService, PlannerService]:
-        up = grasp.inverse().rotation[:, 2]  # in the tool frame
-        kept = () if handling.upright is None else (KeepUpright(up.tolist(), handling.upright),)
+        kept = () if handling.upright is None else (kept_upright(grasp, handling.upright),)
         pose = grasp.inverse() @ target.pose
         held = Attached(target.name, target.shape, pose, touch_links=fingers, constraints=kept)
         scene = service.scene.without(target.name).with_attached(held)
@@ -184,6 +184,12 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
     touch = _Touch(pairs, None, gripper.touching(target.name, "take"))
     lifting = _standing(service, target.name, handling)
     return _Contact(grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"))
+
+
+def kept_upright(grasp: Pose, tolerance: float) -> Constraint:
+    """What an object keeps that was taken at a grasp and may lean by so many radians from how it stood."""
+    up = grasp.inverse().rotation[:, 2]  # in the tool frame
+    return KeepUpright(up.tolist(), tolerance)
 
 
 def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Handling) -> _Contact:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -21,6 +24,7 @@ from planner_service import (
     CancelToken,
     Cylinder,
     Handling,
+    InvalidFile,
     InvalidRequest,
     Obstacle,
     PlannerService,
@@ -518,6 +522,99 @@ def test_a_plan_of_a_server_is_saved_and_proven_as_any_other(here: Planner, ther
         segment.result.save(tmp_path / "motion.json")
         world = present(segment.result.origin).world
         assert load_plan(tmp_path / "motion.json").begin.robot.gripper_width == world.robot.gripper_width
+
+
+class Deaf(BaseHTTPRequestHandler):
+    """A server that leaves out what was asked of the motions; ``url`` is of the server that it asks."""
+
+    url = ""
+
+    def answer(self) -> None:
+        """What the other server answers."""
+        length = int(self.headers.get("Content-Length", 0))
+        body = json.dumps(self._heard(json.loads(self.rfile.read(length)))) if length else None
+        kept = {name: value for name, value in self.headers.items() if name not in ("Host", "Content-Length")}
+        answer = httpx.request(self.command, f"{self.url}{self.path}", content=body, headers=kept, timeout=60.0)
+        self.send_response(answer.status_code)
+        for name, value in answer.headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(answer.content)
+
+    def _heard(self, asked: Any) -> Any:
+        if isinstance(asked, list):
+            return [self._heard(each) for each in asked]
+        if not isinstance(asked, dict):
+            return asked
+        usual: dict[str, Any] = {"constraints": [], "upright": None, "velocity_scale": 1.0}
+        return {name: usual[name] if name in usual else self._heard(each) for name, each in asked.items()}
+
+    def log_message(self, *_: object) -> None:
+        """Nothing."""
+
+
+@pytest.fixture
+def deaf(url: str) -> Iterator[Remote]:
+    answers = {f"do_{method}": Deaf.answer for method in ("GET", "POST", "PUT", "DELETE")}
+    handler = type("Handler", (Deaf,), {"url": url, **answers})
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever).start()
+        try:
+            with Remote(f"http://127.0.0.1:{server.server_port}", "bin") as remote:
+                yield remote
+        finally:
+            server.shutdown()
+
+
+def test_the_answer_to_another_question_is_refused(deaf: Remote) -> None:
+    slowly, lying = asked(HOME, velocity_scale=0.5), [KeepUpright((0.0, 0.0, 1.0), 0.02)]
+    grasps = top_grasps(deaf.robot, deaf.scene.obstacle("blue_block"))
+    underway = deaf.plan(asked())
+    for ask in (
+        lambda: deaf.plan(replace(slowly, goal=ASIDE)),
+        lambda: deaf.explain(replace(slowly, goal=LOW), plans=1),
+        lambda: deaf.replan(underway, at_time=0.1, request=slowly),
+        lambda: deaf.certify([HOME, ASIDE], constraints=[KeepUpright((1.0, 0.0, 0.0), 3.0)]),
+        lambda: client.move_linear(deaf, HOME, (0.0, 0.0, 0.02), constraints=lying),
+        lambda: client.pick(deaf, HOME, "blue_block", grasps, Handling("bin_floor", request=slowly)),
+        lambda: client.pick(deaf, HOME, "blue_block", grasps, Handling("bin_floor", upright=0.3)),
+        lambda: client.plan_pick_place(deaf, "blue_block", "tray", slowly),
+        lambda: client.plan_pick_place(deaf, "blue_block", "tray", asked(HOME), upright=0.3),
+    ):
+        with pytest.raises(InvalidFile, match=r"(was sent|was asked|asked for)$"):
+            ask()
+
+
+def ends(planner: Planner, pick: TaskResult, cancel: CancelToken) -> Iterator[tuple[str, str, str]]:
+    """How every verb ends."""
+    service, handling = planner.service, Handling(cancel=cancel)
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    carrying = planner.of(pick.world).service
+    verbs: list[Callable[[], Any]] = [
+        lambda: service.plan(asked(ROUND), cancel=cancel),
+        lambda: service.certify([HOME, ASIDE], cancel=cancel),
+        lambda: service.explain(asked(LOW), cancel=cancel),
+        lambda: service.build_roadmap(PRM(milestones=50), cancel=cancel),
+        lambda: planner.move_linear(service, HOME, (0.0, 0.0, 0.02), cancel=cancel),
+        lambda: planner.pick(service, HOME, "blue_block", grasps, handling),
+        lambda: planner.place(carrying, pick.q, "blue_block", [ABOVE], handling),
+        lambda: planner.plan_pick_place(service, "blue_block", "tray", asked(HOME), cancel=cancel),
+    ]
+    for verb in verbs:
+        try:
+            result = verb()
+        except Cancelled as error:
+            yield "Cancelled", "", str(error)
+        else:
+            yield type(result).__name__, str(result.failure), str(result.counts)
+
+
+def test_what_was_cancelled_before_it_was_asked_ends_as_in_the_library(here: Planner, there: Planner) -> None:
+    over, pick = CancelToken(), taken(here)
+    over.cancel()
+    own, others = (list(ends(planner, pick, over)) for planner in (here, there))
+    assert own == others
+    assert [kind for kind, _, _ in own] == ["PlanResult", *["Cancelled"] * 3, "PlanResult", *["TaskResult"] * 3]
 
 
 def test_a_world_of_another_robot_is_refused(there: Planner) -> None:
