@@ -438,7 +438,7 @@ class Remote:
         self, answer: Answer, document: Mapping[str, Any], request: PlanRequest | None = None, pace: Pace | None = None
     ) -> SavedPlan:
         plan = self._reader.plan(document, answer.url)
-        if request is not None and plan.request is not None:
+        if request is not None and (plan.request is not None or plan.result.ok):
             _require_asked(answer, plan.request, request)
         self._server.remember(plan.result.trajectory, answer.job)
         return replace(plan, request=request, result=_of_server(plan.result, self.world, request, pace))

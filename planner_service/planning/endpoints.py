@@ -200,7 +200,14 @@ def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
     least, most = (bound[joint] for bound in robot.bounds)
     if not least <= q[joint] <= most:  # of a continuous joint these are wider than the window that is planned in
         low, high = least, most
-    return f"{robot.joint_names[joint]} = {q[joint]:.6g} is outside [{low:.4f}, {high:.4f}]"
+    words = f"{robot.joint_names[joint]} = {q[joint]:.6g} is outside [{low:.4f}, {high:.4f}]"
+    return words if _nowhere(q, robot) else f"{words}, within which a roadmap is"
+
+
+def _nowhere(q: FloatArray, robot: Robot) -> bool:
+    """Whether the robot can be at q in no window of its continuous joints."""
+    lower, upper = robot.bounds
+    return not np.all((q >= lower) & (q <= upper))
 
 
 def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
@@ -211,7 +218,8 @@ def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
     words = f"start: {_outside_in_words(q, joint, robot)}"
     inside = np.minimum(np.maximum(q, robot.limits.lower), robot.limits.upper)
     if abs(float(inside[joint] - q[joint])) > context.request.start_tolerance:
-        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_OUTSIDE_LIMITS, words, proven=True))
+        proven = _nowhere(q, robot)
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_OUTSIDE_LIMITS, words, proven=proven))
     context.accounting.notes.append(f"{words}; it was clamped to the limit")
     return read_only(inside)
 
@@ -234,7 +242,7 @@ def _configurations(
         joint = _outside(given, robot)
         if joint is not None:
             detail = f"{name}: {_outside_in_words(given, joint, robot)}"
-            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail, proven=True))
+            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail, proven=_nowhere(given, robot)))
         return [given]
     poses = (given,) if isinstance(given, Pose) else given.poses()
     solutions = list[FloatArray]()

@@ -28,7 +28,7 @@ from planner_service.certify.pairs import pairs_of_names
 from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
-from planner_service.planning.request import Pace, PlanRequest, kept_in
+from planner_service.planning.request import Pace, PlanRequest, keeps_torques, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.torque import torques_of
 from planner_service.planning.world import World
@@ -236,7 +236,7 @@ def recertify(
         if frozenset((a, b)) not in named
     ]
     claims, segments = _claims(plan, world), _segments(plan, world)
-    paces, requests = _paces(plan, segments), _requests(plan, segments)
+    requests = _requests(plan, segments)
     motions: list[TaskMotion] = []
     try:
         motions.extend(task_motions(world.robot, world.scene, claims))
@@ -245,9 +245,9 @@ def recertify(
     if motions and isinstance(plan, SavedTask) and (dropped := _dropped(motions[0], plan.robot.gripper_width)):
         problems.append(f"{motions[0].name}: {dropped}")
     proven = []
-    for before, motion, pace, request in zip([None, *motions], motions, paces, requests, strict=False):
+    for before, motion, segment, request in zip([None, *motions], motions, segments, requests, strict=False):
         exempt, refused = _exempt(before, motion, named)
-        refused = [*_exceeded_limits(motion, pace), *refused]
+        refused = [*_exceeded_limits(motion, _pace(segment, request)), *refused]
         trails = (Trail(), Trail()) if tracing else ()
         try:
             kept = _constraints(motion, request)
@@ -343,17 +343,19 @@ def _requests(plan: Plan, segments: Sequence[Segment]) -> list[PlanRequest | Non
     return [request if origin is None else origin.request for origin in origins]
 
 
-def _paces(plan: Plan, segments: Sequence[Segment]) -> list[Pace | None]:
-    """How fast each motion was allowed to be; None where that is not known, and the robot's own limits hold."""
-    request = None if isinstance(plan, PlanResult) else plan.request
-    return [_pace(segment, request) for segment in segments]
-
-
 def _pace(segment: Segment, request: PlanRequest | None) -> Pace | None:
+    """How fast a motion was allowed to be; None where that is not known, and the robot's own limits hold.
+
+    A law of the motion's own keeps torque limits if the request does, as ``Handling.line_timing``.
+    """
     origin = _asking(segment)
-    if origin is not None:
-        return origin.pace if origin.request is None else Pace.of(origin.request)
-    return None if request is None else Pace.of(request, segment.timing)
+    if origin is not None and origin.request is None:
+        return origin.pace
+    if request is None:
+        return None
+    law = segment.timing if origin is None else None
+    known = law is not None and (keeps_torques(law) or not keeps_torques(request.timing))
+    return Pace.of(request, law if known else None)
 
 
 def _asking(segment: Segment) -> Origin | None:

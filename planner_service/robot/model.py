@@ -270,9 +270,10 @@ class Robot:
         """
         values = numbers("q", q, f"{self.n} joint values")
         lower, upper = self.bounds
-        if values.shape != (self.n,) or not np.all((values >= lower) & (values <= upper)):
+        if values.shape != (self.n,) or not np.all((values >= lower - TURN) & (values <= upper + TURN)):
             return self
-        turns = np.where(self.continuous or False, np.round((values - self._middle) / TURN), 0.0)
+        nearest = np.minimum(np.maximum(values, lower), upper)
+        turns = np.where(self.continuous or False, np.round((nearest - self._middle) / TURN), 0.0)
         return _turned(self, tuple(turns.tolist())) if turns.any() else self
 
     def nearest_turns(self, waypoints: FloatArray, q: FloatArray) -> FloatArray:

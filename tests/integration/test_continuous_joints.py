@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker, tables_of
+from planner_service import PRM
 from planner_service.certify import Certifier
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
@@ -118,6 +119,21 @@ def test_what_is_farther_than_159_turns_is_refused(pendulum: Robot) -> None:
     assert "shoulder = 1001 is outside [-1000.0000, 1000.0000]" in failure.detail
     with pytest.raises(InvalidRequest, match=r"waypoints\[1\]\[0\]: got 1001"):
         service.certify(np.array([[0.0, 0.0], [1001.0, 0.0]]))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_start_a_hair_beyond_the_thousand_radians_is_taken_to_be_there(pendulum: Robot, side: float) -> None:
+    start = np.array([side * (MAX_TURNED + 1e-9), 0.0])
+    path, _ = PlannerService(pendulum, Scene()).plan(PlanRequest(start, [0.3, 0.1])).unwrap()
+    assert path.waypoints[0].tolist() == [side * MAX_TURNED, 0.0]
+
+
+def test_that_a_roadmap_does_not_reach_some_turns_away_is_no_proof_of_no_path(pendulum: Robot) -> None:
+    service = PlannerService(pendulum, Scene())
+    roadmap = service.build_roadmap(PRM(milestones=20))
+    failure = present(service.plan(PlanRequest([8.0, 0.0], [0.0, 0.0], planner=roadmap)).failure)
+    assert failure.detail.endswith("within which a roadmap is")
+    assert not failure.proven
 
 
 def test_the_way_out_of_a_collision_is_short_some_turns_away(pendulum: Robot) -> None:

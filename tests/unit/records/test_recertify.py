@@ -30,6 +30,7 @@ from planner_service import (
     Robot,
     Scene,
     SCurve,
+    ToppRa,
     Trajectory,
     Trapezoidal,
     pick,
@@ -347,6 +348,8 @@ def test_a_saved_pick_keeps_what_it_was_asked_and_the_law_of_its_lines(tmp_path:
     line = bin_().follow(descent.unwrap()[0].waypoints, pace=Pace(asked.timing, acceleration_scale=0.5))
     jerky = replace(descent, path=line.path, trajectory=line.trajectory)
     refused(changed(read, "descend", result=jerky), "descend: .* the jerk", bin_())
+    weak = replace(read.request, timing=ToppRa(torque=True), torque_scale=0.1)  # which its lines have to keep, too
+    refused(replace(read, request=weak), "descend: .* torque", bin_())
 
 
 # What a task says the gripper does.
