@@ -28,10 +28,9 @@ def plan_request(asked: Any, robot: Robot) -> PlanRequest:
     if any(unkept) or asked.cartesian_speed_limited_link not in ("", robot.tool_frame):
         expected = f"no constraints but goals, nothing attached, and no speed limit of a link but {robot.tool_frame}"
         raise InvalidRequest("motion_plan_request", asked.group_name, expected)
-    limits = [asked.max_velocity_scaling_factor, asked.max_acceleration_scaling_factor, asked.max_cartesian_speed]
-    limits.append(asked.allowed_planning_time)
-    named = zip(("velocity_scale", "acceleration_scale", "max_tool_speed", "time_limit"), limits, strict=True)
-    given: dict[str, Any] = {name: value for name, value in named if value != 0.0}  # MoveIt's default
+    pace = {"velocity_scale": asked.max_velocity_scaling_factor, "max_tool_speed": asked.max_cartesian_speed}
+    pace |= {"acceleration_scale": asked.max_acceleration_scaling_factor, "time_limit": asked.allowed_planning_time}
+    given: dict[str, Any] = {name: value for name, value in pace.items() if value != 0.0}  # MoveIt's default
     state = zip(start.joint_state.name, start.joint_state.position, strict=False)
     begin = _ordered("start_state", [row for row in state if row[0] in robot.joint_names], robot)
     return PlanRequest(begin, [_goal(goal, robot) for goal in asked.goal_constraints], **given)
@@ -49,7 +48,8 @@ def _goal(goal: Any, robot: Robot) -> Any:
             at, q = poses[0].position, turn.orientation
             base = Pose.from_matrix(robot.link_frame(frame)[1]) if frame else Pose()
             return base @ Pose((at.x, at.y, at.z), (q.w, q.x, q.y, q.z))
-    raise InvalidRequest("goal_constraints", goal.name, f"all joints, or a pose of {robot.tool_frame} in its base")
+    given = [f"{part.link_name} in {part.header.frame_id!r}" for part in (*places, *turns)]
+    raise InvalidRequest("goal_constraints", given, f"all joints, or a pose of {robot.tool_frame} in its base")
 
 
 def _ordered(field: str, joints: list[tuple[str, float]], robot: Robot) -> list[float]:
@@ -58,12 +58,12 @@ def _ordered(field: str, joints: list[tuple[str, float]], robot: Robot) -> list[
     return [dict(joints)[name] for name in robot.joint_names]
 
 
-def fill(answer: Any, result: PlanResult, robot: Robot) -> None:
-    """Write a plan, or why there is none, into a MotionPlanResponse."""
+def fill(answer: Any, result: PlanResult, robot: Robot) -> str:
+    """Write a plan, or why there is none, into a MotionPlanResponse; what it says in words."""
     if result.failure is not None:
         name = result.failure.reason.value.replace("START_IN_", "START_STATE_IN_")  # as MoveIt calls it
         answer.error_code.val = getattr(MoveItErrorCodes, name, MoveItErrorCodes.PLANNING_FAILED)
-        return
+        return str(result.failure)
     message = joint_trajectory(result, robot.joint_names, 0.01)
     answer.trajectory.joint_trajectory = trajectory = JointTrajectory(joint_names=message["joint_names"])
     trajectory.header.frame_id = robot.base_links[0]
@@ -71,6 +71,7 @@ def fill(answer: Any, result: PlanResult, robot: Robot) -> None:
         point["time_from_start"] = Duration(**point["time_from_start"])
         trajectory.points.append(JointTrajectoryPoint(**point))
     answer.error_code.val = MoveItErrorCodes.SUCCESS
+    return f"planned {len(message['points'])} points"
 
 
 def main() -> None:
@@ -84,7 +85,7 @@ def main() -> None:
         asked, told = request.motion_plan_request, response.motion_plan_response
         told.trajectory_start, told.group_name = asked.start_state, asked.group_name
         try:
-            fill(told, remote.plan(plan_request(asked, remote.robot)), remote.robot)
+            node.get_logger().info(fill(told, remote.plan(plan_request(asked, remote.robot)), remote.robot))
         except PlannerServiceError as error:
             code = "INVALID_MOTION_PLAN" if isinstance(error, InvalidRequest) else "FAILURE"
             told.error_code.val = getattr(MoveItErrorCodes, code)

@@ -15,9 +15,11 @@ from planner_service.cli.exit_codes import bad_input_exits, report_error
 from planner_service.cli.output import emit, json_text
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
+from planner_service.records.exports import mujoco_keyframes
 from planner_service.records.exports.mujoco_keyframes import keyframes_text
 from planner_service.records.exports.trajectory_export import (
-    OURS,
+    CSV_BEGINNING,
+    MESSAGE_BEGINNING,
     csv_text,
     display_trajectory,
     joint_trajectory,
@@ -86,13 +88,15 @@ def export(
         if out is not None:
             write_whole(Path(out), content, _file_kind(form))
     report_error(f"note: {arguments.from_file(saved)}")
+    if _motions(saved)[0].result.unwrap()[1].s(0.0, 1) > 0.0:
+        report_error("note: it begins at speed, as replanned motions do: only for a robot that moves as it begins")
     if out is None and isinstance(content, str):
         emit(content)
 
 
 def _file_kind(form: str) -> re.Pattern[bytes]:
     """How files of a format begin."""
-    return RECORDING if form == RERUN else OURS
+    return {RERUN: RECORDING, MUJOCO: mujoco_keyframes.BEGINNING, "csv": CSV_BEGINNING}.get(form, MESSAGE_BEGINNING)
 
 
 def _exported(saved: SavedPlan | SavedTask, form: str, dt: float, as_yaml: bool, model: str | None) -> str | bytes:

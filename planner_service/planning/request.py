@@ -292,8 +292,9 @@ def _number(name: str, value: object, low: float, high: float) -> float:
 
 def _require_scale(name: str, value: object) -> None:
     """Raise for what is not a share in (0, 1] of a limit."""
-    if _number(name, value, 0.0, 1.0) == 0.0:
-        raise InvalidRequest(name, value, "a part in (0, 1] of the limit")
+    part = "a part in (0, 1] of the limit"
+    if number(name, value, part, 0.0, 1.0) == 0.0:
+        raise InvalidRequest(name, value, part)
 
 
 def _require_tool_speed(value: object) -> None:

@@ -2,7 +2,8 @@
 
 Nothing imports it. Its job has ``file``; it answers with JSON: ``problem``, or ``name``, ``bodies``, ``joints``,
 ``geoms``, ``meshes`` (vertices), ``excludes``, ``follows`` (equalities of joints), ``loops`` (other equalities),
-``keys``, ``qpos``, ``velocities`` (how many), and ``places`` (of each joint in both). Quaternions are wxyz, angles in
+``keys``, ``qpos``, ``velocities`` (how many), and ``places`` (of each joint its name, if it has one, and its place in
+both). Quaternions are wxyz, angles in
 rad; bodies, joints, meshes and types are numbers, as mujoco has them.
 """
 
@@ -62,5 +63,5 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
         "keys": [[named("key", k), model.key_qpos[k][model.jnt_qposadr].tolist()] for k in range(model.nkey)],
         "qpos": model.qpos0.tolist(),
         "velocities": int(model.nv),
-        "places": list(zip(model.jnt_qposadr.tolist(), model.jnt_dofadr.tolist(), strict=True)),
+        "places": [[str(model.joint(k).name), *row] for k, row in enumerate(columns("jnt_qposadr", "jnt_dofadr"))],
     }

@@ -84,7 +84,7 @@ class JointPlaces:
     Attributes:
         qpos: The model's own positions, of all its joints.
         velocities: How many entries ``qvel`` has.
-        places: By name of each hinge or slide, its entry in ``qpos`` and that in ``qvel``.
+        places: By name of each hinge or slide that has one, its entry in ``qpos`` and that in ``qvel``.
     """
 
     qpos: tuple[float, ...]
@@ -101,8 +101,8 @@ def joint_places(path: Path, folders: Sequence[Path]) -> JointPlaces:
     told = _compiled(path, folders)
     places = {
         name: (int(position), int(velocity))
-        for (name, _, kind, *_), (position, velocity) in zip(told["joints"], told["places"], strict=True)
-        if JOINTS[kind] in KINDS
+        for (_, _, kind, *_), (name, position, velocity) in zip(told["joints"], told["places"], strict=True)
+        if name and JOINTS[kind] in KINDS
     }
     return JointPlaces(tuple(told["qpos"]), told["velocities"], places)
 

@@ -21,7 +21,7 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.serve.bodies import BODIES, EditsBody, SceneBody
 from planner_service.serve.documentation import SECURITY, documentation_page, with_models
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
-from planner_service.serve.replies import AcceptedReply, JobsReply, SceneReply, ScenesReply, StoredReply
+from planner_service.serve.replies import AcceptedReply, JobsReply, RunsReply, SceneReply, ScenesReply, StoredReply
 from planner_service.serve.server import PlanningServer, StoredAnswer
 from planner_service.serve.state.content_files import StateUnusable
 
@@ -508,7 +508,13 @@ def _add_about(app: FastAPI, server: PlanningServer) -> None:
         """Joints, limits, named poses and gripper, and the whole robot as plan files have it."""
         return Response(server.robot_document, media_type=JSON)
 
-    @app.get("/health", summary="Whether the server runs", operation_id="get_health", openapi_extra={"security": []})
+    @app.get(
+        "/health",
+        summary="Whether the server runs",
+        operation_id="get_health",
+        responses={200: _reply("It does", RunsReply)},
+        openapi_extra={"security": []},
+    )
     async def get_health() -> Response:
         """It does if this is answered."""
         return _json({"ok": True})
@@ -517,7 +523,7 @@ def _add_about(app: FastAPI, server: PlanningServer) -> None:
         "/ready",
         summary="Whether the server can plan",
         operation_id="get_ready",
-        responses=_problems(503),
+        responses={200: _reply("It can", RunsReply), **_problems(503)},
         openapi_extra={"security": []},
     )
     async def get_ready() -> Response:

@@ -8,7 +8,16 @@ from pydantic import BaseModel
 
 from planner_service.records.scene import AttachedRecord, ObstacleRecord
 
-__all__ = ["AcceptedReply", "JobReply", "JobsReply", "ProblemReply", "SceneReply", "ScenesReply", "StoredReply"]
+__all__ = [
+    "AcceptedReply",
+    "JobReply",
+    "JobsReply",
+    "ProblemReply",
+    "RunsReply",
+    "SceneReply",
+    "ScenesReply",
+    "StoredReply",
+]
 
 
 class AcceptedReply(BaseModel):
@@ -62,6 +71,12 @@ class SceneReply(BaseModel):
     description: str
     obstacles: list[ObstacleRecord]
     attached: list[AttachedRecord]
+
+
+class RunsReply(BaseModel):
+    """That the server runs, or is ready."""
+
+    ok: Literal[True]
 
 
 class ProblemReply(BaseModel):

@@ -102,7 +102,7 @@ class Ros:
         return SimpleNamespace(value="bin" if name == "scene" else default)
 
     def get_logger(self) -> Any:
-        return SimpleNamespace(error=self.told.append)
+        return SimpleNamespace(error=self.told.append, info=self.told.append)
 
     def create_service(self, _: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
         self.callbacks[name] = callback
@@ -192,7 +192,8 @@ def test_the_node_has_at_most_a_hundred_lines() -> None:
 @pytest.mark.slow
 def test_the_node_answers_with_the_planners_trajectory(ros: Ros) -> None:
     told = answer(ros, asked(joints("ready"), max_velocity_scaling_factor=0.5))
-    assert (told.error_code.val, told.group_name, ros.told) == (CODES["SUCCESS"], "arm", [])
+    assert (told.error_code.val, told.group_name) == (CODES["SUCCESS"], "arm")
+    assert ros.told == [f"planned {len(told.trajectory.joint_trajectory.points)} points"]
     plan = SERVICE.plan(PlanRequest(ROBOT.home, ROBOT.pose("ready"), velocity_scale=0.5))
     _, q, qd, qdd = plan.unwrap()[1].sample(0.01)
     trajectory = told.trajectory.joint_trajectory
@@ -214,10 +215,16 @@ def test_the_node_says_why_there_is_no_plan_in_moveits_words(ros: Ros) -> None:
     far = tool_goal()
     far.position_constraints[0].constraint_region.primitive_poses[0].position.x = 5.0
     assert answer(ros, asked(far)).error_code.val == CODES["NO_IK_SOLUTION"]
+    assert "the arm cannot reach this pose" in ros.told[0]
     down = asked(joints("ready"))
     down.start_state.joint_state.position = [*ROBOT.pose("ready")[::-1]]
     down.start_state.joint_state.position[ROBOT.n - 2] = 2.5
     assert answer(ros, down).error_code.val == CODES["START_STATE_IN_COLLISION"]
+
+
+def test_the_node_names_the_frame_that_it_does_not_know(ros: Ros) -> None:
+    assert answer(ros, asked(tool_goal("camera"))).error_code.val == CODES["INVALID_MOTION_PLAN"]
+    assert "in 'camera'" in ros.told[0]
 
 
 def _constrained(request: Any) -> None:

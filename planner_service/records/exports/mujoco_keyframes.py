@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from xml.sax.saxutils import quoteattr
 
@@ -16,7 +17,10 @@ from planner_service.robot.macros.expansion import package_folders, robot_folder
 from planner_service.robot_setup.mjcf_reader import joint_places
 from planner_service.tasks.result import Segment
 
-__all__ = ["keyframes_text"]
+__all__ = ["BEGINNING", "keyframes_text"]
+
+BEGINNING = re.compile(rb"<mujoco>\n  <keyframe>\n    <key name=[\"']0 [^\n]* time=")
+"""How such a file begins."""
 
 
 def keyframes_text(

@@ -23,7 +23,8 @@ from planner_service.planning.result import PlanResult
 from planner_service.tasks.result import Segment, require_joined
 
 __all__ = [
-    "OURS",
+    "CSV_BEGINNING",
+    "MESSAGE_BEGINNING",
     "csv_text",
     "display_trajectory",
     "joint_trajectory",
@@ -36,13 +37,22 @@ __all__ = [
     "yaml_text",
 ]
 
-OURS = re.compile(
-    rb't,(?:"?q_|motion,)|<mujoco>\s*<keyframe>'
-    rb'|\s*\{\s*"(?:header":\s*\{\s*"stamp|motions":\s*\[\s*\{\s*"name|joint_trajectory":\s*\{\s*"header)"'
-    rb'|\s*\{\s*"model_id":\s*"[^\n]*",\s*"trajectory"'
-    rb"|(?:header:\n +stamp|motions:\n- name|joint_trajectory:\n +header|model_id:[^\n]*\n(?: [^\n]*\n|\n)*trajectory):"
+_HEADER = (
+    rb'"header":\s*\{\s*"stamp":\s*\{\s*"sec":\s*0,\s*"nanosec":\s*0\s*\},\s*"frame_id":[^\n]*\s*\},\s*"joint_names"'
 )
-"""How exported trajectories begin."""
+_YAML_HEADER = rb"header:\n +stamp: \{sec: 0, nanosec: 0\}\n +frame_id:[^\n]*\n *joint_names:"
+
+CSV_BEGINNING = re.compile(rb't,(?:motion,gripper_width,)?"?q_[^\n]*,"?qd_[^\n]*,"?qdd_')
+MESSAGE_BEGINNING = re.compile(
+    rb'\s*\{\s*(?:"joint_trajectory":\s*\{\s*)?'
+    + _HEADER
+    + rb'|\s*\{\s*"motions":\s*\[\s*\{\s*"name":[^\n]*\s*"begin":'
+    rb'|\s*\{\s*"model_id":[^\n]*\s*"trajectory":\s*\[|(?:joint_trajectory:\n +)?'
+    + _YAML_HEADER
+    + rb"|motions:\n- name:[^\n]*\n(?: [^\n]*\n|\n)*  begin:"
+    rb"|model_id:[^\n]*\n(?: [^\n]*\n|\n)*trajectory:\n- joint_trajectory:"
+)
+"""How tables and messages begin that are written here; no other file is replaced by one."""
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -239,7 +249,7 @@ def write_csv(
         InvalidFile: it cannot be written.
     """
     target = as_path("path", path)
-    write_whole(target, csv_text(motion, joint_names, dt), OURS)
+    write_whole(target, csv_text(motion, joint_names, dt), CSV_BEGINNING)
 
 
 def sampled(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float) -> Samples:

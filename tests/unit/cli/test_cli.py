@@ -27,6 +27,7 @@ from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.planners import PRMstar
+from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import load_plan, load_task
 from planner_service.robot.model import Robot, load_robot
@@ -494,6 +495,17 @@ def test_a_file_whose_hash_is_not_that_of_its_scene_is_refused(tmp_path: Path) -
     done = run("certify", str(there))
     assert done.exit_code == 2
     assert "scene.hash: got '0000" in done.stderr
+
+
+def test_an_exported_motion_that_begins_at_speed_says_so(tmp_path: Path) -> None:
+    service = PlannerService("wxai", "empty")
+    first = service.plan(PlanRequest(service.robot.home, service.robot.pose("ready"), time_limit=None))
+    second = service.replan(first, at_time=0.3)
+    for result, noted in ((first, False), (second.result, True)):
+        result.save(tmp_path / "plan.json")
+        exported = run("export", str(tmp_path / "plan.json"), "--format", "csv")
+        assert exported.exit_code == 0
+        assert ("it begins at speed" in exported.stderr) == noted
 
 
 def test_a_plan_for_a_scene_of_ones_own_needs_nothing_but_its_file(tmp_path: Path) -> None:

@@ -20,7 +20,8 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.trajectory_export import (
-    OURS,
+    CSV_BEGINNING,
+    MESSAGE_BEGINNING,
     csv_text,
     display_trajectory,
     joint_trajectory,
@@ -308,9 +309,20 @@ def test_what_was_exported_is_known_again_and_nothing_else(planned: PlanResult) 
     texts = [csv_text(planned, ('an "odd", name', "b"), 0.1), task_csv_text(segments, NAMES, 0.1)]
     texts += [form(message) for message in messages for form in (yaml_text, json.dumps)]
     texts += [json.dumps(message, indent=1) for message in messages]
-    assert all(OURS.match(text.encode()) for text in texts)
-    for other in ("header: a post", '{"header": "a post"}', "motions: []", '{"motions": 3}', "model_id: 7", "t,q"):
-        assert not OURS.match(other.encode())
+    tables, texts = texts[:2], texts[2:]
+    assert all(CSV_BEGINNING.match(text.encode()) for text in tables)
+    assert all(MESSAGE_BEGINNING.match(text.encode()) for text in texts)
+    recorded = "header:\n  stamp:\n    sec: 12\n    nanosec: 5\n  frame_id: base\nname:\n- j1\n"
+    others = [
+        *("header: a post", '{"header": "a post"}', "motions: []", '{"motions": 3}', "model_id: 7", recorded),
+        '{"header": {"stamp": {"sec": 12, "nanosec": 5}, "frame_id": "", "joint_names": ["a"]}',
+        *("t,q", "t,q_shoulder,q_elbow,current\n0,1,2,3\n", "t,motion\n"),
+    ]
+    for other in others:
+        assert not CSV_BEGINNING.match(other.encode())
+        assert not MESSAGE_BEGINNING.match(other.encode())
+    assert not any(MESSAGE_BEGINNING.match(text.encode()) for text in tables)
+    assert not any(CSV_BEGINNING.match(text.encode()) for text in texts)
 
 
 @pytest.mark.parametrize("segments", [None, [], [1], "plan"])
