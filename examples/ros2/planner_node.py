@@ -59,7 +59,7 @@ def _ordered(field: str, joints: list[tuple[str, float]], robot: Robot) -> list[
 
 
 def fill(answer: Any, result: PlanResult, robot: Robot) -> str:
-    """Write a plan, or why there is none, into a MotionPlanResponse; what it says in words."""
+    """Write a plan, or why there is none, into a MotionPlanResponse; returns it in words."""
     if result.failure is not None:
         name = result.failure.reason.value.replace("START_IN_", "START_STATE_IN_")  # as MoveIt calls it
         answer.error_code.val = getattr(MoveItErrorCodes, name, MoveItErrorCodes.PLANNING_FAILED)

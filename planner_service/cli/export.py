@@ -89,7 +89,9 @@ def export(
             write_whole(Path(out), content, _file_kind(form))
     report_error(f"note: {arguments.from_file(saved)}")
     if _motions(saved)[0].result.unwrap()[1].s(0.0, 1) > 0.0:
-        report_error("note: it begins at speed, as replanned motions do: only for a robot that moves as it begins")
+        report_error(
+            "note: it begins at speed, as replanned motions do: only a robot that moves like that can follow it"
+        )
     if out is None and isinstance(content, str):
         emit(content)
 

@@ -287,7 +287,7 @@ class Remote:
         answer = self._work("certify", body, cancel)
         certificate = read_certificate(answer.document(), answer.url)
         names = constraint_names(kept_in(self.scene, constraints)) if certificate.certified else ""
-        asked = padding, tuple(stretches), None if part is None else tuple(part), names
+        asked = padding, stretches, None if part is None else tuple(part), names
         kept = ", ".join(dict.fromkeys(each.name for each in certificate.kept))
         if asked != (certificate.padding, certificate.exempt, certificate.part, kept):
             raise InvalidFile(answer.url, ["certificate: of something else than was asked"])
@@ -363,6 +363,10 @@ class Remote:
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         old = underway(previous, self.robot, at_time, latency)
         new = request_for(previous, old, request, goal)  # refuses what cannot be kept
+        if _cancelled(cancel):
+            return self._here.replan(
+                previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel
+            )
         body = {
             "plan": self._server.plan_of(previous.trajectory),
             "at_time": at_time,
@@ -551,9 +555,9 @@ def pick(
     if _cancelled(handling.cancel):
         return tasks.pick(remote._here, q, target, grasps, handling)
     body = {"q": start.tolist(), "target": target, "grasps": _poses("grasps", grasps)}
+    body |= {"handling": handling_body(handling)}
     lean = handling.upright
     upright = [] if lean is None else [kept_upright(grasp, lean) for grasp in grasps]
-    body |= {"handling": handling_body(handling)}
     return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
 
 
@@ -599,9 +603,9 @@ def plan_pick_place(
     if _cancelled(cancel):
         return tasks.plan_pick_place(remote._here, target, onto, request, upright=upright, cancel=cancel)
     body = {"target": target, "onto": onto, "start": start.tolist(), "upright": upright}
-    grasps = [] if upright is None else top_grasps(remote.robot, remote.scene.obstacle(target))
-    kept = [kept_upright(grasp, upright) for grasp in grasps if upright is not None]
     body |= {"request": settings_body(request)}
+    obstacle = remote.scene.obstacle(target)
+    kept = [] if upright is None else [kept_upright(grasp, upright) for grasp in top_grasps(remote.robot, obstacle)]
     return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
 
 

@@ -14,7 +14,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from planner_service.errors import BrokenInvariant
 from planner_service.parallel.engine import LOOK_AHEAD, InWorker, Limit, Lost, Work
 
-__all__ = ["Answered", "Backend", "Died", "Event", "Noted", "Raised", "WorkerPool", "outcome", "prepare_for_good"]
+__all__ = ["Answered", "Backend", "Died", "Event", "Noted", "Raised", "WorkerPool", "outcome", "prepare_and_freeze"]
 
 Answer = TypeVar("Answer")
 Worker = TypeVar("Worker")
@@ -66,8 +66,8 @@ def outcome(call: Callable[..., Any], *arguments: Any) -> Event:
         return Raised(error, traceback.format_exc())
 
 
-def prepare_for_good(work: Work[Any, Any]) -> None:
-    """Prepare a work in a process of its own: what it loads stays, so no later garbage collection looks at it again.
+def prepare_and_freeze(work: Work[Any, Any]) -> None:
+    """Prepare a work in a process of its own, and keep what it has loaded, which stays, out of garbage collection.
 
     That is 8 % more pick-and-places a second.
     """

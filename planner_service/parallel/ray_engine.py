@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.parallel.engine import Answers, Limit, TalkingWork, Work
-from planner_service.parallel.pool import Backend, Died, Event, Noted, Raised, WorkerPool, outcome, prepare_for_good
+from planner_service.parallel.pool import Backend, Died, Event, Noted, Raised, WorkerPool, outcome, prepare_and_freeze
 from planner_service.parallel.processes import available_cores, require_workers
 
 __all__ = ["Ray"]
@@ -88,7 +88,7 @@ class _Actor:
         self._events: SimpleQueue[Event] = SimpleQueue()
         if isinstance(work, TalkingWork):
             work.connect(lambda note: self._events.put(Noted(note)))
-        return outcome(prepare_for_good, work), _ray().get_runtime_context().get_node_id()
+        return outcome(prepare_and_freeze, work), _ray().get_runtime_context().get_node_id()
 
     def answer(self, item: Any) -> Event:
         """What an item comes to."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.parallel.engine import TalkingWork
-from planner_service.parallel.pool import Answered, Died, Event, Noted, Raised, outcome, prepare_for_good
+from planner_service.parallel.pool import Answered, Died, Event, Noted, Raised, outcome, prepare_and_freeze
 
 __all__ = ["main"]
 
@@ -87,7 +87,7 @@ def _prepare(sent: bytes, send: Callable[[Any], None]) -> Any:
     work = _unpickled("work", sent)
     if isinstance(work, TalkingWork):
         work.connect(send)
-    prepare_for_good(work)
+    prepare_and_freeze(work)
     return work
 
 

@@ -201,11 +201,11 @@ def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
     if not least <= q[joint] <= most:  # of a continuous joint these are wider than the window that is planned in
         low, high = least, most
     words = f"{robot.joint_names[joint]} = {q[joint]:.6g} is outside [{low:.4f}, {high:.4f}]"
-    return words if _nowhere(q, robot) else f"{words}, within which a roadmap is"
+    return words if _out_of_bounds(q, robot) else f"{words}, which is all that a roadmap covers"
 
 
-def _nowhere(q: FloatArray, robot: Robot) -> bool:
-    """Whether the robot can be at q in no window of its continuous joints."""
+def _out_of_bounds(q: FloatArray, robot: Robot) -> bool:
+    """Whether the robot can never be at q, however its continuous joints are turned."""
     lower, upper = robot.bounds
     return not np.all((q >= lower) & (q <= upper))
 
@@ -218,7 +218,7 @@ def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
     words = f"start: {_outside_in_words(q, joint, robot)}"
     inside = np.minimum(np.maximum(q, robot.limits.lower), robot.limits.upper)
     if abs(float(inside[joint] - q[joint])) > context.request.start_tolerance:
-        proven = _nowhere(q, robot)
+        proven = _out_of_bounds(q, robot)
         raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_OUTSIDE_LIMITS, words, proven=proven))
     context.accounting.notes.append(f"{words}; it was clamped to the limit")
     return read_only(inside)
@@ -242,7 +242,9 @@ def _configurations(
         joint = _outside(given, robot)
         if joint is not None:
             detail = f"{name}: {_outside_in_words(given, joint, robot)}"
-            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail, proven=_nowhere(given, robot)))
+            raise NoPlan(
+                Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail, proven=_out_of_bounds(given, robot))
+            )
         return [given]
     poses = (given,) if isinstance(given, Pose) else given.poses()
     solutions = list[FloatArray]()

@@ -266,7 +266,7 @@ class Robot:
         middles, as far as the bounds go.
 
         It is the same robot, with the same hash, planned for in another window. Without continuous joints, or where q
-        is no configuration of it, this robot itself.
+        is more than a turn outside the bounds, this robot itself.
         """
         values = numbers("q", q, f"{self.n} joint values")
         lower, upper = self.bounds

@@ -3,8 +3,7 @@
 Nothing imports it. Its job has ``file``; it answers with JSON: ``problem``, or ``name``, ``bodies``, ``joints``,
 ``geoms``, ``meshes`` (vertices), ``excludes``, ``follows`` (equalities of joints), ``loops`` (other equalities),
 ``keys``, ``qpos``, ``velocities`` (how many), and ``places`` (of each joint its name, if it has one, and its place in
-both). Quaternions are wxyz, angles in
-rad; bodies, joints, meshes and types are numbers, as mujoco has them.
+both). Quaternions are wxyz, angles in rad; bodies, joints, meshes and types are numbers, as mujoco has them.
 """
 
 from __future__ import annotations

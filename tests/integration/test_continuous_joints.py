@@ -132,7 +132,7 @@ def test_that_a_roadmap_does_not_reach_some_turns_away_is_no_proof_of_no_path(pe
     service = PlannerService(pendulum, Scene())
     roadmap = service.build_roadmap(PRM(milestones=20))
     failure = present(service.plan(PlanRequest([8.0, 0.0], [0.0, 0.0], planner=roadmap)).failure)
-    assert failure.detail.endswith("within which a roadmap is")
+    assert failure.detail.endswith("which is all that a roadmap covers")
     assert not failure.proven
 
 

@@ -589,12 +589,13 @@ def ends(planner: Planner, pick: TaskResult, cancel: CancelToken) -> Iterator[tu
     """How every verb ends."""
     service, handling = planner.service, Handling(cancel=cancel)
     grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
-    carrying = planner.of(pick.world).service
+    carrying, moving = planner.of(pick.world).service, service.plan(asked())
     verbs: list[Callable[[], Any]] = [
         lambda: service.plan(asked(ROUND), cancel=cancel),
         lambda: service.certify([HOME, ASIDE], cancel=cancel),
         lambda: service.explain(asked(LOW), cancel=cancel),
         lambda: service.build_roadmap(PRM(milestones=50), cancel=cancel),
+        lambda: service.replan(moving, at_time=0.1, goal=ASIDE * 0.9, cancel=cancel),
         lambda: planner.move_linear(service, HOME, (0.0, 0.0, 0.02), cancel=cancel),
         lambda: planner.pick(service, HOME, "blue_block", grasps, handling),
         lambda: planner.place(carrying, pick.q, "blue_block", [ABOVE], handling),
@@ -614,7 +615,13 @@ def test_what_was_cancelled_before_it_was_asked_ends_as_in_the_library(here: Pla
     over.cancel()
     own, others = (list(ends(planner, pick, over)) for planner in (here, there))
     assert own == others
-    assert [kind for kind, _, _ in own] == ["PlanResult", *["Cancelled"] * 3, "PlanResult", *["TaskResult"] * 3]
+    assert [kind for kind, _, _ in own] == [
+        "PlanResult",
+        *["Cancelled"] * 3,
+        "Replanned",
+        "PlanResult",
+        *["TaskResult"] * 3,
+    ]
 
 
 def test_a_world_of_another_robot_is_refused(there: Planner) -> None:

@@ -37,20 +37,22 @@ __all__ = [
     "yaml_text",
 ]
 
-_HEADER = (
-    rb'"header":\s*\{\s*"stamp":\s*\{\s*"sec":\s*0,\s*"nanosec":\s*0\s*\},\s*"frame_id":[^\n]*\s*\},\s*"joint_names"'
-)
-_YAML_HEADER = rb"header:\n +stamp: \{sec: 0, nanosec: 0\}\n +frame_id:[^\n]*\n *joint_names:"
+_STAMP = rb'"header":\s*\{\s*"stamp":\s*\{\s*"sec":\s*0,\s*"nanosec":\s*0\s*\},\s*"frame_id":[^\n]*\s*\},'
+_YAML_STAMP = rb"header:\n +stamp: \{sec: 0, nanosec: 0\}\n +frame_id:[^\n]*\n *"
+_MORE_LINES = rb"(?: [^\n]*\n|\n)*"
 
 CSV_BEGINNING = re.compile(rb't,(?:motion,gripper_width,)?"?q_[^\n]*,"?qd_[^\n]*,"?qdd_')
 MESSAGE_BEGINNING = re.compile(
-    rb'\s*\{\s*(?:"joint_trajectory":\s*\{\s*)?'
-    + _HEADER
-    + rb'|\s*\{\s*"motions":\s*\[\s*\{\s*"name":[^\n]*\s*"begin":'
-    rb'|\s*\{\s*"model_id":[^\n]*\s*"trajectory":\s*\[|(?:joint_trajectory:\n +)?'
-    + _YAML_HEADER
-    + rb"|motions:\n- name:[^\n]*\n(?: [^\n]*\n|\n)*  begin:"
-    rb"|model_id:[^\n]*\n(?: [^\n]*\n|\n)*trajectory:\n- joint_trajectory:"
+    b"|".join(
+        [
+            rb'\s*\{\s*(?:"joint_trajectory":\s*\{\s*)?' + _STAMP + rb'\s*"joint_names"',
+            rb'\s*\{\s*"motions":\s*\[\s*\{\s*"name":[^\n]*\s*"begin":',
+            rb'\s*\{\s*"model_id":[^\n]*\s*"trajectory":\s*\[',
+            rb"(?:joint_trajectory:\n +)?" + _YAML_STAMP + rb"joint_names:",
+            rb"motions:\n- name:[^\n]*\n" + _MORE_LINES + rb"  begin:",
+            rb"model_id:[^\n]*\n" + _MORE_LINES + rb"trajectory:\n- joint_trajectory:",
+        ]
+    )
 )
 """How tables and messages begin that are written here; no other file is replaced by one."""
 
