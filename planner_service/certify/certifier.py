@@ -23,7 +23,7 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
-from planner_service.presentation.measures import proof_text
+from planner_service.presentation.measures import proof_text, range_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
@@ -337,9 +337,10 @@ class Certifier:
         inside = (rows >= self._bounds[0]) & (rows <= self._bounds[1])  # False for NaN
         if not inside.all():
             row, joint = np.argwhere(~inside)[0].tolist()
-            expected = f"{self.robot.joint_names[joint]} in [{lower[joint]:.6g}, {upper[joint]:.6g}]"
+            value = float(rows[row, joint])
+            expected = f"{self.robot.joint_names[joint]} in {range_text(lower[joint], upper[joint], value)}"
             where = f"{name}[{joint}]" if name in ("q1", "q2") else f"{name}[{row}][{joint}]"
-            raise InvalidRequest(where, float(rows[row, joint]), expected)
+            raise InvalidRequest(where, value, expected)
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
         for interval in exempt:

@@ -37,6 +37,7 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, read_only
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
+from planner_service.presentation.measures import range_text
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
@@ -520,7 +521,7 @@ class CollisionChecker:
         for k, value in enumerate(array.tolist()):
             if not self._lower[k] <= value <= self._upper[k]:
                 low, high = (bound[k] for bound in self.robot.bounds)
-                raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
+                raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in {range_text(low, high, value)}")
         return array
 
     def _first_collision(self, Q: FloatArray) -> Collision | None:

@@ -21,6 +21,7 @@ from planner_service.geometry.validation import finite_numbers, instance, items,
 from planner_service.kinematics.tool_arm import descended, tool_arm
 from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.kinematics.wxai_inverse import WxaiInverse
+from planner_service.presentation.measures import range_text
 from planner_service.robot.model import Robot
 
 __all__ = [
@@ -312,8 +313,8 @@ def require_within_limits(name: str, robot: Robot, q: FloatArray) -> None:
     outside = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     worst = int(outside.argmax())
     if outside[worst] > LIMIT_SLACK:
-        span = f"within [{robot.limits.lower[worst]:.4f}, {robot.limits.upper[worst]:.4f}]"
-        raise InvalidRequest(f"{name}: {robot.joint_names[worst]}", float(q[worst]), span)
+        value, low, high = (float(values[worst]) for values in (q, robot.limits.lower, robot.limits.upper))
+        raise InvalidRequest(f"{name}: {robot.joint_names[worst]}", value, f"within {range_text(low, high, value)}")
 
 
 def require_joint_rate(value: object) -> float:

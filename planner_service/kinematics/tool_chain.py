@@ -9,6 +9,7 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
+from planner_service.presentation.measures import range_text
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
@@ -49,7 +50,7 @@ class ToolChain:
         for index, (name, value, (low, high)) in enumerate(zip(robot.joint_names, still.tolist(), limits, strict=True)):
             if index not in columns:
                 if not low - LIMIT_SLACK <= value <= high + LIMIT_SLACK:
-                    raise InvalidRequest(f"still: {name}", value, f"within [{low:.4f}, {high:.4f}]")
+                    raise InvalidRequest(f"still: {name}", value, f"within {range_text(low, high, value)}")
                 locked[name] = low  # any value will do: it does not move the chain
         bare = replace(robot, shapes=(), gripper=None, retreats=())
         return cls(bare.locked(locked), columns, still)

@@ -24,6 +24,7 @@ from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import nearest_free
 from planner_service.planning.request import PlanRequest, joint_vector
 from planner_service.planning.result import Failure, Reason, Stage
+from planner_service.presentation.measures import outside_text
 from planner_service.robot.model import TURN, ExemptRetreat, Robot
 
 __all__ = ["Ends", "GoalState", "find_ends", "padded_ends", "require_ends"]
@@ -141,8 +142,9 @@ def _ends(context: PlanContext) -> Ends:
     colliding: FloatArray | None = None
     arrived_at: int | None = None
     requested = request.goals(robot)
-    for index, given in enumerate(requested):
-        name = "goal" if len(requested) == 1 else f"goal[{index}]"
+    for index, ((name, stated), given) in enumerate(zip(request.named_goals(), requested, strict=True)):
+        if not isinstance(given, Pose | PoseGoal):
+            _note_clamped(context, name, np.asarray(stated), given)
         context.checker.ledger.poll()
         try:
             candidates = _configurations(context, name, given, begin)
@@ -200,7 +202,7 @@ def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
     least, most = (bound[joint] for bound in robot.bounds)
     if not least <= q[joint] <= most:  # of a continuous joint these are wider than the window that is planned in
         low, high = least, most
-    words = f"{robot.joint_names[joint]} = {q[joint]:.6g} is outside [{low:.4f}, {high:.4f}]"
+    words = f"{robot.joint_names[joint]} = {outside_text(q[joint], low, high)}"
     return words if _out_of_bounds(q, robot) else f"{words}, which is all that a roadmap covers"
 
 
@@ -222,6 +224,16 @@ def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
         raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_OUTSIDE_LIMITS, words, proven=proven))
     context.accounting.notes.append(f"{words}; it was clamped to the limit")
     return read_only(inside)
+
+
+def _note_clamped(context: PlanContext, name: str, stated: FloatArray, goal: FloatArray) -> None:
+    """Say so if a goal is not quite what was asked for."""
+    robot = context.checker.robot
+    if stated.tolist() != goal.tolist() and not _out_of_bounds(goal, robot):
+        joint = int(np.argmax(np.abs(stated - goal)))
+        low, high = (float(bound[joint]) for bound in robot.bounds)
+        words = f"{robot.joint_names[joint]} = {outside_text(stated[joint], low, high)}"
+        context.accounting.notes.append(f"{name}: {words}; it was clamped to the limit")
 
 
 def _configurations(

@@ -13,6 +13,7 @@ from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Figures, Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.result import Failure, PolishReport, Reason, Stage
+from planner_service.presentation.measures import outside_text
 from planner_service.robot.model import Robot
 
 __all__ = ["Touch", "judged", "lines", "not_free", "optimum_path"]
@@ -74,7 +75,7 @@ def _outside(path: JointPath, robot: Robot) -> Touch | None:
         return None
     row, joint = int(rows[0]), int(joints[0])
     value, low, high = (float(x) for x in (path.waypoints[row, joint], lower[joint], upper[joint]))
-    what = f"{robot.joint_names[joint]} = {value:.3f} is outside [{low:.3f}, {high:.3f}]"
+    what = f"{robot.joint_names[joint]} = {outside_text(value, low, high)}"
     return Touch(float(path.knots[row]) / path.length, (), what)
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import NoneType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, as_sent, set_fields
+from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -61,8 +62,8 @@ class PlanRequest:
             corner a stop.
         polish: How the shortened path is optimised; None to leave it. The optimum is kept only if it is no worse, free
             and proven.
-        start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
-            then clamped, and the result says so.
+        start_tolerance: Radians (or metres) by which the start, or a goal given as joint values, may lie outside a
+            joint limit; it is then clamped, and the result says so.
         payload: What the tool carries, by its mass, all along; for ``ToppRa(torque=True)``.
         torque_scale: Part in (0, 1] of the joints' efforts that may be used; for ``ToppRa(torque=True)``.
         evidence: Files of the plan have the trail of its proof, which others can check without this package.
@@ -151,17 +152,28 @@ class PlanRequest:
         return replace(chosen, corners=FEW_CORNERS if few else chosen.corners, clearance=clearance)
 
     def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
-        """The goals one by one, joint vectors copied and checked for shape and finiteness.
+        """The goals one by one, joint vectors copied, checked for shape and finiteness, and clamped.
 
         Raises:
             InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
         """
         instance("robot", robot, Robot, "a Robot")
-        if isinstance(self.goal, tuple):
-            goals = {f"goal[{k}]": g for k, g in enumerate(self.goal)}
-        else:
-            goals = {"goal": self.goal}
-        return tuple(g if isinstance(g, Pose | PoseGoal) else joint_vector(name, g, robot) for name, g in goals.items())
+        return tuple(
+            goal if isinstance(goal, Pose | PoseGoal) else self.clamped(joint_vector(name, goal, robot), robot)
+            for name, goal in self.named_goals()
+        )
+
+    def named_goals(self) -> tuple[tuple[str, Any], ...]:
+        """The goals as they were given, with the names that messages give them."""
+        several = isinstance(self.goal, tuple) and len(self.goal) != 1
+        goals = self.goal if isinstance(self.goal, tuple) else (self.goal,)
+        return tuple((f"goal[{k}]" if several else "goal", goal) for k, goal in enumerate(goals))
+
+    def clamped(self, q: FloatArray, robot: Robot) -> FloatArray:
+        """A configuration (n,) with joints that are outside their limits by at most ``start_tolerance`` at them."""
+        inside = np.clip(q, *robot.bounds)
+        moved = (inside != q) & (np.abs(inside - q) <= self.start_tolerance)
+        return read_only(np.where(moved, inside, q)) if moved.any() else q
 
 
 @dataclass(frozen=True)

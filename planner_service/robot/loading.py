@@ -14,6 +14,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
+from planner_service.presentation.measures import outside_text
 from planner_service.robot.end_effector.finger_loading import (
     GripperProblem,
     closed_positions,
@@ -168,9 +169,8 @@ def _loose_limits(table: RobotTable, movable: Mapping[str, UrdfJoint]) -> list[s
                 problems.append(f"limits.velocity: {name} exceeds the URDF's {joint.velocity:g}")
     for name, position in table.locked_joints.items():
         if name in movable and not movable[name].lower <= position <= movable[name].upper:
-            problems.append(
-                f"locked_joints: {name} = {position:g} is outside [{movable[name].lower:g}, {movable[name].upper:g}]"
-            )
+            where = outside_text(position, movable[name].lower, movable[name].upper)
+            problems.append(f"locked_joints: {name} = {where}")
     return problems
 
 

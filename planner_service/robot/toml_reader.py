@@ -15,6 +15,7 @@ from planner_service.files import schema
 from planner_service.files.package_data import data_folder
 from planner_service.files.schema import FirstOnly, Record, at_most
 from planner_service.files.toml_reader import read_tables
+from planner_service.presentation.measures import outside_text
 from planner_service.robot.model import AllowedContact, ExemptRetreat
 from planner_service.robot.package_files import package_folder
 
@@ -310,7 +311,7 @@ def _contradictions(robot: RobotTable) -> Iterator[str]:
     for where, q in named:
         for joint, value, low, high in zip(robot.joints, q, lower, upper, strict=True):
             if not low <= value <= high:
-                yield f"{where}: {joint} = {value:g} is outside [{low:g}, {high:g}]"
+                yield f"{where}: {joint} = {outside_text(value, low, high)}"
     known = ", ".join([shown(name)[1:-1] for name in list(robot.poses)[:MAX_SHOWN]])
     known += ", ..." if len(robot.poses) > MAX_SHOWN else ""
     for k, retreat in enumerate(robot.retreat):

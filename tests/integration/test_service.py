@@ -190,6 +190,16 @@ def test_a_start_outside_its_limits_is_refused_unless_it_is_within_the_tolerance
     assert "clamped" in clamped.notes[0]
 
 
+def test_a_goal_outside_its_limits_is_refused_unless_it_is_within_the_tolerance(discs: PlannerService) -> None:
+    refused = present(discs.plan(asked(start=(3.0, 0.0), goal=(math.pi + 0.02, 0.0))).failure)
+    clamped = discs.plan(asked(start=(3.0, 0.0), goal=[(math.pi + 0.02, 0.0), (math.nextafter(math.pi, 4.0), 0.0)]))
+    assert refused.reason is Reason.GOAL_OUTSIDE_LIMITS
+    assert clamped.unwrap()[0].waypoints[-1].tolist() == [math.pi, 0.0]
+    assert clamped.goal_index == 1
+    pi = "3.141592653589793"
+    assert clamped.notes[0] == f"goal[1]: shoulder = {pi[:-1]}4 is outside [-{pi}, {pi}]; it was clamped to the limit"
+
+
 def test_an_unreachable_pose_says_so(bin_: PlannerService) -> None:
     failure = present(bin_.plan(asked(bin_.robot.home, Pose((2.0, 0.0, 0.2)))).failure)
     assert failure.reason is Reason.NO_IK_SOLUTION

@@ -170,7 +170,7 @@ def test_what_leaves_the_limits_is_not_kept_and_it_is_said_which_joint(discs: Pl
     polished = discs.plan(asked(polish=planted(by=(0.0, 5.0))))
     assert bits(discs.plan(asked())) == bits(polished)
     assert "elbow" in present(polished.polish).note
-    assert "outside [-3.142, 3.142]" in present(polished.polish).note
+    assert "outside [-3.1416, 3.1416]" in present(polished.polish).note
 
 
 FIGURES = Figures(cost=1.0, length=2.0, roughness=0.1, clearance=0.01, shortfall=0.5)

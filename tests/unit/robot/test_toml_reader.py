@@ -62,7 +62,7 @@ BAD = [
     (HOME, "home = [0.0, 0.0]", r"poses.home: got \[0.0, 0.0\]; expected 6 finite numbers"),
     (HOME, HOME.replace("0.95", "nan"), r"poses.home\[1\]: got nan; expected a finite number"),
     (HOME, HOME.replace("0.95", "true"), r"poses.home\[1\]: got True; expected a finite number"),
-    (HOME, HOME.replace("0.95", "-0.95"), r"poses.home: joint_1 = -0.95 is outside \[0, 3.14159\]"),
+    (HOME, HOME.replace("0.95", "-0.95"), r"poses.home: joint_1 = -0.95 is outside \[0.0000, 3.1416\]"),
     (HOME, HOME.replace("home", "start"), "poses: got .*; expected a pose named 'home' among them"),
     ("[limits.jerk]", "[poses.jerk]", "limits.jerk: missing; expected a table"),
     ('source = "our convention', 'sauce = "our convention', "limits.jerk.source: missing; expected a text"),
