@@ -293,13 +293,13 @@ class IndependentChecker:
         self.owners.append(name)
 
     def _pair_up(self, may_touch: set[frozenset[str]]) -> None:
-        """Judge every two shapes that can move against each other, and what is carried against all of the robot."""
+        """Judge every two shapes that can move against each other, and what is carried against the robot's own."""
         self.pairs: list[tuple[str, str]] = []
         shapes = self.geometry.geometryObjects
         for j, second in enumerate(shapes):
             for i, first in enumerate(shapes[:j]):
                 names = (self.owners[i], self.owners[j])
-                own = first.parentJoint == second.parentJoint and not self._carried & set(names)
+                own = first.parentJoint == second.parentJoint and len(self._carried & set(names)) != 1
                 if names[0] != names[1] and not own and frozenset(names) not in may_touch:
                     self.geometry.addCollisionPair(pin.CollisionPair(i, j))
         for pair in self.geometry.collisionPairs:

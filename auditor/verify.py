@@ -227,9 +227,11 @@ class World:
 
     def wanted(self) -> Iterator[tuple[Solid, Solid]]:
         """Those that must be apart: an obstacle from what a joint moves, parts of the robot that are on different
-        bodies, and what is held from all of it. If the gripper alone moves: what belongs to a finger."""
+        bodies, and what is held from all of it; not two that are held, which cannot move against each other. If the
+        gripper alone moves: what belongs to a finger."""
         for one, two in combinations(self.solids, 2):
-            apart = one.home != two.home if two.kind == "link" else one.body != two.body or two.kind == "held"
+            apart = one.home != two.home if two.kind == "link" else one.body != two.body
+            apart |= two.kind == "held" != one.kind
             judged = one.name != two.name and frozenset((one.name, two.name)) not in self.may_touch
             if apart and judged and (not self.alone or max(one.body, two.body) >= self.arm):
                 yield one, two
@@ -379,6 +381,7 @@ def verify(document: Json, kept: Any = None) -> Iterator[str]:
         yield f"{name}: {1e3 * least:.4f} mm{part}" + f", {len(constraints)} constraints kept" * bool(constraints)
         yield from (f"  not judged: {each}" for each in proof["exempt"])
         yield from (f"  not judged: {each['name']}, which is held, with {each['touch_links']}" for each in now[1])
+        yield from (f"  not judged: {a['name']} x {b['name']}, held together" for a, b in combinations(now[1], 2))
         scene, ends, stood = now, points[-1], last
     yield from (f"never judged: {contact['links']} ({contact['reason']})" for contact in robot["allowed_contacts"])
     yield from (f"never judged: {pair} (allowed by the author)" for pair in allowed)

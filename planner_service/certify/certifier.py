@@ -40,6 +40,9 @@ MAX_PADDING = 0.1
 END_SLACK = 1e-9
 """Rounding by which an exempt stretch may end beyond the path."""
 
+CARRIED_TOGETHER = "carried together"
+"""Why two objects on the tool are not judged: nothing moves them against each other."""
+
 FREE_EDGE = EdgeProof(EdgeVerdict.FREE)
 
 NANO = 1e9
@@ -115,8 +118,9 @@ class Certificate:
         part: From where to where in s the curve was judged; None: all of it.
         allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
         kept: What is proven of each constraint, in their order; none if one of them is refused.
-        contacts: The pairs of links with shapes that were judged nowhere because the robot allows them to touch, each
-            with its reason. A plan file has them with its robot, so a certificate read from one has none itself.
+        contacts: The pairs that were judged nowhere, each with its reason: of links with shapes that the robot allows
+            to touch, and of objects that are carried together, which cannot move against each other. They follow from
+            the robot and the scene of a plan file, so a certificate read from one has none itself.
     """
 
     clearance: float
@@ -141,6 +145,12 @@ class Certificate:
     def certified(self) -> bool:
         """Whether the whole curve, or the part of it that was judged, is proven."""
         return self.refusal is None
+
+    @property
+    def unjudged(self) -> tuple[str, ...]:
+        """Where pairs were not judged that neither the robot nor the caller allows to touch, in words."""
+        together = [contact.links for contact in self.contacts if contact.reason == CARRIED_TOGETHER]
+        return (*map(str, self.exempt), *(f"not judged: {a} x {b} ({CARRIED_TOGETHER})" for a, b in together))
 
 
 @dataclass(eq=False)
@@ -187,8 +197,11 @@ class Certifier:
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
         shaped = {item.link for item in robot.shapes}
-        self._contacts = tuple(contact for contact in robot.allowed_contacts if shaped.issuperset(contact.links))
         self.listed = ProofPairs(robot, scene, self._allowed)
+        self._contacts = (
+            *(contact for contact in robot.allowed_contacts if shaped.issuperset(contact.links)),
+            *(AllowedContact(pair, CARRIED_TOGETHER) for pair in self.listed.held_together(scene)),
+        )
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
         self._bounds = robot.bounds[0] - LIMIT_SLACK, robot.bounds[1] + LIMIT_SLACK

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 
@@ -48,8 +49,8 @@ class ProofPairs:
     """Pieces and the pairs of them that must stay apart.
 
     An obstacle is judged against everything that a joint moves; two pieces of the robot if they are on different
-    bodies; a held object also against the body that holds it. Not judged: pieces of one owner, contacts that the robot
-    allows, a held object and its touch links, and ``allowed``.
+    bodies; a held object also against the body that holds it. Not judged: pieces of one owner, two held objects, whose
+    relative pose cannot change, contacts that the robot allows, a held object and its touch links, and ``allowed``.
 
     Pieces of an obstacle of many are bundled: a pair with a bundle is apart if all its children are.
 
@@ -115,6 +116,10 @@ class ProofPairs:
         first, second = self.pairs[pair].tolist()
         return self._label(self._pieces[first].owner), self._label(self._pieces[second].owner)
 
+    def held_together(self, scene: Scene) -> list[tuple[str, str]]:
+        """Pairs of objects that the robot holds at the same time, by what they are called."""
+        return list(combinations([self._label(("object", item.name)) for item in scene.attached], 2))
+
     def _label(self, owner: Owner) -> str:
         """The name, and the kind where the name alone could be read as another owner."""
         kind, name = owner
@@ -177,7 +182,7 @@ class ProofPairs:
             yield run, [o for o in (*runs[k + 1 :], *self._obstacles) if self._must_part(a, self._pieces[o.start])]
 
     def _must_part(self, a: Piece, b: Piece) -> bool:
-        if not (a.body > 0 if b.body == FIXED else a.body != b.body or a.held or b.held):
+        if not (a.body > 0 if b.body == FIXED else a.body != b.body or a.held != b.held):
             return False
         return a.owner != b.owner and (a.owner, b.owner) not in self._may_touch
 

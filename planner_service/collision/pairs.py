@@ -143,7 +143,7 @@ class Parts:
         """Whether a piece that rides must stay apart from another of another owner, unless that contact is allowed."""
         if b.body < 0:
             return a.moves
-        return a.body != b.body or a.carried or b.carried
+        return a.body != b.body or a.carried != b.carried  # two that are carried cannot move against each other
 
     def _pairs(self) -> IntArray:
         runs = [*self._riding_runs(), *self.runs]

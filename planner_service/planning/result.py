@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -354,7 +354,9 @@ class PlanResult:
     @property
     def allowed(self) -> tuple[tuple[str, str], ...]:
         """Pairs that were checked nowhere, as the service allows them to touch."""
-        return () if self.certificate is None else self.certificate.allowed
+        if self.certificate is not None:
+            return self.certificate.allowed
+        return () if self.origin is None else self.origin.world.allowed
 
     @property
     def counts(self) -> CheckCounts:
@@ -427,4 +429,14 @@ def plan_lines(plan: PlanResult) -> list[str]:
     lines += [] if plan.polish is None else [f"optimised: {plan.polish}"]
     if plan.failure is not None and plan.failure.proven:
         lines.append("proven: no plan exists for this request")
-    return [*lines, *(f"note: {note}" for note in (*plan.notes, *map(str, plan.exempt)))]
+    notes = [
+        *plan.notes,
+        *(() if plan.certificate is None else plan.certificate.unjudged),
+        *allowed_lines(plan.allowed),
+    ]
+    return [*lines, *(f"note: {note}" for note in notes)]
+
+
+def allowed_lines(pairs: Iterable[tuple[str, str]]) -> list[str]:
+    """Says of each pair that the service allows to touch that it was not judged."""
+    return [f"not judged: {a} x {b} (allowed by the service)" for a, b in pairs]

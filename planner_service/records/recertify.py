@@ -137,8 +137,7 @@ class Recertified:
                     pairs = ", ".join(f"{a} x {b}" for a, b in stretch.pairs)
                     where = f"{proven.gripper.name} before {proven.name}"
                     stretches.append(f"{where}: not judged: {pairs} ({stretch.reason})")
-            certificate = proven.certificate
-            stretches += [f"{proven.name}: {each}" if several else str(each) for each in certificate.exempt]
+            stretches += [f"{proven.name}: {each}" if several else each for each in proven.certificate.unjudged]
         return (*stretches, *(f"allowed to touch all the time: {a} x {b}" for a, b in self.allowed))
 
     def dropped_from(self, width: float) -> str:

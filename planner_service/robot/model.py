@@ -95,7 +95,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class AllowedContact:
-    """Two links that are never checked against each other, and why."""
+    """Two links, or two carried objects, that are never checked against each other, and why."""
 
     links: tuple[str, str]
     reason: str

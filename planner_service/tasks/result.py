@@ -18,7 +18,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, items, number
 from planner_service.planning.request import PlanRequest, keeps_torques, require_timing
-from planner_service.planning.result import Failure, PlanResult, Stage, cost_row, stage_row
+from planner_service.planning.result import Failure, PlanResult, Stage, allowed_lines, cost_row, stage_row
 from planner_service.planning.world import World
 from planner_service.presentation.measures import clearance_text, numbers_text, proof_text
 from planner_service.presentation.page import OpenPage
@@ -323,4 +323,5 @@ def task_lines(task: TaskReport) -> list[str]:
         clearance, bounds = min(proof.clearance for proof in proofs), sum(proof.distances for proof in proofs)
         lines.append(f"proof: {proof_text(clearance, bounds)}")
     notes = [*task.notes, *(f"{motion.name}: {note}" for motion in task.segments for note in motion.result.notes)]
+    notes += allowed_lines(dict.fromkeys(pair for result in results for pair in result.allowed))
     return [*lines, *(f"note: {note}" for note in notes)]

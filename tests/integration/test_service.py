@@ -8,12 +8,15 @@ import os
 import threading
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from auditor.checker import IndependentChecker, tables_of
 from planner_service import (
     PRM,
+    Attached,
     Box,
     CancelToken,
     CheckCounts,
@@ -38,6 +41,7 @@ from planner_service.planners import RRTstar
 from planner_service.planning import AllowedStretch
 from tests.support.optional import present
 
+ROOT = Path(__file__).parents[2]
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 
 
@@ -198,6 +202,34 @@ def test_a_goal_outside_its_limits_is_refused_unless_it_is_within_the_tolerance(
     assert clamped.goal_index == 1
     pi = "3.141592653589793"
     assert clamped.notes[0] == f"goal[1]: shoulder = {pi[:-1]}4 is outside [-{pi}, {pi}]; it was clamped to the limit"
+
+
+def test_things_that_are_carried_together_are_not_judged_against_each_other_and_the_answer_names_them() -> None:
+    tray = Attached("tray", Box((0.2, 0.2, 0.01)), Pose((0.3, 0.0, 0.0)))
+    cup = Attached("cup", Box((0.05, 0.05, 0.1)), Pose((0.3, 0.0, 0.055)))  # stands on the tray, to the last bit or not
+    service = PlannerService("planar2", Scene((), attached=(tray, cup)))
+    result = service.plan(asked(start=(0.0, 0.5), goal=(1.0, 0.4)))
+    assert "not judged: tray x cup (carried together)" in str(result)
+    second = IndependentChecker(ROOT / "robots" / "planar2", tables_of(service.scene))
+    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (100, 2)):
+        assert not any({"tray", "cup"} == {contact.a, contact.b} for contact in service.checker.contacts(q))
+    assert not any({"tray", "cup"} == set(pair) for pair in second.pairs)
+
+
+def test_a_carried_thing_is_judged_against_the_link_that_holds_it() -> None:
+    held = Attached("held", Box((0.2, 0.2, 0.2)), Pose())
+    failure = present(PlannerService("planar2", Scene((), attached=(held,))).plan(asked()).failure)
+    assert "held" in failure.detail
+
+
+def test_what_a_service_allows_to_touch_stands_in_every_answer(discs: PlannerService) -> None:
+    pair = ("forearm", "lesson_disc")
+    service = PlannerService("planar2", discs.scene, allowed=[pair])
+    results = [service.plan(asked()), service.plan(asked(goal=(4.0, 0.0)))]
+    assert [result.ok for result in results] == [True, False]
+    for result in results:
+        assert result.allowed == (pair,)
+        assert "not judged: forearm x lesson_disc (allowed by the service)" in str(result)
 
 
 def test_an_unreachable_pose_says_so(bin_: PlannerService) -> None:
