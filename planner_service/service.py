@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -38,7 +39,7 @@ from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, held_to
 from planner_service.planning.batch import Batch
-from planner_service.planning.collision_recovery import WayOut, way_out
+from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import plan, require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector, kept_in
@@ -531,16 +532,30 @@ class PlannerService:
         padding = 0.001 if roadmap.terms is None else roadmap.terms.padding
         return self._limited(lambda: update(roadmap, self._planning.variant(padding=padding)), cancel)
 
-    def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
-        """A short motion from a colliding configuration q (n,) to a free one; q itself if free, None if none is found.
+    def way_out(self, q: ArrayLike, *, padding: float = 0.001) -> WayOut | None:
+        """A proven motion from a colliding q (n,) to a free configuration; q itself if free, None if none is found.
 
-        It is a suggestion: nothing is executed, and no plan uses it by itself.
+        ``plan`` begins with it where pairs overlap by no more than ``PlanRequest.start_overlap``; here by any depth.
+
+        Args:
+            padding: Metres that everything is to keep where it ends, if that can be reached.
+
+        Raises:
+            InvalidRequest: q is not n finite joint values within the limits, or the padding not in [0, 0.1].
         """
         self._require_own_process()
-        require_seed(seed)
         start = joint_vector("q", q, self.robot)
-        checker, _ = self._window(start)
-        return held_to(Limits(), checker.ledger, lambda: way_out(checker, start, np.random.default_rng(seed)))
+        padding = number("padding", padding, "a number in [0, 0.1]", 0.0, 0.1)
+        checker, certifier = self._window(start)
+
+        def found() -> WayOut | None:
+            if checker.state_is_free(start):
+                return WayOut(JointPath(start[None]), ())
+            with suppress(NoWayOut):
+                return find_way_out(certifier.get(), start, math.inf, padding)
+            return None
+
+        return held_to(Limits(), checker.ledger, found)
 
     def view(
         self,

@@ -12,22 +12,34 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.certify.clearance import near_gaps
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.interval_proof import NO_LEAVES, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK, NumpyProver, Prover, native_prover
+from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import proof_text, range_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "ProofBackend", "Refusal", "Trail", "certify"]
+__all__ = [
+    "MARGIN",
+    "MAX_OVERLAP",
+    "Certificate",
+    "Certifier",
+    "ExemptInterval",
+    "ProofBackend",
+    "Refusal",
+    "Trail",
+    "certify",
+]
 
 ProofBackend = Literal["auto", "native", "numpy"]
 
@@ -36,6 +48,12 @@ MARGIN = 2e-6
 
 MAX_PADDING = 0.1
 """Metres; more is a mistake in the unit."""
+
+OVERLAP_SLACK = 5e-9
+"""Metres by which a proof of an overlap is better than what it says: room for directions that are packed in a file."""
+
+MAX_OVERLAP = 0.1
+"""Metres by which a request may let pairs overlap at its start; more is a mistake in the unit."""
 
 END_SLACK = 1e-9
 """Rounding by which an exempt stretch may end beyond the path."""
@@ -51,24 +69,35 @@ NANO = 1e9
 
 @dataclass(frozen=True)
 class ExemptInterval:
-    """A stretch of the path, in path length s, on which named pairs were not judged, and why.
+    """A stretch of the path, in path length s, on which named pairs need not be apart, and why.
+
+    Attributes:
+        depth: Metres by which the pairs may overlap there: that they do so by no more is proven. None: they are not
+            judged there at all.
 
     Raises:
-        InvalidRequest: ``pairs`` are not pairs of two names, or the ends are no numbers in order.
+        InvalidRequest: ``pairs`` are not pairs of two names, the ends are no numbers in order, or the depth is
+            negative or not finite.
     """
 
     s_start: float
     s_end: float
     pairs: tuple[tuple[str, str], ...]
     reason: str
+    depth: float | None = None
 
     def __post_init__(self) -> None:
         start = number("s_start", self.s_start, "a number >= 0", 0.0, math.inf)
         number("s_end", self.s_end, f"a number >= {start:.9g}", start, math.inf)
         object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+        if self.depth is not None:
+            number("depth", self.depth, "metres >= 0, or None", 0.0, sys.float_info.max)
 
     def __str__(self) -> str:
         pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
+        if self.depth is not None:
+            where = f"from s = {self.s_start:.3f} to {self.s_end:.3f}"
+            return f"at most {self.depth * 1e3:.4f} mm deep {where}: {pairs} ({self.reason})"
         return f"not judged from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs} ({self.reason})"
 
 
@@ -113,7 +142,7 @@ class Certificate:
             when no pair is judged, and -inf for a refused curve.
         distances: (configuration, pair) bounds asked.
         padding: Every judged pair was proven farther apart than this and ``MARGIN``.
-        exempt: Stretches on which named pairs were not judged.
+        exempt: Stretches on which named pairs were not judged, or proven to overlap by no more than a depth.
         refusal: None when the whole curve is proven, else the pair or the constraint that is not, and where.
         part: From where to where in s the curve was judged; None: all of it.
         allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
@@ -224,8 +253,8 @@ class Certifier:
 
         Args:
             path: A path with or without blends, judged as the curve it is; or waypoints (N, n) of a polyline.
-            exempt: Stretches on which pairs are not judged. At the ends of a stretch they are, unless the path ends or
-                another stretch begins there.
+            exempt: Stretches on which pairs are not judged, or if they have a depth, proven to overlap by less. At the
+                ends of a stretch they are judged, unless the path ends or another stretch begins there.
             constraints: What must hold on the whole of it, too; see ``prove_kept``.
             part: The interval of s to judge; None for the whole path.
             charge: Called with numbers of bounds, all in all what is counted: before each batch of them, but by the
@@ -255,16 +284,23 @@ class Certifier:
             )
         roots = self._roots(judged, stretches)
         proof = self.prover.prove(curve, padding + MARGIN, roots, charge, tracing=trail is not None)
+        parts = [proof]
+        for depth in sorted({stretch.depth for stretch in stretches if stretch.depth is not None}, reverse=True):
+            roots = self._overlapping(judged, [stretch for stretch in stretches if stretch.depth == depth])
+            if parts[-1].obstruction is None and len(roots.rows):
+                enough = OVERLAP_SLACK - depth
+                parts.append(self.prover.prove(curve, enough, roots, charge, tracing=trail is not None))
         if trail is not None:
-            leaves = np.frombuffer(proof.leaves).reshape(-1, 9)
+            leaves = np.concatenate([np.frombuffer(part.leaves).reshape(-1, 9) for part in parts])
             order = np.lexsort((leaves[:, 1], leaves[:, 0]))
             trail.path, trail.motion, trail.leaves = curve, self.motion, leaves[order]
-        obstruction, refusal, clearance = proof.obstruction, None, _floored(proof.proven)
+        obstruction, refusal, clearance = parts[-1].obstruction, None, _floored(proof.proven)
+        bounds = sum(part.bounds for part in parts)
         if obstruction is not None:
             names, clearance = self.listed.names(obstruction.pair), -math.inf
             refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
         allowed, contacts = self._allowed, self._contacts
-        return Certificate(clearance, proof.bounds, padding, stretches, refusal, checked_part, allowed, kept, contacts)
+        return Certificate(clearance, bounds, padding, stretches, refusal, checked_part, allowed, kept, contacts)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
@@ -302,6 +338,22 @@ class Certifier:
         self._check_limits("Q", rows)
         return self.prover.clearances(rows)
 
+    def near(self, Q: FloatArray, within: float, pairs: IntArray | None = None) -> tuple[IntArray, IntArray, Bounds]:
+        """As ``near_gaps``: of configurations Q (m, n) within the limits, and of all pairs if none are given."""
+        return near_gaps(self.motion, Q, self.listed.roots if pairs is None else pairs, within)
+
+    def overlaps(self, Q: FloatArray) -> list[dict[tuple[str, str], float]]:
+        """The pairs that are not proven apart, at each of configurations Q (m, n), and how deep they overlap at most.
+
+        In metres by the names of the two, rounded up, and larger by what ``OVERLAP_SLACK`` takes.
+        """
+        rows, pairs, found = self.near(Q, MARGIN)
+        out: list[dict[tuple[str, str], float]] = [{} for _ in Q]
+        for row, pair, gap in zip(rows.tolist(), pairs.tolist(), found.gaps.tolist(), strict=True):
+            names = self.listed.names(pair)
+            out[row][names] = max(out[row].get(names, 0.0), (math.ceil(-gap * NANO) + 10.0) / NANO)
+        return out
+
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> Roots:
         """What ``ProofTree`` is to prove of a path of that length.
 
@@ -329,6 +381,18 @@ class Certifier:
             parts += [self._whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
             after = row + 1
         return Roots(list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole)
+
+    def _overlapping(self, judged: Span, exempt: Sequence[ExemptInterval]) -> Roots:
+        """What stretches with a depth say of the pairs that they name."""
+        spans: dict[Span, int] = {}
+        rows: set[tuple[int, int]] = set()
+        for interval in exempt:
+            span = max(interval.s_start, judged[0]), min(interval.s_end, judged[1])
+            if span[0] <= span[1]:
+                number = spans.setdefault(span, len(spans))
+                named = (row for names in interval.pairs for row in self._rows_of.get(frozenset(names), ()))
+                rows |= {(int(self._whole[row, 0]), number) for row in named}
+        return Roots(list(spans), np.array(sorted(rows), dtype=np.intp).reshape(-1, 2))
 
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:

@@ -1,4 +1,4 @@
-"""How far the nearest pair is apart, at many configurations: lower bounds by the certificate's means, the reference.
+"""How far pairs are apart, at many configurations: lower bounds by the certificate's means, the reference.
 
 A pair's gap is at least its best bound, and at least that of the bundle it is in. The smallest of these does not depend
 on the order in which pairs are looked at, nor on which are left out because a cheaper bound of theirs is no smaller.
@@ -9,14 +9,20 @@ from __future__ import annotations
 import numpy as np
 
 from planner_service.certify.motion_bounds import Motion
-from planner_service.certify.separation import refined_gaps, rough_gaps
+from planner_service.certify.separation import Bounds, drawn_apart, refined_gaps, rough_gaps
 from planner_service.geometry.arrays import FloatArray, IntArray
 
-__all__ = ["CLEARANCE_ROUNDS", "smallest_gaps"]
+__all__ = ["CLEARANCE_ROUNDS", "near_gaps", "slopes", "smallest_gaps"]
 
 
 CLEARANCE_ROUNDS = 20
 """Steps of the search for the best direction."""
+
+DRAWN_ROUNDS = 8
+"""The same where hulls overlap."""
+
+STEP = 1e-6
+"""Radians (or metres) by which a joint is moved to either side for a slope."""
 
 AT_ONCE = 20_000
 """Pairs at configurations, so that temporary arrays stay small."""
@@ -69,3 +75,49 @@ class _Batch:
         child, parent = self._motion.opened(pair)
         apart = self._motion.spheres_apart(self._poses, child, node[parent])
         return child, node[parent], np.maximum(known[parent], apart)
+
+
+def near_gaps(motion: Motion, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+    """Pairs that are less than ``within`` metres apart at configurations Q (m, n): rows of Q, pairs and signed gaps.
+
+    A gap below 0 is an overlap of no more than that. Pairs with bundles are opened.
+    """
+    poses = np.concatenate([motion.fixed, motion.nodes(Q)[0]], axis=2)
+    node, pair = np.repeat(np.arange(len(Q)), len(pairs)), np.tile(pairs, len(Q))
+    nodes, found, bounds = [node[:0]], [pair[:0]], [Bounds(np.zeros(0), np.zeros((3, 0)))]
+    while len(pair):
+        rows = np.flatnonzero(motion.spheres_apart(poses, pair, node) < within)
+        pair, node = pair[rows], node[rows]
+        facing = motion.facing(poses, pair, node)
+        gaps, n = rough_gaps(facing, np.zeros((0, 3, len(pair))))
+        rows = np.flatnonzero((motion.children[pair, 1] == 0) & (gaps < within))
+        facing = facing.take(rows)
+        tight, n = refined_gaps(facing, gaps[rows], n[:, rows], CLEARANCE_ROUNDS)
+        hulled = facing.with_hull
+        if hulled is not None:
+            deep = np.flatnonzero(hulled & (tight < 0.0))
+            tight[deep], n[:, deep] = drawn_apart(facing.take(deep), tight[deep], n[:, deep], DRAWN_ROUNDS)
+        near = np.flatnonzero(tight < within)
+        nodes.append(node[rows[near]])
+        found.append(pair[rows[near]])
+        bounds.append(Bounds(tight[near], n[:, near]))
+        split = np.flatnonzero(gaps < within)
+        pair, parent = motion.opened(pair[split])
+        node = node[split[parent]]
+    return np.concatenate(nodes), np.concatenate(found), Bounds.joined(*bounds)
+
+
+def slopes(motion: Motion, q: FloatArray, pair: IntArray, n: FloatArray) -> FloatArray:
+    """How gaps of pairs change with each joint at q (n,), metres per rad or m, (pairs, n).
+
+    Along fixed directions (3, pairs): where a gap is the largest along any, this is how the gap itself changes.
+    """
+    Q = np.repeat(q[None], 2 * len(q), axis=0)
+    joints = np.arange(len(q))
+    Q[2 * joints, joints] += STEP
+    Q[2 * joints + 1, joints] -= STEP
+    poses = np.concatenate([motion.fixed, motion.nodes(Q)[0]], axis=2)
+    node = np.repeat(np.arange(len(Q)), len(pair))
+    facing = motion.facing(poses, np.tile(pair, len(Q)), node)
+    gaps = facing.along(np.tile(n, len(Q))).reshape(len(q), 2, len(pair))
+    return np.asarray((gaps[:, 0] - gaps[:, 1]).T / (2.0 * STEP))

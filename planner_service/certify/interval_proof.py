@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner_service.certify.motion_bounds import Motion, Nodes
-from planner_service.certify.separation import Bounds, Facing, refined_gaps, rough_gaps
+from planner_service.certify.separation import Bounds, Facing, drawn_apart, refined_gaps, rough_gaps
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
@@ -91,7 +91,7 @@ class ProofTree:
     Args:
         motion: Robot and scene.
         path: The curve.
-        enough: Metres by which every pair must be proven apart, and more.
+        enough: Metres by which every pair must be proven apart, and more; if negative, by how much they may overlap.
         charge: Called with the number of bounds before each batch; what it raises comes out unchanged.
         together: A stretch stays open for every pair as long as it does for one: what proofs without a list of open
             pairs do, here to compare with.
@@ -205,7 +205,7 @@ class ProofTree:
         return self._kept(open_.left, open_.right, pairs, stretches, ends[0], ends[1])
 
     def _close(self) -> float:
-        return CLOSE * max(self._smallest, self._enough)
+        return CLOSE * max(self._smallest, self._enough) if self._enough > 0.0 else NEAR
 
     def _halved(self, open_: _Open) -> _Open | Obstruction:
         """What a look at the middle of each stretch leaves open of its halves."""
@@ -266,15 +266,27 @@ class ProofTree:
         Something in a bundle is no farther away than the bundle and its size: that counts for the smallest gap.
         """
         leaf = self._leaf[pair]
-        ends = _refined(facing, ends, np.flatnonzero(leaf & (ends.gaps < close)), ROUNDS)
+        ends = self._refined(facing, ends, np.flatnonzero(leaf & (ends.gaps < close)), ROUNDS)
         far = np.where(leaf, ends.gaps, ends.gaps + 2.0 * self._motion.size[pair])
         self._smallest = min(self._smallest, float(far.min(initial=math.inf)))
         bad = np.flatnonzero(leaf & ~(ends.gaps > self._enough))
         if not len(bad):
             return ends, None
-        ends = _refined(facing, ends, bad, LAST_ROUNDS)
+        ends = self._refined(facing, ends, bad, LAST_ROUNDS)
         worst = int(bad[ends.gaps[bad].argmin()])
         return ends, None if ends.gaps[worst] > self._enough else worst
+
+    def _refined(self, facing: Facing, ends: Bounds, rows: IntArray, rounds: int) -> Bounds:
+        """The same with better bounds of some rows, also of overlaps where these are what is judged."""
+        if not len(rows):
+            return ends
+        gaps, n = ends.gaps.copy(), ends.n.copy()
+        gaps[rows], n[:, rows] = refined_gaps(facing.take(rows), gaps[rows], n[:, rows], rounds)
+        hulled = facing.with_hull
+        if self._enough <= 0.0 and hulled is not None:
+            rows = rows[hulled[rows] & (gaps[rows] < 0.0)]
+            gaps[rows], n[:, rows] = drawn_apart(facing.take(rows), gaps[rows], n[:, rows], ROUNDS)
+        return Bounds(gaps, n)
 
     def _obstructed(self, pair: IntArray, ends: Bounds, row: int, span: Span, s: float) -> Obstruction:
         return Obstruction(int(pair[row]), span, s, too_close(s, float(ends.gaps[row]), self._enough))
@@ -286,7 +298,7 @@ class ProofTree:
         one, two = before.gaps, after.gaps
         motion = self._motion.pair_motions(self._nodes.motions(left, right), pair, stretch)
         bound = np.minimum(0.5 * (one + two - motion), np.minimum(one, two))
-        proven = bound >= max(self._enough, FRACTION * self._smallest)
+        proven = bound >= (max(self._enough, FRACTION * self._smallest) if self._enough > 0.0 else self._enough)
         used = np.zeros(len(left), dtype=bool)
         used[stretch[~proven]] = True
         if self._together:
@@ -306,17 +318,11 @@ def too_close(s: float, gap: float, enough: float) -> str:
     """The words for a pair of which no more than ``gap`` metres is proven at s."""
     mm = gap * 1e3
     proven = f"a gap of {mm:.4f} mm is proven" if mm > 0.0 else f"they overlap by at most {-mm:.4f} mm"
+    if enough <= 0.0:
+        return f"at s = {s:.6g} {proven}; less than {-enough * 1e3:.4f} mm is allowed"
     return f"at s = {s:.6g} {proven}; more than {enough * 1e3:.4f} mm is needed"
 
 
 def no_end(most: int | None) -> str:
     """The words for a proof that did not end within so many bounds, or at a point if None."""
     return "no shorter stretch has numbers of its own" if most is None else f"{most:,} bounds did not suffice"
-
-
-def _refined(facing: Facing, ends: Bounds, rows: IntArray, rounds: int) -> Bounds:
-    if not len(rows):
-        return ends
-    gaps, n = ends.gaps.copy(), ends.n.copy()
-    gaps[rows], n[:, rows] = refined_gaps(facing.take(rows), gaps[rows], n[:, rows], rounds)
-    return Bounds(gaps, n)

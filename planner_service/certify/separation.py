@@ -21,7 +21,7 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
-__all__ = ["Bounds", "Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps", "walked"]
+__all__ = ["Bounds", "Facing", "Solids", "centre_of", "drawn_apart", "refined_gaps", "rough_gaps", "walked"]
 
 
 TINY = 1e-12
@@ -317,4 +317,24 @@ def _ascended(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> t
         better = good & (bounds > gaps)
         gaps = np.where(better, bounds, gaps)
         n = np.where(better, line, n)
+    return gaps, n
+
+
+def drawn_apart(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> tuple[FloatArray, FloatArray]:
+    """Improve bounds (p,) of overlaps with a hull, and directions (3, p), which no walk to a nearest point does.
+
+    As in ``_ascended`` a is first drawn away from b along the best direction so far; then there is a nearest point.
+    """
+    gaps, n = gaps.copy(), n.copy()
+    rows: IntArray = np.arange(len(gaps))
+    for _ in range(rounds):
+        pairs, known, way = facing.take(rows), gaps[rows], n[:, rows]
+        moved = replace(pairs, x=pairs.x + way * np.maximum(SHIFT - known, 0.0))
+        _, way = walked(moved, moved.along(way), way, STEPS_PER_ROUND * rounds)
+        bounds = pairs.along(way)
+        better = bounds > known
+        rows = rows[better]
+        if not len(rows):
+            break
+        gaps[rows], n[:, rows] = bounds[better], way[:, better]
     return gaps, n

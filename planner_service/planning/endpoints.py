@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner_service.certify.certifier import MARGIN
+from planner_service.certify import MARGIN, ExemptInterval
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
@@ -20,8 +20,9 @@ from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
+from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
-from planner_service.planning.collision_recovery import nearest_free
+from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
 from planner_service.planning.request import PlanRequest, joint_vector
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.presentation.measures import outside_text
@@ -73,8 +74,8 @@ class Ends:
 
     Attributes:
         begin: The requested start, clamped to the limits, shape (n,).
-        start: Where the search starts, shape (n,): ``begin``, or the end of the fixed way out of a named pose.
-        departure: That way out; None if there is none.
+        start: Where the search starts, shape (n,): ``begin``, or where the way out of it ends.
+        departure: The way out of that pose, or of a collision; None if there is none.
         start_padding: Metres that ``start`` keeps from everything, at most what was requested.
         goals: Free goals, nearest first.
         arrived_at: The index of a requested goal that is ``begin`` itself; None if there is none.
@@ -82,7 +83,7 @@ class Ends:
 
     begin: FloatArray
     start: FloatArray
-    departure: ExemptRetreat | None
+    departure: WayOut | None
     start_padding: float
     goals: tuple[GoalState, ...]
     arrived_at: int | None = None
@@ -128,14 +129,19 @@ def padded_ends(context: PlanContext, ends: Ends, padding: float) -> Ends:
 def _ends(context: PlanContext) -> Ends:
     request, robot = context.request, context.checker.robot
     begin = _clamped(context, np.asarray(request.start))
-    start, departure = _beyond_retreat(context, begin)
+    start, retreat = _beyond_retreat(context, begin)
+    departure = None if retreat is None else _fixed_way(context, retreat)
     for q in (begin, start):
         context.accounting.require_kept("start", q)
         context.accounting.require_held("start", q)
     try:
         start_padding = _padding_at(context, start, "start")
     except NoPlan as no_plan:
-        raise NoPlan(_with_nearest_free(context, no_plan.failure, start)) from no_plan
+        if departure is not None:
+            raise NoPlan(_with_nearest_free(context, no_plan.failure, start)) from no_plan
+        departure = _way_out(context, start, no_plan.failure)
+        start = departure.path.waypoints[-1]
+        start_padding = _padding_at(context, start, "start")
     goals: list[GoalState] = []
     failures: list[Failure] = []
     every = True  # end that was asked for is known
@@ -320,6 +326,34 @@ def _beyond_retreat(context: PlanContext, q: FloatArray) -> tuple[FloatArray, Ex
     return q, None
 
 
+def _fixed_way(context: PlanContext, retreat: ExemptRetreat) -> WayOut:
+    """The fixed way out of a named pose."""
+    path = JointPath(np.array([context.checker.robot.pose(retreat.pose), retreat.to]))
+    pairs = context.checker.parts.labels.links(retreat.pairs)
+    return WayOut(path, (ExemptInterval(0.0, path.length, pairs, retreat.reason),))
+
+
+def _way_out(context: PlanContext, start: FloatArray, failure: Failure) -> WayOut:
+    """The proven way out of a start that overlaps by no more than the request allows.
+
+    Raises:
+        NoPlan: There is none; the failure says what would help.
+    """
+    request, accounting = context.request, context.accounting
+    try:
+        way = find_way_out(
+            context.certifier.get(), start, request.start_overlap, request.padding, charge=accounting.charge
+        )
+        accounting.require_kept("the end of the way out of a collision", way.path.waypoints[-1])
+        accounting.require_held("the end of the way out of a collision", way.path.waypoints[-1])
+    except NoWayOut as none:
+        proven = failure.proven and none.too_deep
+        failure = replace(failure, detail=f"{failure.detail}; {none}", proven=proven)
+        raise NoPlan(_with_nearest_free(context, failure, start)) from none
+    accounting.notes.extend(f"the start overlaps: {stretch}" for stretch in way.exempt)
+    return way
+
+
 def _padding_at(context: PlanContext, q: FloatArray, name: str) -> float:
     """The widest of a few paddings with which q is free.
 
@@ -386,10 +420,25 @@ def _can_be_reached(context: PlanContext, pose: Pose, begin: FloatArray) -> bool
 
 
 def _with_nearest_free(context: PlanContext, failure: Failure, q: FloatArray) -> Failure:
-    """The same failure with the nearest free configuration found, if the limits leave room to look for one."""
+    """The same failure with the nearest free configuration found, if the limits leave room to look for one.
+
+    A plan may begin or end there: it keeps ``APART`` from everything, and what else the request asks of an end.
+    """
+    checker = context.checker.variant(padding=APART)
+
+    def would_do(q: FloatArray) -> bool:
+        if not checker.state_is_free(q):
+            return False
+        with suppress(NoPlan):
+            context.accounting.require_kept("start", q)
+            context.accounting.require_held("start", q)
+            return True
+        return False
+
+    rng = np.random.default_rng([context.request.seed, 2])
     try:
         with context.checker.limited(states=RECOVERY_STATES):
-            free = nearest_free(context.checker, q, np.random.default_rng([context.request.seed, 2]))
+            free = nearest_free(would_do, q, checker.robot.limits, rng)
     except (CheckBudgetSpent, TimeBoxSpent) as stopped:
         context.accounting.stopped_by(stopped)
         free = None

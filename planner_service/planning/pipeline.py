@@ -40,7 +40,7 @@ from planner_service.planning.search_stage import Candidates, SearchRound
 from planner_service.planning.timing_stage import timed
 from planner_service.planning.torque import torques_of
 from planner_service.roadmap import Roadmap
-from planner_service.robot.model import ExemptRetreat, Robot
+from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.trace import Tracer
@@ -160,7 +160,7 @@ def _stay(context: PlanContext, ends: Ends, goal_index: int) -> PlanResult:
     accounting.padding = ends.padding
     accounting.notes.append("start and goal are the same configuration: nothing to do")
     path = JointPath(np.array([ends.begin]))
-    exempt = [] if ends.departure is None else [_exempt(context, 0.0, 0.0, ends.departure)]
+    exempt = [] if ends.departure is None else [replace(each, s_end=0.0) for each in ends.departure.exempt]
     certificate = require_proven(certify(path, context.certifier.get(), accounting, exempt))
     return accounting.result(path, *_timed(context, path), goal_index=goal_index, certificate=certificate)
 
@@ -260,25 +260,21 @@ def _timed(context: PlanContext, path: JointPath) -> tuple[Trajectory, MotionRep
 def _route(context: PlanContext, ends: Ends, points: FloatArray) -> _Route:
     """The whole way, with the fixed ways out of a pose and into one."""
     goal = next(goal for goal in ends.goals if goal.q.tolist() == points[-1].tolist())
-    robot, pieces, kept = context.checker.robot, [points], []
+    robot, pieces, kept = context.checker.robot, [points], list[int]()
     exempt: list[ExemptInterval] = []
     if ends.departure is not None:
-        pieces.insert(0, robot.pose(ends.departure.pose)[None])
-        kept.append(1)
+        before = ends.departure.path.waypoints[:-1]
+        pieces.insert(0, before)
+        kept += range(1, len(before) + 1)
+        exempt += ends.departure.exempt
     if goal.arrival is not None:
         pieces.append(robot.pose(goal.arrival.pose)[None])
     path = JointPath(np.concatenate(pieces))
-    if ends.departure is not None:
-        exempt.append(_exempt(context, 0.0, float(path.knots[1]), ends.departure))
     if goal.arrival is not None:
         kept.append(len(path.waypoints) - 2)
-        exempt.append(_exempt(context, float(path.knots[-2]), path.length, goal.arrival))
+        pairs = context.checker.parts.labels.links(goal.arrival.pairs)
+        exempt.append(ExemptInterval(float(path.knots[-2]), path.length, pairs, goal.arrival.reason))
     return _Route(path, goal.index, tuple(kept), tuple(exempt))
-
-
-def _exempt(context: PlanContext, s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
-    pairs = context.checker.parts.labels.links(retreat.pairs)
-    return ExemptInterval(s_start, s_end, pairs, retreat.reason)
 
 
 def _blended(context: PlanContext, route: _Route, candidates: Candidates) -> JointPath:
@@ -374,7 +370,7 @@ def _proven_optimum(context: PlanContext, ends: Ends, optimum: Optimum) -> _Proo
     """
     route = _route(context, ends, optimum.path.waypoints)
     blends = np.zeros(len(route.path.waypoints))
-    first = 1 if ends.departure is not None else 0
+    first = 0 if ends.departure is None else len(ends.departure.path.waypoints) - 1
     blends[first : first + len(optimum.path.blends)] = optimum.path.blends
     path = route.path.with_blends(blends)
     certificate = require_proven(certify(path, context.certifier.get(), context.accounting, route.exempt))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.certify import MAX_OVERLAP
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidRequest
@@ -64,6 +65,8 @@ class PlanRequest:
             and proven.
         start_tolerance: Radians (or metres) by which the start, or a goal given as joint values, may lie outside a
             joint limit; it is then clamped, and the result says so.
+        start_overlap: Metres, at most 0.1, by which pairs may overlap at the start. The plan then begins with a proven
+            way out, on which they are never deeper and come apart, and no other pair touches; 0 refuses such a start.
         payload: What the tool carries, by its mass, all along; for ``ToppRa(torque=True)``.
         torque_scale: Part in (0, 1] of the joints' efforts that may be used; for ``ToppRa(torque=True)``.
         evidence: Files of the plan have the trail of its proof, which others can check without this package.
@@ -88,6 +91,7 @@ class PlanRequest:
     max_tool_speed: float | None = None
     blend: float = 0.5
     start_tolerance: float = 0.01
+    start_overlap: float = 0.003
     polish: Optimise | None = None
     constraints: Sequence[Constraint] = ()
     payload: Payload | None = None
@@ -103,6 +107,7 @@ class PlanRequest:
         set_fields(self, seed=seed, max_checks=checks, retries=retries)
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
+        _number("start_overlap", self.start_overlap, 0.0, MAX_OVERLAP)
         _number("blend", self.blend, 0.0, 3.0)
         _require_tool_speed(self.max_tool_speed)
         if self.time_limit is not None:

@@ -1,9 +1,10 @@
 """Rules that say which pairs may go unchecked on which stretch of a motion, because contact is intended there.
 
-There are three rules; nothing else is exempt:
+There are four rules; nothing else is exempt:
 
 - The robot's own way out of a named pose, and back into it: the pairs of that retreat, on that one straight piece.
 - Fingers and what they take or leave: on the straight approach to where the gripper closes or opens.
+- What touches where the first motion begins: until it has come apart, and never deeper than before.
 - A carried object and what it stood or will stand on: near that place on the same line, and no deeper in it than there.
 """
 
@@ -11,14 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from planner_service.certify import ExemptInterval
+from planner_service.certify import MAX_OVERLAP, Certifier, ExemptInterval
 from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.guards import LONGEST_APPROACH, MEANT_OVERLAP, tool_line
 from planner_service.path.joint_path import JointPath
+from planner_service.planning.collision_recovery import LEAVING
 from planner_service.records.task_sequence import TaskMotion, fingers_of
 from planner_service.scene.names import Names
 from planner_service.tasks.result import MAX_SUPPORT_GAP
@@ -29,6 +32,12 @@ Pair = tuple[str, str]
 
 ROUNDING = 1e-9
 """Path length by which a stretch may reach beyond what its rule allows."""
+
+LOOKS = 33
+"""Places on a way out of a collision at which no depth may have grown."""
+
+SAME_DEPTH = 5e-8
+"""Metres: bounds of an overlap are worked out to some nanometres, and a depth in a file has ten of them to spare."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +53,19 @@ class Ruling:
     objection: str = ""
 
 
-def ruled(before: TaskMotion | None, motion: TaskMotion, stretch: ExemptInterval, pair: Pair) -> Ruling:
-    """Whether a pair may go unchecked on a stretch of a motion.
+def ruled(
+    before: TaskMotion | None, motion: TaskMotion, stretch: ExemptInterval, pair: Pair, overlap: float = MAX_OVERLAP
+) -> Ruling:
+    """Whether a pair may go unchecked on a stretch of a motion, or overlap there.
 
     Args:
         before: The motion before it in its task; None for the first.
         pair: The names of the two in the motion's scene; see ``Names``.
+        overlap: Metres by which pairs may overlap where the first motion begins.
     """
+    if stretch.depth is not None:
+        objection = _stuck(before, motion, stretch, pair, overlap)
+        return Ruling(objection=objection) if objection else Ruling(LEAVING)
     path, names, both = motion.trajectory.path, Names(motion.robot, motion.scene), frozenset(pair)
     for retreat in motion.robot.retreats:
         if both in {frozenset(each) for each in names.links(retreat.pairs)}:
@@ -79,6 +94,26 @@ def ruled(before: TaskMotion | None, motion: TaskMotion, stretch: ExemptInterval
     if motion.left is not None and _are(both, obstacles, thing := names.object(motion.left.name)):
         return _standing(motion, stretch, pair, f"{thing} is to stand there", at_end=True)
     return Ruling(objection="no rule of picking or placing allows that contact there")
+
+
+def _stuck(before: TaskMotion | None, motion: TaskMotion, stretch: ExemptInterval, pair: Pair, overlap: float) -> str:
+    """Why a pair may not leave an overlap on a stretch; empty if it may."""
+    if before is not None or stretch.s_start > 0.0 or stretch.depth is None:
+        return "only where the first motion begins may a pair overlap"
+    path = motion.trajectory.path
+    certifier = Certifier(motion.robot, motion.scene)
+    found = certifier.overlaps(path(np.linspace(0.0, min(stretch.s_end, path.length), LOOKS)))
+    depths = [max((at.get(names, 0.0) for names in (pair, pair[::-1])), default=0.0) for at in found]
+    touching = [pair in at or pair[::-1] in at for at in found]
+    if not touching[0]:
+        return "they do not touch where the motion begins"
+    if depths[0] > overlap + ROUNDING:
+        return f"they overlap by {depths[0] * 1e3:.4f} mm, and start_overlap allows {overlap * 1e3:g} mm"
+    if stretch.depth > depths[0] + SAME_DEPTH:
+        return f"they overlap by {depths[0] * 1e3:.4f} mm where it begins, not by {stretch.depth * 1e3:.4f} mm"
+    if any(later > sooner + SAME_DEPTH for sooner, later in pairwise(depths)):
+        return "they come deeper into each other"
+    return "they have not come apart where the stretch ends" if touching[-1] else ""
 
 
 def _are(names: frozenset[str], group: Collection[str], other: str) -> bool:

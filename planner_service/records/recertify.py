@@ -23,7 +23,15 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, Trail, certify_gripper
+from planner_service.certify import (
+    MAX_OVERLAP,
+    Certificate,
+    Certifier,
+    ExemptInterval,
+    GripperMotion,
+    Trail,
+    certify_gripper,
+)
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
@@ -245,7 +253,7 @@ def recertify(
         problems.append(f"{motions[0].name}: {dropped}")
     proven = []
     for before, motion, segment, request in zip([None, *motions], motions, segments, requests, strict=False):
-        exempt, refused = _exempt(before, motion, named)
+        exempt, refused = _exempt(before, motion, named, _overlap_of(request))
         refused = [*_exceeded_limits(motion, _pace(segment, request)), *refused]
         trails = (Trail(), Trail()) if tracing else ()
         try:
@@ -409,8 +417,13 @@ def _exceeded_torques(motion: TaskMotion, pace: Pace) -> list[str]:
     ]
 
 
+def _overlap_of(request: PlanRequest | None) -> float:
+    """Metres by which pairs may overlap where the first motion begins."""
+    return MAX_OVERLAP if request is None else request.start_overlap
+
+
 def _exempt(
-    before: TaskMotion | None, motion: TaskMotion, named: set[frozenset[str]]
+    before: TaskMotion | None, motion: TaskMotion, named: set[frozenset[str]], overlap: float
 ) -> tuple[tuple[ExemptInterval, ...], list[str]]:
     """The stretches of a motion that a rule or the caller allows, and what is wrong with the others."""
     exempt: list[ExemptInterval] = []
@@ -428,7 +441,7 @@ def _exempt(
             if stretch.s_end > motion.trajectory.path.length + END_SLACK:
                 refused.append(f"{a} x {b} is exempt up to s = {stretch.s_end:.6g}, beyond the end of the path")
                 continue
-            ruling = ruled(before, motion, stretch, pair)
+            ruling = ruled(before, motion, stretch, pair, overlap)
             if ruling.reason or frozenset(pair) in named:
                 reasons.setdefault(ruling.reason or "named as a pair that may touch", []).append(pair)
                 continue

@@ -191,6 +191,7 @@ class RequestRecord(GrownRecord):
     payload: PayloadRecord | None = None
     torque_scale: float = 1.0
     evidence: bool = False
+    start_overlap: float = 0.003
 
     @classmethod
     def find(cls, request: PlanRequest) -> RequestRecord | None:

@@ -112,7 +112,7 @@ class StageRecord(schema.GrownRecord):
         return StageReport(Stage(self.stage), counts, self.seconds, self.length, self.note)
 
 
-class ExemptRecord(schema.Record):
+class ExemptRecord(schema.GrownRecord):
     """An ``ExemptInterval``."""
 
     makes = ExemptInterval
@@ -121,6 +121,7 @@ class ExemptRecord(schema.Record):
     s_end: float
     pairs: PairList
     reason: schema.Prose
+    depth: float | None = None
 
 
 class RefusalRecord(schema.Record):

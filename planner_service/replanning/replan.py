@@ -304,7 +304,7 @@ def _goals(call: _Call) -> tuple[GoalState, ...]:
     Raises:
         NoPlan: there is none, or the robot touches something at the splice.
     """
-    ends = find_ends(call.context)
+    ends = find_ends(replace(call.context, request=replace(call.request, start_overlap=0.0)))  # it is moving there
     goals = [goal for goal in ends.goals if goal.arrival is None]
     if ends.departure is not None or not goals:
         detail = "a fixed way out of a pose, or into one, cannot be entered at speed: plan it from a stop"

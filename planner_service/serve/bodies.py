@@ -250,6 +250,7 @@ class SettingsBody(Given):
     acceleration_scale: float = DEFAULT.acceleration_scale
     blend: float = DEFAULT.blend
     start_tolerance: float = DEFAULT.start_tolerance
+    start_overlap: float = DEFAULT.start_overlap
     time_limit: TimeLimit = Field(
         default=DEFAULT.time_limit, description="Seconds for all stages; null for none but the deadline"
     )

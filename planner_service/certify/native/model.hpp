@@ -103,6 +103,8 @@ struct Variant {
     // hints: directions to try besides, xyz each, at most three.
     void (*rough)(const Terms& terms, const Facing& facing, const double* hints, int count, Bound& out);
     void (*refined)(const Terms& terms, const Facing& facing, int rounds, Bound& bound);
+    // A better bound of an overlap with a hull; others stay.
+    void (*drawn_apart)(const Terms& terms, const Facing& facing, int rounds, Bound& bound);
     // Whether the pair is farther apart than ``enough`` or nearer than ``nearer``; the bound is improved on the way.
     Contact (*settled)(const Terms& terms, const Facing& facing, double enough, double nearer, Bound& bound);
     // The largest of the heights of a hull's corners along u, v, w.

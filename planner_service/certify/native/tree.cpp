@@ -51,7 +51,7 @@ Outcome Tree::run(const std::vector<Span>& spans, std::vector<Root> roots) {
     return out_;
 }
 
-double Tree::close() const { return terms_.close * std::max(smallest_, enough_); }
+double Tree::close() const { return enough_ > 0.0 ? terms_.close * std::max(smallest_, enough_) : terms_.near; }
 
 void Tree::note(int pair, double start, double end, const double* before, const double* after) {
     if (trail_ == nullptr) return;
@@ -263,19 +263,25 @@ Tree::Judged Tree::judge(const std::vector<Ask>& asks, const std::vector<double>
     return found;
 }
 
+// A better bound, also of an overlap where these are what is judged.
+void Tree::refine(const Facing& facing, int rounds, Bound& bound) const {
+    variant_.refined(terms_, facing, rounds, bound);
+    if (enough_ <= 0.0 && bound.gap < 0.0) variant_.drawn_apart(terms_, facing, static_cast<int>(terms_.rounds), bound);
+}
+
 // The same with better bounds of pairs that are close, and the worst row that is not far enough apart, if any is.
 std::ptrdiff_t Tree::tighten(const std::vector<Ask>& asks, std::size_t first, std::size_t last, double close,
                              std::vector<Facing>& facings, std::vector<Bound>& ends) {
     const int rounds = static_cast<int>(terms_.rounds), last_rounds = static_cast<int>(terms_.last_rounds);
     for (std::size_t k = first; k < last; ++k) {
         const Pair& pair = pair_of(asks[k].pair);
-        if (pair.leaf() && ends[k].gap < close) variant_.refined(terms_, facings[k - first], rounds, ends[k]);
+        if (pair.leaf() && ends[k].gap < close) refine(facings[k - first], rounds, ends[k]);
         smallest_ = std::min(smallest_, pair.leaf() ? ends[k].gap : ends[k].gap + 2.0 * size_of(pair));
     }
     std::ptrdiff_t worst = -1;
     for (std::size_t k = first; k < last; ++k) {
         if (!pair_of(asks[k].pair).leaf() || ends[k].gap > enough_) continue;
-        variant_.refined(terms_, facings[k - first], last_rounds, ends[k]);
+        refine(facings[k - first], last_rounds, ends[k]);
         if (worst < 0 || ends[k].gap < ends[static_cast<std::size_t>(worst)].gap) worst = static_cast<std::ptrdiff_t>(k);
     }
     return worst < 0 || ends[static_cast<std::size_t>(worst)].gap > enough_ ? -1 : worst;
@@ -283,7 +289,7 @@ std::ptrdiff_t Tree::tighten(const std::vector<Ask>& asks, std::size_t first, st
 
 // Accept the rows that are proven; the others' stretches are numbered anew.
 void Tree::keep() {
-    const double wanted = std::max(enough_, terms_.fraction * smallest_);
+    const double wanted = enough_ > 0.0 ? std::max(enough_, terms_.fraction * smallest_) : enough_;
     std::vector<std::ptrdiff_t> number(stretches_.size(), -1);
     places_.begin_stretches(stretches_.size());
     std::size_t left = 0;

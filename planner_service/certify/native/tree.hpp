@@ -99,6 +99,7 @@ class Tree {
     bool stuck();
     bool obstructed(int pair, const Bound& found, Span span, double s);
     Judged judge(const std::vector<Ask>& asks, const std::vector<double>& hints, int each, double close);
+    void refine(const Facing& facing, int rounds, Bound& bound) const;
     std::ptrdiff_t tighten(const std::vector<Ask>& asks, std::size_t first, std::size_t last, double close,
                            std::vector<Facing>& facings, std::vector<Bound>& ends);
     void keep();
