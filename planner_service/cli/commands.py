@@ -74,6 +74,7 @@ def plan(
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
     time_limit: options.TimeLimit = options.SECONDS,
     padding: options.Padding = options.DEFAULT.padding,
+    start_overlap: options.StartOverlap = options.DEFAULT.start_overlap,
     blend: options.Blend = options.DEFAULT.blend,
     max_tool_speed: options.ToolSpeed = None,
     torque: options.Torque = False,
@@ -102,6 +103,7 @@ def plan(
             max_checks=max_checks,
             time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
+            start_overlap=start_overlap,
             blend=blend,
             max_tool_speed=max_tool_speed,
             payload=arguments.payload(payload),
@@ -134,6 +136,7 @@ def explain(
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
     time_limit: options.TimeLimit = options.SECONDS,
     padding: options.Padding = options.DEFAULT.padding,
+    start_overlap: options.StartOverlap = options.DEFAULT.start_overlap,
     upright: options.Upright = None,
     region: options.Region = None,
     plans: Annotated[int, typer.Option(metavar="N", help="Plans that may be tried.")] = 60,
@@ -160,6 +163,7 @@ def explain(
             max_checks=max_checks,
             time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
+            start_overlap=start_overlap,
             constraints=constraints,
         )
         explained = service.explain(request, plans=plans)

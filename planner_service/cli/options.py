@@ -100,6 +100,13 @@ Seed = Annotated[int, typer.Option(metavar="N", help="Seed of every random choic
 MaxChecks = Annotated[int, typer.Option(metavar="N", help="States that may be checked for collision in one plan.")]
 TimeLimit = Annotated[float, typer.Option(metavar="SECONDS", help="Wall time of one plan; inf for no limit.")]
 Padding = Annotated[float, typer.Option(metavar="METRES", help="Distance to keep from everything.")]
+StartOverlap = Annotated[
+    float,
+    typer.Option(
+        metavar="METRES",
+        help="Overlap at the start up to which the plan begins with a way out of it; 0 to refuse such a start.",
+    ),
+]
 ToolSpeed = Annotated[float | None, typer.Option(metavar="M/S", help="Maximum speed of the tool.")]
 Torque = Annotated[bool, typer.Option("--torque", help="Keep the joints within the efforts of the robot's URDF.")]
 PayloadText = Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,10 +69,12 @@ class WayOut:
     Attributes:
         path: A polyline from the colliding configuration to a free one.
         exempt: For each pair that touches at its start, how far along it the two may overlap, and by how much.
+        distances: (configuration, pair) bounds asked.
     """
 
     path: JointPath
     exempt: tuple[ExemptInterval, ...]
+    distances: int = 0
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -145,6 +147,13 @@ def find_way_out(
     Raises:
         NoWayOut: A pair overlaps by more, or no such motion was found.
     """
+    asked = 0
+
+    def counted(bounds: int) -> None:
+        nonlocal asked
+        asked += bounds
+        charge(bounds)
+
     (depths,) = certifier.overlaps(q[None])
     deep = [(depth, *pair) for pair, depth in depths.items() if depth > overlap]
     if deep:
@@ -153,7 +162,7 @@ def find_way_out(
         enough = math.ceil(depth * 1e4) / 1e4
         hint = f": with start_overlap={enough:g} a plan begins with a way out of it, if there is one"
         raise NoWayOut(what + hint if enough <= MAX_OVERLAP else what, too_deep=True)
-    walk = _Walk(certifier, q, depths, max(PADDED * padding, APART), charge)
+    walk = _Walk(certifier, q, depths, max(PADDED * padding, APART), counted)
     points = [q]
     while len(points) <= MAX_TURNS and not walk.done:
         ahead = walk.straight_on()
@@ -163,10 +172,10 @@ def find_way_out(
     if not walk.apart:
         raise NoWayOut("no motion was found on which nothing gets deeper")
     way = walk.way(JointPath(np.array(points)))
-    refusal = certifier.certify(way.path, exempt=way.exempt, charge=charge).refusal
+    refusal = certifier.certify(way.path, exempt=way.exempt, charge=counted).refusal
     if refusal is not None:
         raise NoWayOut(f"the motion out of it is not proven: {refusal}")
-    return way
+    return replace(way, distances=asked)
 
 
 class _Walk:

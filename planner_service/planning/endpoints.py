@@ -110,8 +110,14 @@ def find_ends(context: PlanContext) -> Ends:
     Raises:
         NoPlan: The start, or every goal, is outside the limits, out of reach or in collision.
     """
-    with context.accounting.during(Stage.ENDPOINTS):
-        return _ends(context)
+    with context.accounting.during(Stage.ENDPOINTS) as entry:
+        ends = _ends(context)
+        left = [stretch for stretch in (ends.departure.exempt if ends.departure else ()) if stretch.depth is not None]
+        if left:
+            deep = max(stretch.depth or 0.0 for stretch in left)
+            pairs = ", ".join(f"{a} x {b}" for stretch in left for a, b in stretch.pairs)
+            entry.note = f"a way out of {pairs} ({deep * 1e3:.2g} mm deep)"
+        return ends
 
 
 def padded_ends(context: PlanContext, ends: Ends, padding: float) -> Ends:
@@ -350,7 +356,6 @@ def _way_out(context: PlanContext, start: FloatArray, failure: Failure) -> WayOu
         proven = failure.proven and none.too_deep
         failure = replace(failure, detail=f"{failure.detail}; {none}", proven=proven)
         raise NoPlan(_with_nearest_free(context, failure, start)) from none
-    accounting.notes.extend(f"the start overlaps: {stretch}" for stretch in way.exempt)
     return way
 
 

@@ -17,7 +17,7 @@ from planner_service.grasping.grasps import middle_of, top_grasps
 from planner_service.planning.request import PlanRequest
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import picked, placed
+from planner_service.tasks.primitives import LEAVE, picked, placed
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
@@ -42,7 +42,8 @@ def plan_pick_place(
     Args:
         request: Its start is where the robot starts and returns to. Planner, timing, seed, scales, padding and limits
             are those of all motions; its goal is not used. Its ``time_limit`` holds for the pick, for the place and for
-            the way home, its ``max_checks`` for each motion.
+            the way home, its ``max_checks`` for each motion. A start that overlaps by a little is left first, by a
+            motion called "leave", and where that ends is where the robot returns to.
         upright: Radians by which the object may lean while it is carried, from how it stood; None for any.
         cancel: Ends the task before its next check when cancelled from another thread.
 
@@ -60,14 +61,16 @@ def plan_pick_place(
     done, carrying = picked(service, request.start, target, top_grasps(service.robot, obstacle), picking)
     notes, segments, choosing = [f"pick: {note}" for note in done.notes], list(done.segments), done.choosing
     if done.ok:
-        segments[0] = replace(segments[0], name="home -> pregrasp")
+        first = 1 if segments[0].name == LEAVE else 0
+        segments[first] = replace(segments[first], name="home -> pregrasp")
+        back = segments[first].result.unwrap()[0].waypoints[0] if first else request.start
         placing = Handling(support=onto, request=request, cancel=cancel)
         done, after = placed(carrying, done.q, target, places_on(obstacle, support), placing)
         notes += [f"place: {note}" for note in done.notes]
         segments += done.segments
         choosing += done.choosing
         if done.ok:
-            home = after.plan(replace(request, start=done.q, goal=request.start), cancel=cancel)
+            home = after.plan(replace(request, start=done.q, goal=back), cancel=cancel)
             segments.append(Segment("retreat -> home", home, done.world.robot.gripper_width, done.world.scene))
             done = replace(done, failure=home.failure, q=done.q if home.path is None else home.path.waypoints[-1])
     return replace(

@@ -39,11 +39,14 @@ from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
-__all__ = ["kept_upright", "pick", "picked", "place", "placed", "require_poses"]
+__all__ = ["LEAVE", "kept_upright", "pick", "picked", "place", "placed", "require_poses"]
 
 USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
 """Metres of straight motion before and after a contact, in the order tried; the notes say which it was."""
+
+LEAVE = "leave"
+"""The name of the first motion where the robot touches something at its start."""
 
 FINGER_ROOM = 0.012
 """Metres between each finger and the object when the gripper opens for it."""
@@ -277,6 +280,7 @@ class _Task:
         self._tried: list[str] = []
         self._grips: dict[tuple[bytes, float, float], GripperMotion] = {}
         self._ended: Failure | None = None
+        self._leave: tuple[Segment, ...] = ()
 
     def result(self, contacts: Sequence[_Contact]) -> tuple[TaskResult, PlannerService]:
         """The first contact whose motions all have a plan, with the longest approach that has one, and its service."""
@@ -285,7 +289,7 @@ class _Task:
             return self._failed(start)
         for number, contact, outward in self._lines(contacts):
             try:
-                segments = self._motions(contact, outward)
+                segments = (*self._leave, *self._motions(contact, outward))
             except _NoMotion:
                 segments = ()
             if segments:
@@ -311,14 +315,31 @@ class _Task:
         choosing: CheckCounts,
         notes: tuple[str, ...],
     ) -> tuple[TaskResult, PlannerService]:
-        world, request, seconds = service.world, self._template, time.perf_counter() - self._began
+        world, seconds = service.world, time.perf_counter() - self._began
+        request = replace(self._template, start=self._start, goal=self._start) if self._leave else self._template
         return TaskResult(segments, world, q, failure, choosing, notes, request, self._task, seconds), service
 
     def _start_trouble(self) -> Failure | None:
-        """Why no motion can begin where the robot stands: this is checked before any grasp."""
+        """Why no motion can begin where the robot stands: this is checked before any grasp.
+
+        Where it touches something by so little that a plan begins with a way out, this is the first motion.
+        """
         result = self._service.plan(self._template, cancel=self._handling.cancel)
         self._spent += result.counts
-        return result.failure
+        if result.failure is None or result.failure.reason is not Reason.GOAL_IN_COLLISION:
+            return result.failure
+        way = self._service.way_out(self._standing, padding=self._template.padding)
+        if way is None:
+            return result.failure
+        self._spent += CheckCounts(distances=way.distances)
+        end = way.path.waypoints[-1]
+        leave = self._service.plan(replace(self._template, goal=end), cancel=self._handling.cancel)
+        self._spent += leave.counts
+        if leave.failure is None:
+            self._leave = (Segment(LEAVE, leave, self._service.robot.gripper_width, self._service.scene),)
+            self._standing, self._still = end, self._service.robot.unwound(end)
+            self._template = replace(self._template, start=end, goal=end)
+        return leave.failure
 
     def _lines(self, contacts: Sequence[_Contact]) -> Iterator[tuple[int, _Contact, FloatArray]]:
         """The straight lines out of every contact, numbered from 1, in the order of preference."""

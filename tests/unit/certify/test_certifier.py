@@ -16,6 +16,7 @@ from planner_service.certify import MARGIN, Certificate, Certifier, ExemptInterv
 from planner_service.certify import interval_proof as proof_tree
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import load_robot
@@ -443,3 +444,45 @@ def test_the_proof_asks_the_robot_for_data_only() -> None:
         shape_methods = {"support", "grown"}
         calls = {n.func.attr for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)}
         assert calls & shape_methods == set()
+
+
+# Overlaps of a known depth.
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_a_pair_is_proven_to_overlap_by_no_more_than_a_depth_and_by_nothing_less(backend: Any) -> None:
+    """The arm turns away from a ball in which it begins 2 mm deep, and is 20 mm clear of it in the end."""
+    deep, clear = (math.asin((BALL + 0.01 + gap) / 1.3) for gap in (-0.002, 0.02))
+    ball = Obstacle("ball", Sphere(BALL), Pose((1.3, 0.0, 0.0)))
+    certifier = Certifier(PLANAR, Scene((ball,)), backend=backend)
+    path = JointPath(np.array([[deep, 0.0], [clear, 0.0]]))
+    apart = math.asin((BALL + 0.01 + 1e-5) / 1.3) - deep
+
+    def proof(depth: float | None, s_end: float = apart) -> Certificate:
+        stretch = ExemptInterval(0.0, s_end, (("forearm", "ball"),), "it begins there", depth)
+        return certifier.certify(path, exempt=[stretch])
+
+    assert proof(0.002 + 1e-8).certified
+    assert 0.7e-5 < proof(0.002 + 1e-8).clearance <= 1e-5
+    refusal = refused_pair(proof(0.002 - 1e-8))
+    assert (refusal.a, refusal.b) == ("forearm", "ball")
+    assert "they overlap by at most 2.0000 mm; less than 2.0000 mm is allowed" in refusal.detail
+    assert not proof(0.002 + 1e-8, 0.9 * apart).certified  # from there on it has to be apart
+
+
+def test_overlaps_of_hulls_are_those_of_the_boxes_that_they_are() -> None:
+    """A box and the hull of its corners, in many places in a box: the least way out is along a face or an edge pair."""
+    rng = np.random.default_rng(0)
+    half = np.array([0.02, 0.03, 0.05])
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * half
+    for _ in range(60):
+        turn, place = rng.normal(size=4), rng.normal(size=3) * 0.01
+        pose = Pose(tuple(place), tuple(turn / np.linalg.norm(turn)))
+        depths = []
+        for shape in (Box(tuple(2.0 * half)), Mesh(corners)):
+            scene = Scene((Obstacle("thing", shape, pose @ Pose((1.25, 0.0, 0.0))),))
+            (found,) = Certifier(PLANAR, scene).overlaps(np.array([[0.0, 0.0]]))
+            depths.append(found)
+        assert depths[0].keys() == depths[1].keys()
+        for pair, depth in depths[0].items():
+            assert depths[1][pair] == pytest.approx(depth, abs=1e-5)

@@ -111,8 +111,10 @@ def test_timing_laws_are_chosen_by_name(name: str) -> None:
 
 
 def test_settings_reach_the_request() -> None:
-    asked = document(*BLOCKED, "--seed", "7", "--max-checks", "9999", "--padding", "0.002")["request"]
+    settings = ("--seed", "7", "--max-checks", "9999", "--padding", "0.002", "--start-overlap", "0.001")
+    asked = document(*BLOCKED, *settings)["request"]
     assert (asked["seed"], asked["max_checks"], asked["padding"], asked["time_limit"]) == (7, 9999, 0.002, None)
+    assert asked["start_overlap"] == 0.001
 
 
 def test_joint_values_may_be_negative_and_a_goal_a_pose_of_the_tool() -> None:

@@ -41,7 +41,7 @@ from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.execute import execute
 from planner_service.execute import stream as execution
-from planner_service.kinematics.inverse import straight_tool_line
+from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace
 from planner_service.planning.world import World
@@ -278,6 +278,40 @@ def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(tmp_p
         ):
             forged = replace(made, certificate=replace(made.certificate, exempt=(wider,)))
             refused(saved(bin_(), forged, tmp_path), "not judged from s", bin_())
+
+
+@cache
+def left_table() -> tuple[PlannerService, PlanResult]:
+    """A plan from 1.5 mm inside the table to home."""
+    service = PlannerService("wxai", "table")
+    in_table = inverse_kinematics(service.robot, Pose((0.3, 0.0, -0.0025), ABOVE_TRAY.quaternion))[0]
+    return service, service.plan(PlanRequest(in_table, service.robot.home))
+
+
+def test_a_way_out_of_a_collision_is_worked_out_anew(tmp_path: Path) -> None:
+    service, made = left_table()
+    assert recertify(saved(service, made, tmp_path)).certified
+    certificate, (one, other) = present(made.certificate), made.exempt
+    length = present(made.path).length
+    for forged, why in (
+        (replace(one, depth=None), "no rule of picking or placing allows"),
+        (replace(one, depth=present(one.depth) + 1e-6), "where it begins, not by"),
+        (replace(one, depth=present(one.depth) - 1e-6), "less than .* mm is allowed"),
+        (replace(one, s_end=length), None),  # it has come apart long before, and is proven so all along
+        (replace(one, s_end=0.5 * one.s_end), "is not proven apart|have not come apart"),
+        (replace(one, s_start=1e-6), "only where the first motion begins|is not proven apart"),
+        (replace(one, pairs=(("link_6", "table"),)), "they do not touch where the motion begins"),
+    ):
+        other_plan = replace(made, certificate=replace(certificate, exempt=(forged, other)))
+        if why is not None:
+            refused(saved(service, other_plan, tmp_path), why, service)
+
+
+def test_a_way_out_of_more_than_was_asked_for_is_refused(tmp_path: Path) -> None:
+    service, made = left_table()
+    plan = saved(service, made, tmp_path)
+    asked = replace(plan, request=replace(present(plan.request), start_overlap=0.001))
+    refused(asked, "they overlap by 1.* mm, and start_overlap allows 1 mm", service)
 
 
 # Time laws.

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from benchmarks.studies.starts import starts_of
 from planner_service import (
     Box,
     CancelToken,
@@ -31,6 +32,8 @@ from planner_service import (
     place,
     top_grasps,
 )
+from planner_service.certify import Certifier
+from planner_service.records.recertify import recertify
 from planner_service.tasks.pick_place import plan_pick_place
 from tests.support.optional import present
 
@@ -317,3 +320,18 @@ def test_a_cancelled_pick_and_place_ends(cell: PlannerService) -> None:
     service = PlannerService("wxai", "bin")
     task = plan_pick_place(service, "blue_block", "tray", asked(service), cancel=token)
     assert present(task.failure).reason is Reason.PREEMPTED
+
+
+def test_a_task_whose_start_touches_something_begins_by_leaving_it_and_is_proven_as_a_whole() -> None:
+    service = PlannerService("wxai", "bin")
+    certifier = Certifier(service.robot, service.scene)
+    start, _ = next(starts_of(service, certifier, np.random.default_rng(1), itself=False))
+    request = PlanRequest(start, start)
+    task = plan_pick_place(service, "blue_block", "tray", request)
+    assert task.ok
+    assert [segment.name for segment in task.segments][:2] == ["leave", "home -> pregrasp"]
+    assert task.segments[0].result.exempt
+    assert not any(each.depth is not None for segment in task.segments[1:] for each in segment.result.exempt)
+    assert recertify(task).certified
+    refused = plan_pick_place(service, "blue_block", "tray", replace(request, start_overlap=0.0))
+    assert present(refused.failure).reason is Reason.START_IN_COLLISION
