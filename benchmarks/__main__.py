@@ -39,7 +39,7 @@ COMMANDS = {
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
 
-APART = ("robots", "evidence", "serve", "differential", "bits", "law", "smoothing")
+APART = ("robots", "evidence", "serve", "differential", "bits", "law", "smoothing", "starts")
 """Measures that are not among all: what they find changes with the code alone, and they take long."""
 
 STORED = ("queries",)
@@ -59,6 +59,7 @@ SETTINGS = {
     "constrained": ("part", "queries", "seed"),
     "robots": ("robot", "queries", "states", "seed"),
     "torque": ("queries", "seed"),
+    "starts": ("queries", "seed"),
     "evidence": ("part", "queries", "seed"),
     "serve": ("part", "queries", "seed"),
 }
@@ -135,6 +136,8 @@ bits      500 plans with every instruction set, without compiled code and from 1
 law       2,000 random paths timed: toppra's durations, no limit exceeded, the reference's bits; not among all;
           --paths N, --seed S
 smoothing 500 searched Panda paths smoothed: the reference's paths and counts; not among all; --paths N
+starts    1,000 starts up to 3 mm deep in a table, a shelf, a bin or the robot itself: a proven plan out of them, depths
+          by Coal all along; not among all; --queries N, --seed N
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
 queries   the stored queries are what their seed gives; --write stores them
 """

@@ -309,9 +309,8 @@ def test_a_way_out_of_a_collision_is_worked_out_anew(tmp_path: Path) -> None:
 
 def test_a_way_out_of_more_than_was_asked_for_is_refused(tmp_path: Path) -> None:
     service, made = left_table()
-    plan = saved(service, made, tmp_path)
-    asked = replace(plan, request=replace(present(plan.request), start_overlap=0.001))
-    refused(asked, "they overlap by 1.* mm, and start_overlap allows 1 mm", service)
+    asked = PlanRequest(present(made.path).waypoints[0], service.robot.home, start_overlap=0.001)
+    refused(saved(service, made, tmp_path, asked), "they overlap by 1.* mm, and start_overlap allows 1 mm", service)
 
 
 # Time laws.
