@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planner_service.certify import MAX_OVERLAP, Certifier, ExemptInterval
 from planner_service.certify.clearance import slopes
+from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import JointLimits
@@ -130,6 +131,7 @@ def find_way_out(
     q: FloatArray,
     overlap: float,
     padding: float,
+    constraints: Sequence[Constraint] = (),
     charge: Callable[[int], None] = lambda bounds: None,
 ) -> WayOut:
     """A proven motion from a colliding q (n,) to where everything keeps the padding, or as near to it as it comes.
@@ -142,6 +144,7 @@ def find_way_out(
     Args:
         overlap: Metres by which pairs may overlap at q.
         padding: Metres.
+        constraints: What must be proven to hold on it, too; no direction is chosen for them.
         charge: Called with numbers of bounds.
 
     Raises:
@@ -172,7 +175,7 @@ def find_way_out(
     if not walk.apart:
         raise NoWayOut("no motion was found on which nothing gets deeper")
     way = walk.way(JointPath(np.array(points)))
-    refusal = certifier.certify(way.path, exempt=way.exempt, charge=counted).refusal
+    refusal = certifier.certify(way.path, exempt=way.exempt, constraints=constraints, charge=counted).refusal
     if refusal is not None:
         raise NoWayOut(f"the motion out of it is not proven: {refusal}")
     return replace(way, distances=asked)

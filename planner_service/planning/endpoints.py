@@ -346,12 +346,11 @@ def _way_out(context: PlanContext, start: FloatArray, failure: Failure) -> WayOu
         NoPlan: There is none; the failure says what would help.
     """
     request, accounting = context.request, context.accounting
+    kept = () if context.constraints is None else context.constraints.constraints
+    certifier, overlap = context.certifier.get(), request.start_overlap
     try:
-        way = find_way_out(
-            context.certifier.get(), start, request.start_overlap, request.padding, charge=accounting.charge
-        )
-        accounting.require_kept("the end of the way out of a collision", way.path.waypoints[-1])
-        accounting.require_held("the end of the way out of a collision", way.path.waypoints[-1])
+        way = find_way_out(certifier, start, overlap, request.padding, kept, accounting.charge)
+        accounting.require_held("start", way.path.waypoints[-1])
     except NoWayOut as none:
         proven = failure.proven and none.too_deep
         failure = replace(failure, detail=f"{failure.detail}; {none}", proven=proven)
