@@ -12,7 +12,7 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.separation import Bounds, drawn_apart, refined_gaps, rough_gaps
 from planner_service.geometry.arrays import FloatArray, IntArray
 
-__all__ = ["CLEARANCE_ROUNDS", "near_gaps", "slopes", "smallest_gaps"]
+__all__ = ["CLEARANCE_ROUNDS", "along_deepest", "near_gaps", "slopes", "smallest_gaps"]
 
 
 CLEARANCE_ROUNDS = 20
@@ -121,3 +121,20 @@ def slopes(motion: Motion, q: FloatArray, pair: IntArray, n: FloatArray) -> Floa
     facing = motion.facing(poses, np.tile(pair, len(Q)), node)
     gaps = facing.along(np.tile(n, len(Q))).reshape(len(q), 2, len(pair))
     return np.asarray((gaps[:, 0] - gaps[:, 1]).T / (2.0 * STEP))
+
+
+def along_deepest(motion: Motion, q: FloatArray, pair: IntArray, owner: IntArray, found: Bounds) -> Bounds:
+    """Gaps of pairs at q (n,) along one direction for all of an owner (p,), that of its smallest gap in ``found``."""
+    poses = np.concatenate([motion.fixed, motion.nodes(q[None])[0]], axis=2)
+    facing = motion.facing(poses, pair, np.zeros(len(pair), dtype=np.intp))
+    turns = motion.second_axes(poses, pair)
+    out = found.n.copy()
+    for each in np.unique(owner).tolist():
+        rows = np.flatnonzero(owner == each)
+        deepest = rows[found.gaps[rows].argmin()]
+        u, v, w = found.n[:, deepest]
+        R = turns[:, :, deepest]
+        x, y, z = R[:, 0] * u + R[:, 1] * v + R[:, 2] * w  # in the world
+        S = turns[:, :, rows]
+        out[:, rows] = S[0] * x + S[1] * y + S[2] * z
+    return Bounds(facing.along(out), out)

@@ -300,6 +300,10 @@ class Motion:
         second = self.second[pair]
         return start + self.first[pair], np.where(self._rides[pair], start + second, second - self.riding)
 
+    def second_axes(self, poses: FloatArray, pair: IntArray) -> FloatArray:
+        """Which way the second pieces of pairs stand at the first node, as columns, (3, 3, pairs)."""
+        return poses[:, :3, self._in_poses(pair, np.zeros(len(pair), dtype=np.intp))[1]]
+
     def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
         """Pairs as they stand at nodes; ``poses`` as for ``spheres_apart``."""
         first, second = self._in_poses(pair, node)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner_service.certify import MAX_OVERLAP, Certifier, ExemptInterval
-from planner_service.certify.clearance import slopes
+from planner_service.certify.clearance import along_deepest, slopes
 from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
@@ -201,6 +201,9 @@ class _Walk:
         self._limits = certifier.robot.limits
         self._depths = depths
         self._pairs = np.sort(certifier.near(q[None], NEARBY)[1])
+        owners = [certifier.listed.names(pair) for pair in self._pairs.tolist()]
+        self._names = sorted(set(owners))
+        self._owner = np.array([self._names.index(owner) for owner in owners], dtype=np.intp)
         self._q, self._s = q, 0.0
         self._found = self._gaps(q[None])[0]
         self._touching_at = dict.fromkeys(self._depths, 0.0)
@@ -216,15 +219,18 @@ class _Walk:
         return bool(self._found.min(initial=math.inf) >= APART)
 
     def straight_on(self) -> FloatArray | None:
-        """The end of a straight line on which no gap shrinks that lacks something; None if there is none."""
-        direction = self._direction()
-        if direction is None:
-            return None
-        way, lengths = direction
+        """The end of a straight line on which no gap shrinks that lacks something; None if none was found."""
+        for shared in (False, True):
+            direction = self._direction(shared=shared)
+            reach = None if direction is None else self._along(*direction)
+            if reach is not None:
+                return reach
+        return None
+
+    def _along(self, way: FloatArray, length: float) -> FloatArray | None:
         low, high = self._limits.lower, self._limits.upper
         room = np.where(way > 0.0, high - self._q, np.where(way < 0.0, self._q - low, np.inf))
-        room = room / np.where(way != 0.0, np.abs(way), 1.0)
-        length = min(float(room.min()), LONGEST, float(lengths.max()) * FARTHER)
+        length = min(float((room / np.where(way != 0.0, np.abs(way), 1.0)).min()), LONGEST, length)
         for _ in range(SHORTER):
             reach = self._free_part(way, length)
             if reach is not None:
@@ -241,16 +247,24 @@ class _Walk:
         return WayOut(path, tuple(exempt))
 
     def _gaps(self, Q: FloatArray) -> FloatArray:
-        """Signed gaps of the pairs nearby at configurations (m, n), (m, pairs); no more than ``NEARBY``."""
+        """The smallest signed gap of each two owners nearby at Q (m, n), (m, names); at most ``NEARBY``."""
         self._charge(len(Q) * len(self._pairs))
-        out = np.full((len(Q), len(self._pairs)), NEARBY)
+        out = np.full((len(Q), len(self._names)), NEARBY)
         rows, pairs, found = self._certifier.near(Q, NEARBY, self._pairs)
-        out[rows, np.searchsorted(self._pairs, pairs)] = found.gaps
+        np.minimum.at(out, (rows, self._owner[np.searchsorted(self._pairs, pairs)]), found.gaps)
         return out
 
-    def _direction(self) -> tuple[FloatArray, FloatArray] | None:
-        """Where to go from here, a unit vector (n,), and how far until each gap that lacks something would suffice."""
+    def _direction(self, *, shared: bool) -> tuple[FloatArray, float] | None:
+        """Where to go from here, a unit vector (n,), and how far, somewhat more than until all gaps would suffice.
+
+        Args:
+            shared: The pieces of two owners part along one direction, the best of the two that are deepest: each of its
+                own would be sideways for some of the many columns of a height field.
+        """
         _, pairs, found = self._certifier.near(self._q[None], self._wanted, self._pairs)
+        if shared:
+            owner = self._owner[np.searchsorted(self._pairs, pairs)]
+            found = along_deepest(self._certifier.motion, self._q, pairs, owner, found)
         lacks = self._wanted - found.gaps
         most = np.argsort(-lacks, kind="stable")[:ROWS]
         self._charge(2 * len(self._q) * len(most))
@@ -270,7 +284,7 @@ class _Walk:
         speeds = _products(rates, way)
         if not np.all(speeds > 0.0):
             return None
-        return np.where(held, 0.0, way), 1.0 / speeds
+        return np.where(held, 0.0, way), FARTHER / float(speeds.min())
 
     def _free_part(self, way: FloatArray, length: float) -> FloatArray | None:
         """Where the part of a straight line ends on which no gap shrinks that is small; None if it has no length."""
@@ -290,10 +304,8 @@ class _Walk:
 
     def _note_touching(self, gaps: FloatArray, t: FloatArray) -> None:
         """Where pairs that touch at the start come apart."""
-        names = [self._certifier.listed.names(pair) for pair in self._pairs.tolist()]
         for pair in self._depths:
-            columns = [k for k, each in enumerate(names) if each == pair]
-            together = np.flatnonzero(gaps[:, columns].min(axis=1, initial=math.inf) < PARTED)
+            together = np.flatnonzero(gaps[:, self._names.index(pair)] < PARTED)
             if len(together):
                 last = int(together[-1]) + 1
                 self._touching_at[pair] = self._s + float(t[min(last, len(t) - 1)])

@@ -13,6 +13,7 @@ from benchmarks.studies.starts import starts_of
 from planner_service import (
     Attached,
     Box,
+    HeightField,
     InvalidRequest,
     Obstacle,
     PlannerService,
@@ -145,6 +146,21 @@ def test_from_shallow_starts_of_many_kinds_there_is_a_plan(robot: str, scene: st
     starts = starts_of(service, certifier, np.random.default_rng(4), itself=itself)
     for _, (start, goal) in zip(range(4), starts, strict=False):
         assert service.plan(PlanRequest(start, goal)).ok
+
+
+def test_out_of_a_height_field_all_columns_are_left_together() -> None:
+    """Of the columns beside each other that a finger stands in, some would part from it sideways, to either side."""
+    rows, columns = np.meshgrid(np.arange(60), np.arange(60), indexing="ij")
+    ground = HeightField(0.003 + 0.003 * np.sin(rows / 3.0) * np.cos(columns / 4.0), 0.01)
+    service = PlannerService("wxai", Scene((Obstacle("ground", ground, Pose((0.3, 0.0, -0.003))),)))
+    certifier, rng, left = Certifier(service.robot, service.scene), np.random.default_rng(0), 0
+    while left < 4:
+        place = (rng.uniform(0.2, 0.4), rng.uniform(-0.15, 0.15), rng.uniform(-0.004, 0.004))
+        for q in inverse_kinematics(service.robot, Pose(place, DOWN))[:1]:
+            (depths,) = certifier.overlaps(q[None])
+            if depths and max(depths.values()) < 0.003:
+                assert service.plan(PlanRequest(q, service.robot.home)).ok
+                left += 1
 
 
 def test_a_carried_object_is_lifted_off_what_it_stands_in(table: PlannerService) -> None:
