@@ -367,7 +367,7 @@ def _planning(folder: Path) -> Calls:
         _call(service.build_roadmap, planner=few, seed=0, padding=0.001, progress=False, cancel=token),
         _call(service.path_memory, padding=0.001),
         _call(service.update_roadmap, roadmap=roadmap, cancel=token),
-        _call(service.way_out, q=q, seed=0),
+        _call(service.way_out, q=q, padding=0.001),
         _call(best_of_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(plan_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(result.stage, stage=ps.Stage.SEARCH),

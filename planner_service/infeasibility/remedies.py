@@ -1,8 +1,8 @@
 """What would help where there is no plan: small changes, each of which was tried and gives a proven plan.
 
-Candidates come cheapest first: an end that touches something is moved out of it, the tool is turned, a constraint is
-relaxed, an object is moved by as little as suffices, and last an object is taken away. A candidate whose ends still
-collide is not planned. What is spent is a number of plans, so the answer is the same on every machine.
+Candidates come cheapest first: an end that touches something is left or moved out of it, the tool is turned, a
+constraint is relaxed, an object is moved by as little as suffices, and last an object is taken away. A candidate whose
+ends still collide is not planned. What is spent is a number of plans, so the answer is the same on every machine.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from planner_service.certify import MAX_OVERLAP
 from planner_service.collision import CollisionChecker
 from planner_service.constraints.values import Constraint, ToolRegion
 from planner_service.geometry.arrays import FloatArray, product
@@ -187,7 +188,7 @@ def find_remedies(
     """
     trials = _Trials(robot, planned, plans, enough)
     steps = [_searched_longer] if failure.reason in SEARCHED and not hopeless else []
-    steps += [_moved_end, _turned, _relaxed]
+    steps += [_left_start, _moved_end, _turned, _relaxed]
     steps += [_moved_objects, _without_objects] if failure.reason is not Reason.NO_IK_SOLUTION else []
     kept = min(REMOVALS, plans // 2) if _without_objects in steps else 0
     for step in steps:
@@ -207,6 +208,15 @@ def _searched_longer(request: PlanRequest, scene: Scene, failure: Failure, trial
     result = trials.gives(longer, scene, MORE_CHECKS)
     if result is not None:
         trials.keep(f"search on: {result.counts.states:,} states without a time limit suffice", longer, scene, result)
+
+
+def _left_start(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
+    """A start that collides, left by a way out."""
+    if failure.reason is Reason.START_IN_COLLISION and failure.contacts:
+        enough = math.ceil(1e4 * failure.contacts[0].depth + 1e-3) / 1e4
+        if request.start_overlap < enough <= MAX_OVERLAP:
+            text = f"begin with a way out of the collision, with start_overlap={enough:g}"
+            trials.offer(text, replace(request, start_overlap=enough), scene)
 
 
 def _moved_end(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:

@@ -190,3 +190,15 @@ def test_no_object_is_moved_into_another() -> None:
     covered = PlannerService(arm, Scene((disc, lid))).explain(request, remedies=1)
     assert alone.remedies[0].text.startswith("move left up by")
     assert covered.remedies[0].text.startswith("move left down by")
+
+
+def test_of_a_start_that_is_too_deep_it_says_how_a_plan_leaves_it() -> None:
+    down = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)
+    service = PlannerService(ARM, "table")
+    start = inverse_kinematics(ARM, Pose((0.3, 0.0, -0.0055), down))[0]
+    found = service.explain(PlanRequest(start, HOME, time_limit=None))
+    applied(found)
+    first = found.remedies[0]
+    assert first.text == f"begin with a way out of the collision, with start_overlap={first.request.start_overlap:g}"
+    assert 0.0045 < first.request.start_overlap < 0.0048
+    assert first.request.start.tolist() == start.tolist()  # type: ignore[union-attr]
