@@ -152,7 +152,8 @@ def _as_it_is(segment: Segment, robot: Robot) -> Motion:
         raise InvalidRequest(segment.name, str(result.failure), "a motion with a trajectory")
     width = None if robot.gripper is None else robot.with_gripper(segment.width).gripper_width
     fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
-    touched = {owner_of(name, robot) for interval in result.exempt for pair in interval.pairs for name in pair}
+    meant = [interval.pairs for interval in result.exempt if interval.depth is None]
+    touched = {owner_of(name, robot) for pairs in meant for pair in pairs for name in pair}
     return replace(_rested(segment.name, result.trajectory, width), grips=bool(fingers & touched))
 
 

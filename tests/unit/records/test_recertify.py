@@ -290,7 +290,9 @@ def left_table() -> tuple[PlannerService, PlanResult]:
 
 def test_a_way_out_of_a_collision_is_worked_out_anew(tmp_path: Path) -> None:
     service, made = left_table()
-    assert recertify(saved(service, made, tmp_path)).certified
+    plan = saved(service, made, tmp_path)
+    assert recertify(plan).certified
+    assert execute(plan, FakeArm(np.array(present(made.path).waypoints[0])), service.robot, QUICK).ok
     certificate, (one, other) = present(made.certificate), made.exempt
     length = present(made.path).length
     for forged, why in (
