@@ -24,7 +24,17 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
-from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
+from planner_service.planning.result import (
+    Failure,
+    KeptPadding,
+    MotionReport,
+    NearEnd,
+    PlanResult,
+    PolishReport,
+    Reason,
+    Stage,
+    StageReport,
+)
 from planner_service.presentation.measures import clearance_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Tracer
@@ -43,6 +53,7 @@ __all__ = [
     "certify",
     "held_to",
     "narrower",
+    "proof_note",
     "require_proven",
     "told_of_stages",
     "unproven",
@@ -127,7 +138,8 @@ class PlanAccounting:
     Stages write into it what the result will say; what they need of each other they hand on as values.
 
     Attributes:
-        notes: As in the result; so are ``deterministic``, ``padding``, ``attempts``, ``roadmap`` and ``polish``.
+        notes: As in the result; so are ``deterministic``, ``padding``, ``near_ends``, ``attempts``, ``roadmap`` and
+            ``polish``.
         end_trouble: Which end the search could not leave, as the end of a sentence.
     """
 
@@ -141,6 +153,7 @@ class PlanAccounting:
         self.notes: list[str] = []
         self.deterministic = True
         self.padding = 0.0
+        self.near_ends: tuple[NearEnd, ...] = ()
         self.attempts = 0
         self.end_trouble = ""
         self.roadmap = roadmap
@@ -252,6 +265,12 @@ class PlanAccounting:
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
+    def take(self, kept: KeptPadding) -> None:
+        """Say in the result what padding is kept, first of all that a person should know."""
+        self.padding, self.near_ends = kept.padding, kept.near_ends
+        if kept.note:
+            self.notes.insert(0, kept.note)
+
     def charge(self, bounds: int) -> None:
         """Count clearance bounds of the certifier.
 
@@ -287,6 +306,7 @@ class PlanAccounting:
             roadmap=self.roadmap,
             polish=self.polish,
             constraints=() if self.constraints is None else self.constraints.constraints,
+            near_ends=() if path is None else self.near_ends,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
@@ -380,10 +400,15 @@ def certify(
         proof = certifier.certify(
             path, padding=padding, exempt=exempt, constraints=constraints, part=part, charge=accounting.charge
         )
-        entry.note = f"refused: {proof.refusal}"
-        if proof.certified:
-            entry.note = "; ".join([f"proven: {clearance_text(proof.clearance)}", *map(str, proof.kept)])
+        entry.note = proof_note(proof)
         return proof
+
+
+def proof_note(proof: Certificate) -> str:
+    """What the CERTIFY stage says of a proof, or of its refusal."""
+    if not proof.certified:
+        return f"refused: {proof.refusal}"
+    return "; ".join([f"proven: {clearance_text(proof.clearance)}", *map(str, proof.kept)])
 
 
 def certified_path(

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.certify import Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.polling import Prepared
@@ -19,7 +19,8 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, require_proven
+from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, require_proven
+from planner_service.planning.kept_padding import padding_kept
 from planner_service.planning.request import Pace, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
@@ -128,29 +129,15 @@ def follow(
         exempt = _intervals(smooth, points, request.contacts)
         smooth, certificate = certified_path(smooth, certifier.get(), accounting, exempt)
         require_proven(certificate)
-        if certificate.clearance < request.padding:
-            certificate = _padded(accounting, certifier.get(), smooth, certificate, request.padding)
-        accounting.padding = min(request.padding, certificate.clearance)
+        kept = padding_kept(smooth, certificate, request.padding, checker, certifier.get(), accounting)
+        accounting.take(kept)
         trajectory, motion = timed(smooth, request.pace, checker.robot, accounting)
-        return accounting.result(smooth, trajectory, motion, certificate=certificate)
+        return accounting.result(smooth, trajectory, motion, certificate=kept.proof or certificate)
 
     try:
         return accounting.within_limits(stages)
     except NoPlan as no_plan:
         return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate)
-
-
-def _padded(
-    accounting: PlanAccounting, certifier: Certifier, path: JointPath, certificate: Certificate, padding: float
-) -> Certificate:
-    """A certificate that the padding is kept, which the first was too rough for; else the first, and a note."""
-    padded = certify(path, certifier, accounting, certificate.exempt, padding=padding)
-    if padded.refusal is None:
-        return padded
-    near = padded.refusal.what
-    kept = f"{certificate.clearance * 1e3:.2f} mm are proven, less than the padding of {padding * 1e3:g} mm"
-    accounting.notes.append(f"{kept}: {near} at s = {padded.refusal.s:.3g}")
-    return certificate
 
 
 def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:

@@ -32,9 +32,10 @@ from planner_service.planning.accounting import (
     unproven,
 )
 from planner_service.planning.endpoints import Ends, find_ends, require_ends
+from planner_service.planning.kept_padding import line_keeps_padding, padding_kept
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
 from planner_service.planning.request import Pace, PlanRequest, kept_in
-from planner_service.planning.result import MotionReport, PlanResult, Stage
+from planner_service.planning.result import KeptPadding, MotionReport, PlanResult, Stage
 from planner_service.planning.roadmap_work import require_robot
 from planner_service.planning.search_stage import Candidates, SearchRound
 from planner_service.planning.timing_stage import timed
@@ -107,16 +108,20 @@ def _stages(context: PlanContext) -> PlanResult:
     ends = find_ends(context)
     if ends.arrived_at is not None:
         return _stay(context, ends, ends.arrived_at)
-    candidates = _straight_line(context, ends)
+    candidates, narrow = _straight_line(context, ends)
     if candidates is None and isinstance(context.request.planner, Optimise):
-        return _finish(context, _optimised_line(context, ends))
+        if narrow is None:
+            return _finish(context, ends, _optimised_line(context, ends))
+        candidates = narrow
+    if candidates is None and narrow is not None:
+        candidates = search_stage.roomier(context, ends, narrow)
     proof = _prove(context, ends, candidates or search_stage.search(context, ends))
     for number, padding in enumerate(search_stage.retry_paddings(context.request), start=1):
         if proof.refused:
             searching = SearchRound(number, padding, padding)
             candidates = search_stage.search_again(context, ends, searching, proof.certificate)
             proof = proof if candidates is None else _prove(context, ends, candidates)
-    return _finish(context, proof)
+    return _finish(context, ends, proof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,30 +167,39 @@ def _stay(context: PlanContext, ends: Ends, goal_index: int) -> PlanResult:
     path = JointPath(np.array([ends.begin]))
     exempt = [] if ends.departure is None else [replace(each, s_end=0.0) for each in ends.departure.exempt]
     certificate = require_proven(certify(path, context.certifier.get(), accounting, exempt))
+    if ends.departure is None and ends.padding < context.request.padding:
+        accounting.take(_padding_kept(context, path, certificate))
     return accounting.result(path, *_timed(context, path), goal_index=goal_index, certificate=certificate)
 
 
-def _straight_line(context: PlanContext, ends: Ends) -> Candidates | None:
-    """The line from the start to the nearest goal to which it is free; None if none is."""
-    accounting = context.accounting
+def _straight_line(context: PlanContext, ends: Ends) -> tuple[Candidates | None, Candidates | None]:
+    """The line from the start to the nearest goal to which it is free, and keeps the padding except near an end that is
+    closer; then the first that is free, but keeps less in between. None if none is."""
+    accounting, padding = context.accounting, context.request.padding
     accounting.padding = ends.padding
     oracle = search_stage.oracle_of(
         context, context.checker.variant(padding=ends.padding), ends.start, [goal.q for goal in ends.goals]
     )
-    searching = SearchRound(0, context.request.padding)
+    searching, narrow = SearchRound(0, padding), None
     with accounting.during(Stage.STRAIGHT_LINE) as entry:
         for goal in ends.goals:
             if goal.q.tolist() == ends.start.tolist():  # two ends of one retreat
-                return Candidates((np.array([ends.start]),), searching, ends.padding, (), oracle)
+                return Candidates((np.array([ends.start]),), searching, ends.padding, (), oracle), None
             if isinstance(oracle, ConstrainedOracle) and not oracle.keeps(ends.start, goal.q):
                 entry.note = entry.note or "leaves the constraints"
                 continue
             hit = oracle.edge_hit(ends.start, goal.q, known=Known.BOTH)
-            if hit is None:
+            if hit is not None:
+                entry.note = entry.note or f"blocked at {hit.fraction:.0%}: {hit.a} x {hit.b}"
+                continue
+            points = np.array([ends.start, goal.q])
+            line = Candidates((points,), searching, ends.padding, (), oracle)
+            if ends.padding == padding or line_keeps_padding(JointPath(points), context.checker, padding):
                 entry.note, entry.length = "free", joint_distance(ends.start.tolist(), goal.q.tolist())
-                return Candidates((np.array([ends.start, goal.q]),), searching, ends.padding, (), oracle)
-            entry.note = entry.note or f"blocked at {hit.fraction:.0%}: {hit.a} x {hit.b}"
-    return None
+                return line, None
+            entry.note = entry.note or "free, but nearer to something than the padding"
+            narrow = narrow or line
+    return None, narrow
 
 
 def _prove(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof:
@@ -212,7 +226,7 @@ def _prove(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof:
     return proof
 
 
-def _finish(context: PlanContext, proof: _Proof) -> PlanResult:
+def _finish(context: PlanContext, ends: Ends, proof: _Proof) -> PlanResult:
     """The plan along a path that is proven.
 
     Raises:
@@ -222,14 +236,28 @@ def _finish(context: PlanContext, proof: _Proof) -> PlanResult:
     require_proven(proof.certificate)
     if proof.candidates is not None:
         search_stage.remember(context, proof.candidates, proof.turn)
-    if proof.padding < accounting.padding:
-        accounting.notes.append(f"the optimum was judged with {proof.padding * 1000:g} mm all along")
-        accounting.padding = proof.padding
     if proof.motion is None:
         proof = _in_time(context, proof)
     if proof.motion is None:
         raise BrokenInvariant("a plan without a trajectory")
+    if min(ends.padding, proof.padding) < context.request.padding:
+        accounting.take(_padding_kept(context, proof.path, proof.certificate, _between(ends, proof)))
     return accounting.result(proof.path, *proof.motion, goal_index=proof.goal_index, certificate=proof.certificate)
+
+
+def _padding_kept(
+    context: PlanContext, path: JointPath, certificate: Certificate, span: tuple[float, float] | None = None
+) -> KeptPadding:
+    certifier = context.certifier.get()
+    asked, checker = context.request.padding, context.checker
+    return padding_kept(path, certificate, asked, checker, certifier, context.accounting, span=span)
+
+
+def _between(ends: Ends, proof: _Proof) -> tuple[float, float]:
+    """From where to where a path goes between the fixed ways at its ends."""
+    knots, arrives = proof.path.knots, any(goal.arrival and goal.index == proof.goal_index for goal in ends.goals)
+    begin = 0 if ends.departure is None else len(ends.departure.path.waypoints) - 1
+    return float(knots[begin]), float(knots[-2] if arrives else knots[-1])
 
 
 def _in_time(context: PlanContext, proof: _Proof) -> _Proof:
@@ -324,13 +352,25 @@ def _optimum(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof
         return None
     if accounting.polish.kept:
         try:
-            return replace(_proven_optimum(context, ends, optimum), candidates=candidates)
+            proof = replace(_proven_optimum(context, ends, optimum), candidates=candidates)
+            note = _loss(context, ends, proof)
+            if not note:
+                return proof
+            accounting.polish = replace(accounting.polish, kept=False, note=note)
         except NoPlan as no_plan:
             why = no_plan.certificate and no_plan.certificate.refusal
             note = f"the optimum is not proven: {why}" if why else f"no motion along the optimum: {no_plan}"
             accounting.polish = replace(accounting.polish, kept=False, note=note)
     accounting.notes.append(f"not optimised: {accounting.polish.note}")
     return None
+
+
+def _loss(context: PlanContext, ends: Ends, proof: _Proof) -> str:
+    """Says so if an optimum, which was judged with what its ends keep, is nearer to something than it was searched."""
+    if proof.candidates is None or ends.padding == context.request.padding:
+        return ""
+    kept = _padding_kept(context, proof.path, proof.certificate, _between(ends, proof))
+    return f"of the optimum, {kept.note}" if kept.padding < proof.candidates.padding else ""
 
 
 def _optimised_line(context: PlanContext, ends: Ends) -> _Proof:

@@ -55,7 +55,7 @@ class PlanRequest:
         retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None for as
             many as time and checks allow, the later ones longer. Of the default planner's, every second one is by
             ``RRTConnect()``.
-        padding: Metres that the search keeps from everything, except near an end that is closer.
+        padding: Metres that the search keeps from everything, except from what is closer at an end, near that end.
         velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
         acceleration_scale: The same of its accelerations, and of its jerks.
         max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.

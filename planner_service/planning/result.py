@@ -31,7 +31,9 @@ from planner_service.timing.limit_check import ORDERS, LimitPeaks
 
 __all__ = [
     "Failure",
+    "KeptPadding",
     "MotionReport",
+    "NearEnd",
     "Origin",
     "PlanResult",
     "PolishReport",
@@ -225,6 +227,45 @@ class PolishReport:
         return f"{change}; {self.method}, {self.iterations} iterations, {self.gradients:,} gradients{end}"
 
 
+@dataclass(frozen=True)
+class NearEnd:
+    """A stretch at an end of a path on which named pairs are closer than the padding, as they are at that end.
+
+    Attributes:
+        s_start: Where in path length s it begins.
+        s_end: Where it ends.
+        pairs: The names of each two.
+    """
+
+    s_start: float
+    s_end: float
+    pairs: tuple[tuple[str, str], ...]
+
+    def __post_init__(self) -> None:
+        ExemptInterval(self.s_start, self.s_end, self.pairs, "")  # refuses the same
+
+    def __str__(self) -> str:
+        pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
+        return f"from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs}"
+
+
+@dataclass(frozen=True)
+class KeptPadding:
+    """What padding a motion is proven to keep.
+
+    Attributes:
+        padding: Metres, on all of it but ``near_ends``.
+        near_ends: Where named pairs are closer.
+        note: What a person should know of it; empty if all that was asked for is kept everywhere.
+        proof: That it is kept everywhere, if the certificate of the motion was too rough to show it.
+    """
+
+    padding: float
+    near_ends: tuple[NearEnd, ...] = ()
+    note: str = ""
+    proof: Certificate | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Origin:
     """Where a result comes from.
@@ -253,7 +294,9 @@ class PlanResult:
         stages: What each stage cost, in order; a retried stage appears once, with all its tries.
         goal_index: Which of the requested goals the path reaches.
         attempts: Searches started; 0 when a straight line was free.
-        padding: Metres that the search kept from everything; for a given line what is proven, up to what was asked for.
+        padding: Metres that everything keeps, except on ``near_ends`` and on exempt stretches at the ends. For a given
+            line, and wherever an end is closer, it is what is proven of the requested padding; else what the search
+            kept at its samples.
         deterministic: False if the clock or the caller had a say in the result.
         certificate: The proof that the whole path is free, between samples too; with NOT_CERTIFIED, its refusal.
         motion: Peaks over limits, tool speed and durations; None without a plan.
@@ -266,6 +309,7 @@ class PlanResult:
             other plans. Not kept in plan files.
         constraints: What the motion keeps all along, those of what the robot carries among them; ``certificate.kept``
             is the proof of each, in the same order.
+        near_ends: Where named pairs are closer than ``padding``, because they are so at an end.
     """
 
     path: JointPath | None
@@ -285,9 +329,10 @@ class PlanResult:
     origin: Origin | None = field(default=None, repr=False)
     fraction: float | None = None
     constraints: tuple[Constraint, ...] = ()
+    near_ends: tuple[NearEnd, ...] = ()
 
     def __post_init__(self) -> None:
-        copied_in(self, "stages", "notes", "constraints")
+        copied_in(self, "stages", "notes", "constraints", "near_ends")
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process it goes without its origin: robot and scene are larger than a plan."""

@@ -7,6 +7,7 @@ the first tries are short. What they leave may be hard: from then on each try ge
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, cycle, pairwise, repeat
@@ -19,9 +20,11 @@ from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise
+from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Ends, padded_ends
+from planner_service.planning.kept_padding import free_but_for
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow
@@ -44,6 +47,7 @@ __all__ = [
     "polyline_length",
     "remember",
     "retry_paddings",
+    "roomier",
     "search",
     "search_again",
     "search_states",
@@ -55,6 +59,9 @@ SEARCH_SHARE = 0.8
 RETRY_PADDING, MIN_RETRY_PADDING = 0.003, 0.0005
 """Metres of padding with which another path is searched when one cannot be certified, one after the other if less was
 requested. Edges are then sampled as closely: between two samples nothing comes nearer than half the padding."""
+
+ROOMIER_STATES = 40_000
+"""States that a search may check for a path with more padding than a line that is free keeps: four short tries."""
 
 FIRST_TRIES, FIRST_STATES = 4, 10_000
 """Tries before they become longer, and the states of each; a fourth of the states where there are few."""
@@ -121,6 +128,32 @@ def retry_paddings(request: PlanRequest) -> tuple[float, ...]:
     return tuple(dict.fromkeys(max(padding, request.padding) for padding in (RETRY_PADDING, MIN_RETRY_PADDING)))
 
 
+def roomier(context: PlanContext, ends: Ends, narrow: Candidates) -> Candidates:
+    """What a short search finds with all of the padding but near the ends; without it, a line that keeps less.
+
+    A line that is shorter than the ways from its ends to where there is room stays as it is.
+    """
+    accounting, ledger = context.accounting, context.checker.ledger
+    left = ledger.time_left()
+    deadline = None if left is None else time.monotonic() + left / 2.0
+    try:
+        with context.checker.limited(states=ROOMIER_STATES, deadline=deadline):
+            leads = None
+            if context.constraints is None:
+                with accounting.during(Stage.SEARCH):
+                    leads = _leads(context, ends, SearchRound(0, context.request.padding))
+            if leads is not None and not _in_vain(ends, leads, narrow):
+                return _searched(context, ends, SearchRound(0, context.request.padding), leads)
+    except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+        if ledger.room() == 0:
+            raise
+        accounting.stopped_by(stopped)
+    except NoPlan as no_plan:
+        if no_plan.failure.reason is not Reason.PLANNING_FAILED:
+            raise
+    return narrow
+
+
 def search(context: PlanContext, ends: Ends, searching: SearchRound | None = None) -> Candidates:
     """A path with the full padding, and after it the same before its corners were pulled in, should that be easier to
     prove. An end that is closer to something is left on a short line first.
@@ -129,15 +162,19 @@ def search(context: PlanContext, ends: Ends, searching: SearchRound | None = Non
         NoPlan: There is none.
     """
     searching = SearchRound(0, context.request.padding) if searching is None else searching
-    accounting, padding = context.accounting, searching.padding
+    accounting = context.accounting
     leads = None
-    if ends.padding != padding and context.constraints is None:
+    if ends.padding != searching.padding and context.constraints is None:
         with accounting.during(Stage.SEARCH):
             leads = _leads(context, ends, searching)
-    if leads is not None:
-        accounting.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
+    return _searched(context, ends, searching, leads)
+
+
+def _searched(context: PlanContext, ends: Ends, searching: SearchRound, leads: list[FloatArray] | None) -> Candidates:
+    """The same between given ``leads``; without them, with what all of the ends keep."""
+    accounting = context.accounting
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
-    accounting.padding = ends.padding if leads is None else padding
+    accounting.padding = ends.padding if leads is None else searching.padding
     oracle = oracle_of(context, searching.checker(context, accounting.padding), start, goals)
     points = _search(context, searching, start, goals, oracle)
     searched = _shortened(context, points, oracle)
@@ -193,11 +230,28 @@ def _leads(context: PlanContext, ends: Ends, searching: SearchRound) -> list[Flo
             continue
         tight = SearchOracle(searching.checker(context, padding), [q], ())
         roomy_places = (p for p in near(q, roomy.robot.limits, rng) if roomy.state_is_free(p))
-        lead = next((p for p in roomy_places if tight.edge_is_free(q, p, known=Known.BOTH)), None)
+        close = [(contact.a, contact.b) for contact in roomy.contacts(q)]
+        lead = next((p for p in roomy_places if _leaves(q, p, tight, close, roomy)), None)
         if lead is None:
             return None
         leads.append(lead)
     return leads
+
+
+def _leaves(
+    q: FloatArray, p: FloatArray, tight: SearchOracle, close: Sequence[tuple[str, str]], roomy: CollisionChecker
+) -> bool:
+    """Whether an end is left on a free line on which only what is close to it comes closer than the padding."""
+    line = JointPath(np.array([q, p]))
+    return tight.edge_is_free(q, p, known=Known.BOTH) and free_but_for(close, line, (0.0, line.length), roomy)
+
+
+def _in_vain(ends: Ends, leads: list[FloatArray], narrow: Candidates) -> bool:
+    """Whether a line is no longer than the ways from its ends to where there is room."""
+    points = narrow.polylines[0]
+    goal = next(k for k, goal in enumerate(ends.goals, start=1) if goal.q.tolist() == points[-1].tolist())
+    aside = joint_distance(ends.start, leads[0]) + joint_distance(points[-1], leads[goal])
+    return polyline_length(points) <= aside
 
 
 @dataclass(frozen=True, eq=False)

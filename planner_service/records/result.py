@@ -31,7 +31,7 @@ from planner_service.files import schema
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.result import MotionReport, PlanResult, PolishReport, Stage, StageReport
+from planner_service.planning.result import MotionReport, NearEnd, PlanResult, PolishReport, Stage, StageReport
 from planner_service.records.failure import MAX_PAIRS, FailureRecord, StageName
 from planner_service.records.values import Constraints
 from planner_service.timing.limit_check import LimitPeaks, Peak
@@ -122,6 +122,16 @@ class ExemptRecord(schema.GrownRecord):
     pairs: PairList
     reason: schema.Prose
     depth: float | None = None
+
+
+class NearEndRecord(schema.Record):
+    """A ``NearEnd``."""
+
+    makes = NearEnd
+
+    s_start: float
+    s_end: float
+    pairs: PairList
 
 
 class RefusalRecord(schema.Record):
@@ -340,6 +350,7 @@ class ResultRecord(schema.GrownRecord):
     path: PathRecord | None
     trajectory: TrajectoryRecord | None
     constraints: Constraints = Field(default_factory=list)
+    near_ends: Annotated[list[NearEndRecord], schema.at_most(2)] = Field(default_factory=list)
 
     @cached_property
     def value(self) -> PlanResult:

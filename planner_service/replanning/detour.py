@@ -95,6 +95,7 @@ class CandidatePath:
         switch: Where another law takes over.
         searched: Whether a part of it had to be searched.
         roomy: Whether the old path keeps the full padding up to there.
+        padding: Metres that samples keep on all of it.
     """
 
     path: JointPath
@@ -103,6 +104,7 @@ class CandidatePath:
     switch: SwitchPoint
     searched: bool
     roomy: bool
+    padding: float
 
 
 class Detours:
@@ -194,7 +196,6 @@ class Detours:
         least = self._padding(q)
         if least is None:
             return None
-        self._accounting.padding = self._request.padding
         tight = self._checker.variant(padding=min(least, goal.padding))
         oracle = self._oracle(q, least, goal)
         chain = [q, *old.waypoints[old.knots > s + NEAR], *self._ahead]
@@ -214,7 +215,8 @@ class Detours:
                 sizes[index] = min(sizes[index], self._passable(path, index, switch))
             path = blended(path, tight.blend_is_free, sizes, least=MIN_BLEND, oracle=SearchOracle(tight))
             entry.length = path.length - s
-        return CandidatePath(path, index, s, switch, searched, place.roomy)
+        padding = min(self._request.padding, least, goal.padding) if place.roomy or not s > switch.s else 0.0
+        return CandidatePath(path, index, s, switch, searched, place.roomy, padding)
 
     def _passable(self, path: JointPath, index: int, switch: SwitchPoint) -> float:
         """How wide the blend at a corner may be for the robot to be slow enough when it begins.

@@ -182,6 +182,7 @@ class _ProvenMotion:
     trajectory: Trajectory
     certificate: Certificate
     report: MotionReport
+    padding: float = 0.0
 
     @property
     def stops(self) -> int:
@@ -439,7 +440,7 @@ def _proven(call: _Call, candidate: CandidatePath) -> _ProvenMotion:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{call.timing.name}, {trajectory.duration:.2f} s", path.length
         report = _slow_enough(call, _report(call, trajectory, ratios))
-        return _ProvenMotion(path, trajectory, certificate, report)
+        return _ProvenMotion(path, trajectory, certificate, report, candidate.padding)
 
 
 def _certify(call: _Call, path: JointPath, s_end: float, exempt: Sequence[ExemptInterval]) -> Certificate:
@@ -513,6 +514,12 @@ def _replanned(
         velocity, acceleration = motion.report.peaks.velocity, motion.report.peaks.acceleration
         parts = f"velocity {velocity.ratio:.0%}, acceleration {acceleration.ratio:.0%}"
         call.accounting.notes.append(f"beyond the limits asked: {parts} of them")
+    asked = call.request.padding
+    kept = call.accounting.padding = max(motion.padding, min(asked, motion.certificate.clearance))
+    if outcome is Outcome.NEW and kept < asked:
+        call.accounting.notes.append(
+            f"{1e3 * kept:.2f} mm are kept all along, less than the padding of {1e3 * asked:g} mm"
+        )
     result = call.accounting.result(
         motion.path, motion.trajectory, motion.report, goal_index=goal_index, certificate=motion.certificate
     )
