@@ -383,7 +383,12 @@ class Certifier:
         return Roots(list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole)
 
     def _overlapping(self, judged: Span, exempt: Sequence[ExemptInterval]) -> Roots:
-        """What stretches with a depth say of the pairs that they name."""
+        """What stretches with a depth say of the pairs that they name.
+
+        The bounds of ``ProofTree`` hold for overlaps as for gaps: seen from b, no point of a moves by more than m, so
+        along a direction fixed in b the least height of a over b sinks by no more than m, whatever its sign; and that
+        height is never above the signed distance of the two, which is minus the shortest way out where they overlap.
+        """
         spans: dict[Span, int] = {}
         rows: set[tuple[int, int]] = set()
         for interval in exempt:

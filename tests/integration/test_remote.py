@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import planner_service as library
+from benchmarks.studies.starts import starts_of
 from planner_service import (
     PRM,
     Box,
@@ -42,7 +43,7 @@ from planner_service import (
     client,
     top_grasps,
 )
-from planner_service.certify import ExemptInterval
+from planner_service.certify import Certifier, ExemptInterval
 from planner_service.client import Remote, ServerRefused, StaleVersion
 from planner_service.collision import Cancelled
 from planner_service.constraints import KeepUpright
@@ -149,6 +150,19 @@ def test_a_free_straight_line_is_the_plan(planner: Planner) -> None:
     assert result.attempts == 0
     assert trajectory.duration == present(result.motion).duration
     assert present(result.certificate).certified
+
+
+def test_a_start_that_touches_a_little_is_left_alike_here_and_there(here: Planner, there: Planner) -> None:
+    service = PlannerService("wxai", "bin")
+    start = next(starts_of(service, Certifier(service.robot, service.scene), np.random.default_rng(1), itself=False))[0]
+    asked_for = [asked(HOME, start, start_overlap=most) for most in (0.003, 0.0)]
+    (left, refused), answers = ([planner.service.plan(each) for each in asked_for] for planner in (here, there))
+    assert [present(stretch.depth) > 0.0 for stretch in left.exempt] == [True]
+    assert present(refused.failure).reason is Reason.START_IN_COLLISION
+    assert [bits(answer) for answer in answers] == [bits(left), bits(refused)]
+    tasks = [planner.plan_pick_place(planner.service, "blue_block", "tray", asked_for[0]) for planner in (here, there)]
+    assert tasks[0].segments[0].name == "leave"
+    assert task_bits(tasks[0]) == task_bits(tasks[1])
 
 
 def test_the_counts_of_a_result_are_those_of_its_stages(planner: Planner) -> None:
