@@ -11,10 +11,12 @@ anytime planners keep the path they found, and no exception unwinds through OMPL
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import isfinite
+from operator import methodcaller
 from typing import Any, TypeVar
 
 import numpy as np
@@ -267,20 +269,16 @@ class _Run:
         self.ready()
 
     def ready(self) -> None:
-        """Make the planner. It is set up even if Ctrl-C comes in between: AORRTC's destructor crashes otherwise."""
-        planner: Any = None
-        try:
-            planner = getattr(og, self._name)(self._si)
-            for setter, value in self._settings.items():
-                getattr(planner, setter)(value)
-            planner.setProblemDefinition(self._problem)
-            planner.setup()
-        except BaseException:
-            if planner is not None:
-                planner.setProblemDefinition(self._problem)
-                planner.setup()
-            raise
-        self.planner = planner
+        """Make the planner, without a step at which Ctrl-C could come: AORRTC's destructor crashes before ``setup``.
+
+        Python raises KeyboardInterrupt between two of its own instructions, so that even one between a call and the
+        assignment of what it returned would end the process. ``deque`` runs all calls of these iterators in C.
+        """
+        calls = [*self._settings.items(), ("setProblemDefinition", self._problem), ("setup",)]
+        planner: list[Any] = []
+        made = map(planner.extend, [map(getattr(og, self._name), [self._si])])
+        deque(chain(made, *(map(methodcaller(*call), planner) for call in calls)), maxlen=0)
+        (self.planner,) = planner
 
     def until(self, act: Callable[[Any], Any], enough: Callable[[Any], bool]) -> Any:
         """Call ``act`` with a condition that ends it when a limit is reached, or once ``enough(planner)``."""
@@ -527,11 +525,11 @@ def _result(problem: SearchProblem, oracle: _Oracle, points: list[Configuration]
 
 def _exact(points: list[Configuration], start: Configuration, goal: Configuration) -> list[Configuration]:
     """``points`` from exactly ``start`` to exactly ``goal``, without repetitions."""
-    chain = [start]
+    exact = [start]
     for q in [*points[1:-1], goal]:
-        if q != chain[-1]:
-            chain.append(q)
-    return chain
+        if q != exact[-1]:
+            exact.append(q)
+    return exact
 
 
 def _key(a: Configuration, b: Configuration) -> tuple[Configuration, Configuration]:

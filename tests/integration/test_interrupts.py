@@ -178,3 +178,51 @@ print(plan() == plan())
     for moment in (0.01, 0.05, 0.1, 0.2, 0.4):
         done = subprocess.run([sys.executable, "-c", program, str(moment)], capture_output=True, text=True, timeout=60)
         assert done.stdout == "True\n", (moment, done.stderr[-2000:])
+
+
+def test_ctrl_c_between_any_two_instructions_that_make_a_planner_of_ompl_ends_no_process() -> None:
+    """AORRTC's destructor crashes unless it was set up: also one that was made, but not yet assigned."""
+    program = """
+import sys
+import planner_service as ps
+from planner_service.planners import AORRTC
+from planner_service.search import ompl
+
+service = ps.PlannerService("planar2", "discs")
+asked = ps.PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=AORRTC(checks=20))
+
+def struck(at):
+    reached = 0
+
+    def local(frame, event, _):
+        nonlocal reached
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            reached += 1
+            if reached == at:
+                raise KeyboardInterrupt
+        return local
+
+    def entered(frame, event, _):
+        if frame.f_code.co_filename == ompl.__file__ and frame.f_code.co_name == "ready":
+            frame.f_trace_opcodes = True
+            return local
+
+    sys.settrace(entered)
+    try:
+        result = service.plan(asked)
+    except KeyboardInterrupt:
+        return reached
+    finally:
+        sys.settrace(None)
+    assert result.ok and (at == 0 or reached < at), "nothing else keeps Ctrl-C"
+    return reached
+
+count = struck(0)
+assert count > 20, "or this tests nothing"
+for at in range(1, count + 1):
+    struck(at)
+print(struck(0) == count)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr[-2000:]
