@@ -19,7 +19,7 @@ from planner_service.cli.certify import certify
 from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
-from planner_service.cli.export import export
+from planner_service.cli.export import export, join
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.cli.roadmap.commands import roadmaps
@@ -444,6 +444,7 @@ _add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block
 _add(view, "Show robot, scene and plan in the browser.", "view plan.json")
 _add(certify, "Prove a saved plan again.", "certify plan.json")
 _add(export, "Write a saved plan or task for other tools.", "export plan.json --format csv")
+_add(join, "Write saved tasks as one.", "join pick.json place.json --out task.json")
 _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")

@@ -1,10 +1,11 @@
-"""The command ``planner-service export``: a saved plan or task for other tools."""
+"""The commands ``planner-service export`` and ``join``: saved plans and tasks for other tools, and as one task."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from planner_service.cli.exit_codes import bad_input_exits, report_error
 from planner_service.cli.output import emit, json_text
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
+from planner_service.records.evidence import save_plan
 from planner_service.records.exports import mujoco_keyframes
 from planner_service.records.exports.mujoco_keyframes import keyframes_text
 from planner_service.records.exports.trajectory_export import (
@@ -28,12 +30,12 @@ from planner_service.records.exports.trajectory_export import (
     task_trajectories,
     yaml_text,
 )
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
+from planner_service.records.plan_file import OURS, SavedPlan, SavedTask, load_plan_or_task, load_task
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment
 from planner_service.view.rerun_recording import RECORDING, rerun_bytes
 
-__all__ = ["export"]
+__all__ = ["export", "join"]
 
 MESSAGES = ("joint-trajectory", "robot-trajectory", "display-trajectory")
 """Those of ROS messages."""
@@ -94,6 +96,23 @@ def export(
         )
     if out is None and isinstance(content, str):
         emit(content)
+
+
+def join(
+    task_files: Annotated[
+        list[str], typer.Argument(metavar="FILE...", help="Tasks, each planned from where the one before it ends.")
+    ],
+    out: Annotated[str, typer.Option(metavar="FILE", help="Save them here as one task.")],
+    allow: options.Allow = None,
+) -> None:
+    """Write saved tasks, such as a pick and its place, as one, which is proven before it is written."""
+    with bad_input_exits():
+        require_writable(out, OURS)
+        first, *others = [load_task(each) for each in task_files]
+        whole = reduce(SavedTask.followed_by, others, first)
+        arguments.require_proven(whole, allow)
+        save_plan(whole, out)
+    emit(str(whole))
 
 
 def _file_kind(form: str) -> re.Pattern[bytes]:

@@ -30,6 +30,7 @@ from planner_service.files.json_writer import indented_json
 from planner_service.files.reading import as_path
 from planner_service.files.schema import Prose, Record, Text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
+from planner_service.geometry.validation import instance
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult
 from planner_service.planning.world import World
@@ -49,7 +50,7 @@ from planner_service.records.scene import PlanReading, SceneRecord, WorldRecord
 from planner_service.robot.model import Robot, length_unit
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment, TaskResult, task_blocks
+from planner_service.tasks.result import SAME_WIDTH, Segment, TaskResult, require_joined, task_blocks
 
 __all__ = [
     "OURS",
@@ -251,6 +252,61 @@ class SavedTask(_Saved):
         """What the whole task asked of the collision checker."""
         return sum((segment.counts for segment in self.segments), self.choosing)
 
+    def followed_by(self, after: SavedTask) -> SavedTask:
+        """This task and the one planned from where it ends, such as a pick and its place, as one.
+
+        It has the request of both if that is one but for where it starts and ends; and no sections: evidence is of one
+        file. ``save_plan`` gives it some if the request says so.
+
+        Raises:
+            InvalidRequest: One of the two has no plan, or the second begins with another robot, scene or gripper's
+                opening than the first ends with, or elsewhere.
+        """
+        instance("after", after, SavedTask, "a SavedTask")
+        for task in (self, after):
+            if task.failure is not None or not task.segments:
+                raise InvalidRequest("after", task.task or "a task", "tasks all of whose motions have a plan")
+        segments = (*self._of_own_law(), *after._of_own_law())
+        require_joined(segments)
+        world = self.begin
+        for segment in self.segments:
+            world = segment.world_after(world)
+        if world.robot.opened_like(after.robot).hash != after.robot.hash or self.allowed != after.allowed:
+            given = f"{after.task or 'a task'}, which is of another robot, or allows other pairs to touch"
+            raise InvalidRequest("after", given, f"one of {self.robot.name} with the same allowed pairs")
+        width, then = world.robot.gripper_width, after.robot.gripper_width
+        if world.robot.gripper is not None and abs(width - then) > SAME_WIDTH:
+            given = f"{after.task or 'a task'}, which begins with a gripper {then:.6g} m open"
+            raise InvalidRequest("after", given, f"one that begins with {width:.6g} m, as {self.task or 'this'} ends")
+        if _contents(world.scene) != _contents(after.scene):
+            given = f"{after.task or 'a task'}, which begins in another scene"
+            raise InvalidRequest("after", given, f"the scene that {self.task or 'this'} leaves")
+        words = "; ".join(filter(None, (self.task, after.task)))
+        request = self.request if self.request is not None and _asks_the_same(self.request, after.request) else None
+        if request is not None:  # the law of both
+            segments = (*self.segments, *after.segments)
+        return SavedTask(
+            self.begin,
+            words,
+            segments,
+            self.choosing + after.choosing,
+            self.seconds + after.seconds,
+            notes=(*self._named_notes(), *after._named_notes()),
+            request=request,
+        )
+
+    def _named_notes(self) -> tuple[str, ...]:
+        return tuple(f"{self.task}: {note}" if self.task and ";" not in self.task else note for note in self.notes)
+
+    def _of_own_law(self) -> tuple[Segment, ...]:
+        """The motions, each with its timing law beside it."""
+        if self.request is None:
+            return self.segments
+        law = self.request.timing
+        return tuple(
+            segment if segment.timing is not None else replace(segment, timing=law) for segment in self.segments
+        )
+
     def within(self, begin: World) -> SavedTask:
         """The same motions in another world, in which the task takes, carries and leaves the same things."""
         segments = [
@@ -271,6 +327,19 @@ class SavedTask(_Saved):
 
     def _record(self) -> _Head:
         return recorded("task", lambda: TaskRecord.of(self))
+
+
+def _contents(scene: Scene) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What is in a scene, in whatever order."""
+    return {item.name: item for item in scene.obstacles}, {item.name: item for item in scene.attached}
+
+
+def _asks_the_same(one: PlanRequest, other: PlanRequest | None) -> bool:
+    """Whether two requests differ in nothing but where they start and end."""
+    if other is None:
+        return False
+    records = [RequestRecord.find(each) for each in (one, replace(other, start=one.start, goal=one.goal))]
+    return records[0] is not None and records[0] == records[1]
 
 
 def _carried_over(scene: Scene, first: Scene, other: Scene) -> Scene:

@@ -22,15 +22,12 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
-from planner_service.tasks.result import JOIN
+from planner_service.tasks.result import JOIN, SAME_WIDTH
 
 __all__ = ["SAME_WIDTH", "ClaimedMotion", "TaskMotion", "fingers_of", "gripped_by", "task_motions"]
 
 SAME_PLACE = 1e-5
 """Metres and radians by which the tool may miss a grasp's pose; inverse kinematics is exact to 1e-7."""
-
-SAME_WIDTH = 1e-6
-"""Metres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,7 @@ from planner_service.grasping.grasps import width_across
 from planner_service.grasping.guards import LONGEST_APPROACH, grasp_objection, unwanted
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
 from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
+from planner_service.kinematics.reachability import why_unreachable
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
@@ -53,6 +54,9 @@ FINGER_ROOM = 0.012
 
 LINE_POINTS = 60
 """Configurations computed along a straight tool line; only as many are kept as hold the tool on it."""
+
+MAX_WHYS = 8
+"""Poses out of reach that are looked at to tell what would bring the tool to the nearest of them."""
 
 Pair = tuple[str, str]
 
@@ -280,6 +284,7 @@ class _Task:
         self._tried: list[str] = []
         self._grips: dict[tuple[bytes, float, float], GripperMotion] = {}
         self._ended: Failure | None = None
+        self._unreached: dict[int, Pose] = {}
         self._leave: tuple[Segment, ...] = ()
 
     def result(self, contacts: Sequence[_Contact]) -> tuple[TaskResult, PlannerService]:
@@ -301,7 +306,20 @@ class _Task:
             if self._ended is not None:
                 return self._failed(self._ended)
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
-        return self._failed(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+        return self._failed(self._explained(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail)))
+
+    def _explained(self, failure: Failure) -> Failure:
+        """The failure with why the tool cannot be brought to the nearest of the poses that are out of reach."""
+        robot, seed = self._service.robot, self._template.seed
+        whys = [
+            (why.gap, why.turn, number, why)
+            for number, pose in list(self._unreached.items())[:MAX_WHYS]
+            for why in [why_unreachable(robot, pose, seed=seed, still=self._still)]
+        ]
+        if not whys:
+            return failure
+        *_, number, why = min(whys, key=lambda each: each[:3])
+        return replace(failure, detail=f"{failure.detail}; way {number} comes nearest: {why}", unreachable=why)
 
     def _failed(self, failure: Failure) -> tuple[TaskResult, PlannerService]:
         return self._result((), self._service, self._start, failure, self._spent, tuple(self._tried))
@@ -365,7 +383,10 @@ class _Task:
         """Configurations that would do at a contact; why there are none is noted the ``first`` time."""
         robot, seed = self._service.robot, self._template.seed
         solutions = inverse_kinematics(robot, contact.tool, seed=seed, still=self._still)
-        refused = ["out of reach"] if len(solutions) == 0 else []
+        refused = []
+        if len(solutions) == 0:
+            refused.append("out of reach")
+            self._unreached[number] = contact.tool
         fitting = []
         for q in solutions:
             checker = contact.made[0].checker

@@ -30,6 +30,7 @@ from planner_service.timing.laws import Timing
 __all__ = [
     "JOIN",
     "MAX_SUPPORT_GAP",
+    "SAME_WIDTH",
     "Handling",
     "Segment",
     "TaskReport",
@@ -42,6 +43,9 @@ __all__ = [
 
 MAX_SUPPORT_GAP = 0.05
 """Metres of a lift or of a lowering, at most, within which an object and its support may touch."""
+
+SAME_WIDTH = 1e-6
+"""Metres between the finger pads by which two openings of a gripper may differ and be the same."""
 
 JOIN = 1e-6
 """Radians (or metres) between the end of one motion and the start of the next: less than the margin of a proof."""

@@ -604,7 +604,7 @@ def test_commands_are_listed_in_the_order_a_person_meets_them() -> None:
     commands = run("--help").stdout.partition("Commands:\n")[2].partition("\n\n")[0]
     first, *rest = [line.split()[0] for line in commands.splitlines()]
     assert [first, *rest[:6]] == ["robots", "scenes", "check", "plan", "explain", "pick-place", "view"]
-    others = "certify export run import-robot episodes serve doctor roadmap robot"
+    others = "certify export join run import-robot episodes serve doctor roadmap robot"
     assert {*rest[6:]} == set(others.split())
 
 

@@ -341,3 +341,19 @@ def test_a_task_whose_start_touches_something_begins_by_leaving_it_and_is_proven
     assert recertify(task).certified
     refused = plan_pick_place(service, "blue_block", "tray", replace(request, start_overlap=0.0))
     assert present(refused.failure).reason is Reason.START_IN_COLLISION
+
+
+def test_a_place_that_cannot_be_reached_says_what_turn_of_the_tool_would_do(cell: PlannerService) -> None:
+    taken = picked(cell)
+    put = place(PlannerService.of(taken.world), taken.q, "block", yaws(0.30, 0.25, 0.33))
+    failure = present(put.failure)
+    assert "the position is within reach, but with the tool turned by 0.5" in failure.detail
+    assert 0.5 < present(failure.unreachable).turn < 0.6
+
+
+def test_a_pick_that_is_too_far_away_says_by_how_much(cell: PlannerService) -> None:
+    far = Obstacle("far", Box((0.03, 0.03, 0.03)), Pose((0.9, 0.0, 0.1)))
+    service = PlannerService("wxai", cell.scene.with_obstacle(far))
+    failure = present(pick(service, cell.robot.home, "far", top_grasps(cell.robot, far)).failure)
+    assert re.search(r"way \d+ comes nearest: out of reach by \d+\.\d mm, nearest at ", failure.detail)
+    assert 0.1 < present(failure.unreachable).gap < 0.2
