@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Tests start many processes: what one has compiled the next need not, whatever the shell says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo quick test suite sim cluster lint types bench attack mutants measures docs wheel clean
+.PHONY: demo quick test suite sim cluster lint types bench attack mutants measures docs wheel wheels clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -69,7 +69,7 @@ attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/fig
 mutants: $(BIN)/.dev  ## do the tests notice small faults: 40 in each package, in about an hour; docs/figures/mutants.md has a table
 	$(BIN)/python -m benchmarks mutants --out mutants.json
 
-measures: $(BIN)/.dev  ## the tables of docs/figures, printed
+measures: $(BIN)/.dev  ## most tables of docs/figures/measured.md, printed
 	$(BIN)/python -m benchmarks all
 
 docs: $(BIN)/.docs  ## the pages and the reference as a site in site/, links checked
@@ -77,6 +77,12 @@ docs: $(BIN)/.docs  ## the pages and the reference as a site in site/, links che
 
 wheel: $(BIN)/.dev  ## a wheel in dist/, tested in a fresh virtual environment
 	WHEEL_DIR=dist $(BIN)/python -m pytest tests/integration/test_packaging.py
+
+# A Python of each version that wheels are for: pyenv's, or the one on the path.
+PYTHONS ?= $(foreach v,3.10 3.11 3.12 3.13,$(or $(lastword $(wildcard $(HOME)/.pyenv/versions/$(v).*/bin/python)),$(shell command -v python$(v))))
+
+wheels:  ## wheels in dist/ for machines such as this, by each Python 3.10 to 3.13 that is found, each tried
+	.ci/wheels dist $(PYTHONS)
 
 clean:
 	rm -rf $(VENV)
