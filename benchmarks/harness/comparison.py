@@ -7,16 +7,17 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.table import Table
 
 from benchmarks.harness import rows
-from benchmarks.harness.report import p50, spread, table
+from benchmarks.harness.report import p50, table
 from benchmarks.harness.rows import Results, Row, states_of
-from benchmarks.harness.statistics import Comparison, compared, exact_sign, holm, quantile, wilson
+from benchmarks.harness.statistics import Comparison, compared, exact_sign, holm, wilson
+from benchmarks.pages.page import tables_of
 from planner_service.errors import InvalidRequest, UnknownName
 
-__all__ = ["MEASURES", "compare", "main", "overview"]
+__all__ = ["MEASURES", "compare", "main"]
 
 Contender = tuple[str, str]
 """Tool and planner."""
@@ -47,61 +48,6 @@ MEASURES: Mapping[str, tuple[Measure, int, bool]] = {
     "motion s": (lambda row: row["duration"], 3, False),
 }
 """How each is read off a row, its digits, and whether runs that failed count, with what they spent."""
-
-SHARES = (0.25, 0.5, 0.95)
-
-
-def overview(results: Results) -> list[RenderableType]:
-    """Success and spread by contender and kind of problem, then the quantiles of all problems with their intervals."""
-    found = _by_contender(results.rows)
-    by_kind = [
-        _kind_line(contender, kind, [row for row in here if row["kind"] == kind])
-        for contender, here in found.items()
-        for kind in dict.fromkeys(row["kind"] for row in here)
-    ]
-    lines = [line for contender, here in found.items() for line in _spread_lines(contender, here)]
-    suite = f"Suite {results.header['suite']}"
-    caption = (
-        "Solved with Wilson's 95% interval; p50 / p95 of the other figures. Rejected: paths that the independent "
-        "checker finds in collision or outside the limits. Counts and times of failed runs are in, with what they "
-        "spent; lengths and motions are of solved runs."
-    )
-    columns = ("contender", "problems", "runs", "solved", "rejected", *_SHOWN)
-    quantiles = ("contender", "", "runs", "p25", "p50", "p95")
-    below = "All problems together; 95% intervals by bootstrap over problems (over seeds where there is one problem)."
-    return [table(suite, columns, by_kind, caption=caption), table("Spread", quantiles, lines, caption=below)]
-
-
-_SHOWN = ("states", "CPU ms", "length rad", "motion s")
-
-
-def _kind_line(contender: Contender, kind: str, here: Sequence[Row]) -> list[str]:
-    solved = sum(row["ok"] for row in here)
-    rejected = sum(row["audit"]["verdict"] in ("colliding", "outside_limits") for row in here)
-    cells = [_named(contender), kind, str(len(here)), f"{wilson(solved, len(here)).text(0, 100.0)} %", str(rejected)]
-    for name in _SHOWN:
-        measure, digits, charged = MEASURES[name]
-        found = [value for rows_ in _values(here, measure, charged=charged).values() for value in rows_]
-        cells.append(spread(found, digits) if found else "-")
-    return cells
-
-
-def _spread_lines(contender: Contender, here: Sequence[Row]) -> Iterable[list[str]]:
-    for name, (measure, digits, charged) in MEASURES.items():
-        values = _values(here, measure, charged=charged)
-        if values:
-            told = [quantile(values, share).text(digits) for share in SHARES]
-            yield [_named(contender), name, str(sum(map(len, values.values()))), *told]
-
-
-def _values(here: Iterable[Row], measure: Measure, *, charged: bool) -> dict[str, list[float]]:
-    """By problem, the values of its runs that have one."""
-    out: dict[str, list[float]] = defaultdict(list)
-    for row in here:
-        value = measure(row) if charged or row["ok"] else None
-        if value is not None:
-            out[row["problem"]].append(float(value))
-    return dict(out)
 
 
 def _by_contender(found: Iterable[Row]) -> dict[Contender, list[Row]]:
@@ -185,9 +131,9 @@ def main(arguments: Sequence[str], console: Console) -> int:
     asked = parser.parse_args(arguments)
     first = rows.read_some(asked.first)
     second = first if asked.second is None else rows.read_some(asked.second)
-    console.print(*overview(first), sep="\n\n")
+    console.print(*tables_of(first), sep="\n\n")
     if second is not first:
-        console.print(*overview(second), sep="\n\n")
+        console.print(*tables_of(second), sep="\n\n")
         _tell_places(first, second, console)
     for title, a, b in _matches(first, second, asked.planner):
         if not _paired(a, b):

@@ -11,17 +11,15 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from benchmarks.harness import rows
 from benchmarks.harness.arguments import whole
 from benchmarks.harness.attempts import Ask, attempt, unplanned, warm
 from benchmarks.harness.environment import environment
-from benchmarks.harness.report import table
 from benchmarks.harness.rows import Key, Results, Row
 from benchmarks.harness.sources import Problem, Task, ToyQuery
 from benchmarks.harness.suite import LESSON, ROADMAP, Suite, load_suite, require_planner, seeds_of, suite_names
-from benchmarks.pages.page_tables import Sheaf
+from benchmarks.pages.page import tables_of
 from planner_service import Reason
 from planner_service.errors import InvalidRequest
 from planner_service.files.writing import require_writable
@@ -169,12 +167,6 @@ def _require_same(old: dict[str, Any], new: dict[str, Any], out: Path) -> None:
         raise InvalidRequest("--out", str(out), "a file of the same code, made in the same place", message=message)
 
 
-def _printed(sheaf: Sheaf) -> Table:
-    """A table of the page for a console."""
-    heads = [" ".join(filter(None, (cell.text, cell.under))) for cell in sheaf.heads]
-    return table(sheaf.title, heads, ([cell.text for cell in row] for row in sheaf.rows), caption=sheaf.caption)
-
-
 def main(arguments: Sequence[str], console: Console) -> int:
     """Exit code 0 when all rows are there, whatever they tell; 130 when interrupted."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks run", description=__doc__)
@@ -201,12 +193,6 @@ def main(arguments: Sequence[str], console: Console) -> int:
         count = len(rows.read(out).rows) if out.exists() else 0
         console.print(f"interrupted: {count} finished rows are in {out}; the same command goes on from there")
         return INTERRUPTED
-    from benchmarks.harness.comparison import overview
-    from benchmarks.pages.page_builds import builds
-    from benchmarks.pages.page_numbers import sheets_of
-
-    told = [builds(sheet) for sheet in sheets_of([results])]
-    apart = [_printed(sheaf) for sheaf in told if sheaf is not None]
-    console.print(*overview(results), *apart, sep="\n\n")
+    console.print(*tables_of(results), sep="\n\n")
     console.print(f"{len(results.rows)} rows in {out}")
     return 0

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 from benchmarks.baselines.lesson import Toy
 from benchmarks.worlds import queries
 from benchmarks.worlds.drawn import blocked_ends
-from benchmarks.worlds.growing import MOST_JOINTS, MOST_OBSTACLES, crowd, planar_robot
+from benchmarks.worlds.planar import MOST_JOINTS, planar_robot
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Record, Text, at_most, of_length
@@ -245,28 +245,6 @@ class DrawnTable(Record):
         return make
 
 
-class CrowdsTable(Record):
-    """``[[crowds]]``."""
-
-    scene: QueryScene
-    numbers: Numbers | None = None
-    obstacles: Annotated[
-        list[Annotated[int, Field(ge=0, le=MOST_OBSTACLES)]], AfterValidator(_each_once), Some, at_most(MAX_COUNT)
-    ]
-
-    @cached_property
-    def value(self) -> Maker:
-        numbers = range(queries.PER_SCENE) if self.numbers is None else self.numbers
-
-        def make() -> Iterator[Problem]:
-            for query in (queries.load(self.scene)[k] for k in numbers):
-                for size in self.obstacles:
-                    kind, scene = f"{size} obstacle{'s' * (size != 1)}", crowd(query, size)
-                    yield Motion(f"{kind}/{query.name}", kind, queries.ROBOT, scene, query.start, (query.goal,))
-
-        return make
-
-
 class ToyTable(Record):
     """``[[toy]]``."""
 
@@ -282,7 +260,6 @@ class Sources(Record):
     problems: Annotated[list[ProblemsTable], at_most(MAX_COUNT)] = Field([])
     tasks: Annotated[list[TasksTable], at_most(MAX_COUNT)] = Field([])
     drawn: Annotated[list[DrawnTable], at_most(MAX_COUNT)] = Field([])
-    crowds: Annotated[list[CrowdsTable], at_most(MAX_COUNT)] = Field([])
     toy: Annotated[list[ToyTable], at_most(MAX_COUNT)] = Field([])
 
     @property

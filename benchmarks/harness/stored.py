@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import difflib
+from collections.abc import Sequence
 
 from rich.console import Console
 
@@ -12,8 +14,11 @@ from planner_service.files.writing import write_whole
 __all__ = ["main"]
 
 
-def main(*, write: bool, console: Console) -> int:
-    """Store, or compare with what is stored; 0 if equal or stored."""
+def main(arguments: Sequence[str], console: Console) -> int:
+    """Store, or compare with what is stored; exit code 0 if equal or stored."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks queries", description=__doc__)
+    parser.add_argument("--write", action="store_true", help="store them")
+    write = parser.parse_args(arguments).write
     texts = {queries.FOLDER / f"{scene}.json": queries.text_of(queries.draw(scene)) for scene in queries.SCENES}
     constrained.FOLDER.mkdir(exist_ok=True)
     for name in (*constrained.UPRIGHT, *constrained.REGIONS):

@@ -13,10 +13,9 @@ import numpy as np
 from benchmarks.harness import statistics
 from benchmarks.harness.rows import Results, Row, states_of
 from benchmarks.harness.statistics import FEW, Estimate
-from planner_service import Stage
 
 __all__ = ["OURS", "Group", "Pace", "Sheet", "paces", "planning_seconds", "rejected", "seconds", "sheets_of"]
-__all__ += ["stage_order", "stage_seconds", "states"]
+__all__ += ["stage_seconds", "states"]
 
 OURS = "planner_service"
 ABSENT = "not_installed"
@@ -166,13 +165,6 @@ def planning_seconds(row: Row) -> float | None:
 def states(row: Row) -> float | None:
     """Configurations judged in all stages; None where nobody counted."""
     return float(states_of(row)) if row["checks"] else None
-
-
-def stage_order(groups: Iterable[Group], part: str) -> list[str]:
-    """The stages that rows tell of under "checks" or "seconds", in the order of a plan."""
-    known = [stage.value for stage in Stage]
-    told = dict.fromkeys(stage for group in groups for row in group.rows for stage in row[part])
-    return sorted(told, key=lambda stage: known.index(stage) if stage in known else len(known))
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
-"""The tables and sentences of the page, as cells that become HTML or Markdown."""
+"""The tables and sentences of a report, as cells that become Markdown."""
 
 from __future__ import annotations
 
 import html
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +12,9 @@ import numpy as np
 
 from benchmarks.harness.rows import Row
 from benchmarks.harness.statistics import Estimate
-from benchmarks.pages.page_numbers import OURS, Group, Pace, Sheet, paces, planning_seconds, rejected, seconds, states
+from benchmarks.pages.page_numbers import OURS, Group, Pace, Sheet, paces, planning_seconds, seconds, states
 
-__all__ = ["Cell", "Sentence", "Sheaf", "by_kind", "environments", "explained", "failures", "failures_in_short"]
-__all__ += ["overall", "rejects", "statements"]
+__all__ = ["Cell", "Sheaf", "by_kind", "environments", "failures_in_short", "overall", "statements"]
 
 NOTHING = "–"
 
@@ -27,11 +26,6 @@ class Cell:
     text: str
     under: str = ""
     bad: bool = False
-
-    def html(self, tag: str = "td") -> str:
-        """As an element of a row."""
-        under = f"<small>{html.escape(self.under)}</small>" if self.under else ""
-        return f"<{tag}{' class=bad' if self.bad else ''}>{html.escape(self.text)}{under}</{tag}>"
 
     def markdown(self) -> str:
         """As a cell; what stands under the text comes after it."""
@@ -60,14 +54,6 @@ class Sheaf:
         found = [{_cell(head): _cell(cell) for head, cell in line.items()} for line in lines]
         return cls(title, tuple(found[0]), tuple(tuple(line.values()) for line in found), caption) if found else None
 
-    def html(self) -> str:
-        """As a figure that can be scrolled sideways."""
-        head = "".join(cell.html("th") for cell in self.heads)
-        rows = "".join(f"<tr>{row[0].html('th')}{''.join(map(Cell.html, row[1:]))}</tr>\n" for row in self.rows)
-        caption = f"<p class=caption>{html.escape(self.caption)}</p>" if self.caption else ""
-        table = f"<div class=wide><table><thead><tr>{head}</tr></thead><tbody>\n{rows}</tbody></table></div>"
-        return f"<h3>{html.escape(self.title)}</h3>\n{table}\n{caption}\n"
-
     def markdown(self) -> str:
         """As a table with its caption under it."""
         lines = [[cell.markdown() for cell in self.heads], ["---"] + ["---:"] * (len(self.heads) - 1)]
@@ -78,14 +64,6 @@ class Sheaf:
 
 def _cell(content: Cell | str) -> Cell:
     return Cell(content) if isinstance(content, str) else content
-
-
-@dataclass(frozen=True)
-class Sentence:
-    """A statement, and whether it is about something a peer does better."""
-
-    text: str
-    theirs: bool = False
 
 
 def environments(sheet: Sheet) -> list[tuple[str, str]]:
@@ -202,15 +180,15 @@ def by_kind(sheet: Sheet) -> Sheaf:
     return Sheaf("By kind of problem", heads, rows, "Processor time of the whole call, failures with what they spent.")
 
 
-def statements(sheet: Sheet) -> list[Sentence]:
+def statements(sheet: Sheet) -> list[str]:
     """What peers do better and worse than our first planner, in plain words."""
     groups = {group.name: group for group in sheet.groups}
-    found: list[Sentence | None] = [_statement(pace, groups) for pace in paces(sheet)]
+    found: list[str | None] = [_statement(pace, groups) for pace in paces(sheet)]
     found += [_better(sheet, *each) for each in _QUALITIES]
     return [sentence for sentence in found if sentence is not None]
 
 
-def _statement(pace: Pace, groups: Mapping[str, Group]) -> Sentence:
+def _statement(pace: Pace, groups: Mapping[str, Group]) -> str:
     ours, peer = groups[pace.ours], groups[pace.peer]
     found = {
         "faster": f"{pace.peer} is faster than {pace.ours}",
@@ -223,7 +201,7 @@ def _statement(pace: Pace, groups: Mapping[str, Group]) -> Sentence:
         found += f" For the path alone, without proof and timing, it takes {_times(pace.planning)} ours."
     found += f" The independent checker refuses {len(peer.rejects)} of its {peer.audited} results,"
     found += f" and {len(ours.rejects)} of {ours.audited} of ours."
-    return Sentence(found, theirs=pace.verdict == "faster" or (pace.planning is not None and pace.planning.high < 1.0))
+    return found
 
 
 def _times(estimate: Estimate) -> str:
@@ -233,7 +211,7 @@ def _times(estimate: Estimate) -> str:
 _QUALITIES = (("length", "rad", "Shorter paths"), ("duration", "s", "Shorter motions"))
 
 
-def _better(sheet: Sheet, key: str, unit: str, text: str) -> Sentence | None:
+def _better(sheet: Sheet, key: str, unit: str, text: str) -> str | None:
     """The peers whose median of something is less than ours, on problems both solved."""
     ours = next((group for group in sheet.present if group.tool == OURS), None)
     if ours is None or not sheet.several_tools:
@@ -246,20 +224,11 @@ def _better(sheet: Sheet, key: str, unit: str, text: str) -> Sentence | None:
             a, b = (float(np.median(side)) for side in sides)
             if b < a:
                 found.append(f"{peer.name} ({b:.2f} {unit} to our {a:.2f} {unit}, {_number(len(both), 'problem')})")
-    return Sentence(f"{text} than ours, by the median: {'; '.join(found)}.", theirs=True) if found else None
+    return f"{text} than ours, by the median: {'; '.join(found)}." if found else None
 
 
 def _number(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
-
-
-def failures(sheet: Sheet) -> Sheaf | None:
-    """Every row without a path, with its reason; alike ones of one contender together."""
-    lines: list[Line] = []
-    for (who, why, detail), lost in _lost(sheet, "failure", "detail").items():
-        where = Cell(_listed(list(map(_where, lost))), f"{len(lost)} in all" if len(lost) > 1 else "")
-        lines.append({"who": who, "why": why, "detail": detail, "where": where})
-    return Sheaf.of("Without a path", lines)
 
 
 def _lost(sheet: Sheet, *keys: str) -> dict[tuple[str, ...], list[Row]]:
@@ -283,38 +252,3 @@ def failures_in_short(sheet: Sheet) -> Sheaf | None:
         such = f"{_where(lost[0])}: {lost[0]['detail']}"
         lines.append({"without a path": who, "rows": str(len(lost)), "why": why, "such as": such})
     return Sheaf.of("Without a path", lines)
-
-
-def rejects(sheet: Sheet) -> Sheaf | None:
-    """What the independent checker refuses: whose, who touches whom, how deep."""
-    lines: list[Line] = []
-    for group in sheet.groups:
-        for row in sorted(group.rejects, key=lambda row: -(row["audit"]["depth"] or 0.0)):
-            audit = row["audit"]
-            pair = " × ".join(audit["pair"] or ())
-            depth = NOTHING if audit["depth"] is None else f"{1e3 * audit['depth']:.2f}"
-            refused = [name for name, each in row.get("audits", {}).items() if rejected({"audit": each})]
-            line: dict[Cell | str, Cell | str] = {"whose": group.name, "where": _where(row)}
-            line |= {"what": " and ".join(refused) or "path or motion", "who touches whom": pair}
-            lines.append(line | {"mm deep": Cell(depth, bad=True), "step, rad": f"{audit['step']}"})
-    return Sheaf.of("Refused by the independent checker", lines)
-
-
-def _listed(where: Sequence[str], most: int = 70) -> str:
-    return ", ".join(where[:most]) + (f" and {len(where) - most} more" if len(where) > most else "")
-
-
-def explained(sheets: Sequence[Sheet]) -> Iterator[str]:
-    """What the words of the tables mean."""
-    steps = sorted({row["audit"]["step"] for s in sheets for g in s.groups for row in g.rows if row["audit"]["step"]})
-    told = " and ".join(f"{step:g}" for step in steps)
-    yield (
-        "The independent checker is Coal, through code that shares nothing with the planner. It judges every result "
-        f"joint by joint at steps of {told} rad: polylines straight in joint space, timed motions as they are executed."
-        if steps
-        else "No result was put before the independent checker."
-    )
-    yield (
-        "Milliseconds are processor time of one call, its world being built already; those of a stage are its share of "
-        "the call's wall clock. Our counts are exact, and equal on any machine."
-    )

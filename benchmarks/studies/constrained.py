@@ -1,9 +1,4 @@
-"""Plans that keep constraints along the whole motion, on stored queries, judged by kinematics that are not ours.
-
-Beside the service with its default request, on every few queries: RRTConnect that may only reject what does not keep
-the constraints, OMPL's projected space, and roboplan with the Panda's cups, where it is installed
-(``python -m benchmarks peers install roboplan``).
-"""
+"""Plans that keep constraints along the whole motion, on stored queries, judged by kinematics that are not ours."""
 
 from __future__ import annotations
 
@@ -12,30 +7,25 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from itertools import islice
 
 from rich.table import Table
 
 from auditor.checker import IndependentChecker
 from auditor.constraints import MOTION_STEP, Deviation, deviations
-from benchmarks.baselines.on_constraints import METHODS, roboplan
-from benchmarks.baselines.peers.running import NOT_INSTALLED
 from benchmarks.harness.audit import audited, independent, touch_on_curve
-from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, merged, p50, spread, table_of
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
 from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, draw, load
 from planner_service import PlannerService, PlanRequest, PlanResult, SCurve
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["CASES", "Case", "measured", "run"]
+__all__ = ["CASES", "PARTS", "Case", "measured", "run"]
 
 LONG = 60.0
 """Seconds for a query that the default request does not solve: whether any method does."""
-
-BASELINE_SECONDS, EVERY = 5.0, 10
-"""CPU seconds of another method, and of which share of the queries it is asked."""
 
 LIMIT_MS = {"panda": 30.0, **dict.fromkeys(("bin", "shelf", "clutter", "carried"), 15.0)}
 REGION_MS = 150.0
@@ -66,16 +56,14 @@ class Case:
         return "panda" if self.set == "panda" else "wxai" if self.set in UPRIGHT else "regions"
 
 
+PARTS = ("panda", "wxai", "regions")
+
 CASES = (*(Case(name, angle) for name in UPRIGHT for angle in (0.1, 0.02)), *map(Case, REGIONS))
 
 
-def measured(case: Case, query: ConstrainedQuery, *, compare: bool) -> Row:
-    """A query planned, with and without its constraints, and the motion judged.
-
-    Args:
-        compare: Whether the other methods are asked, too.
-    """
-    service, given = _service(ROBOTS[query.set], query.scene), query.constraints(case.tolerance)
+def measured(case: Case, query: ConstrainedQuery) -> Row:
+    """A query planned, with and without its constraints, and the motion judged."""
+    service = _service(ROBOTS[query.set], query.scene)
     request = _request(case, query)
     gc.collect()  # of what judging left behind
     ms, result = cpu_ms(lambda: service.plan(request))
@@ -93,16 +81,6 @@ def measured(case: Case, query: ConstrainedQuery, *, compare: bool) -> Row:
     }
     if result.ok:
         row |= _judged(query, case, service, result)
-    if compare or not row["solvable"]:
-        for name, method in METHODS.items():
-            spent, solved = cpu_ms(partial(method, query, given, BASELINE_SECONDS))
-            row |= {name: {"ms": spent, "solved": solved}}
-            row["solvable"] |= bool(solved)
-        raw = roboplan(query, given, BASELINE_SECONDS)
-        if raw is not None:
-            found = {} if raw.path is None else _seen(query, case, raw.path)[0]
-            row["roboplan"] = {"ms": raw.ms, "failure": raw.failure} | found
-            row["solvable"] |= bool(found) and found["share"] <= 1.0 and found["touch"] is None
     return row
 
 
@@ -165,15 +143,14 @@ def _pace(service: PlannerService, path: JointPath) -> float:
     return SCurve().time_path(path, service.robot.limits).duration / path.length
 
 
-def _rows(cases: Sequence[Case], queries: int | None, seed: int | None, *, compare: bool) -> Iterator[Row]:
+def _rows(cases: Sequence[Case], queries: int | None, seed: int | None) -> Iterator[Row]:
     for case in cases:
         drawn = load(case.set) if seed is None else draw(case.set, seed)
-        step = EVERY if compare else 1
-        asked = list(islice(drawn, 0, None if queries is None else queries * step, step))
+        asked = list(islice(drawn, queries))
         if asked:  # what is imported and built once is not a query's own
             _service(ROBOTS[case.set], asked[0].scene).plan(_request(case, asked[0]))
         for query in asked:
-            yield measured(case, query, compare=compare)
+            yield measured(case, query)
 
 
 def _request(case: Case, query: ConstrainedQuery) -> PlanRequest:
@@ -185,20 +162,12 @@ def run(part: str | None = None, queries: int | None = None, seed: int | None = 
     """Plan all queries of a part, or of all; judge.
 
     Args:
-        part: ``panda``, ``wxai`` or ``regions``; or ``others``, the other methods on every few queries.
+        part: One of ``PARTS``.
         queries: Of each set; all if None.
         seed: Of queries that are drawn now; the stored ones if None.
     """
-    if part == "others":
-        return _others(queries, seed)
-    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries, seed, compare=False))
-    report = Report("constrained", rows, (_outcome_table(rows), _time_table(rows)), _promises(rows))
-    return report if part is not None else merged("constrained", (report, _others(queries, seed)))
-
-
-def _others(queries: int | None, seed: int | None) -> Report:
-    rows = tuple(_rows(CASES, queries, seed, compare=True))
-    return Report("constrained", rows, (_others_table(rows),))
+    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries, seed))
+    return Report("constrained", rows, (_outcome_table(rows), _time_table(rows)), _promises(rows))
 
 
 def _done(rows: Sequence[Row]) -> list[Row]:
@@ -237,7 +206,7 @@ def _outcome_table(rows: Sequence[Row]) -> Table:
     caption = (
         "p50 / p95. The default request, proven free and timed; ms: CPU of the whole plan, failures with what they "
         "spent, by one service for all queries of a scene in turn; the Panda's have a scene each, and their plans are "
-        f"the first of their service. Solvable: by the default request, by one of {LONG:g} s, or by another method. "
+        f"the first of their service. Solvable: by the default request, or one of {LONG:g} s. "
         "Detour and seconds per rad: over those of the unconstrained plan between the same ends. Share: the largest "
         f"part of a tolerance that is used, by Pinocchio at {MOTION_STEP * 1e3:g} mm motion steps; touches: by Coal, "
         "there."
@@ -258,42 +227,6 @@ def _time_table(rows: Sequence[Row]) -> Table:
     return table_of("Where the time goes", (line(*each) for each in grouped(rows, "case").items()), caption=caption)
 
 
-def _others_table(rows: Sequence[Row]) -> Table:
-    def line(case: str, here: Sequence[Row]) -> Row:
-        both = [row for row in here if all(name in row for name in METHODS)]
-        out: Row = {"set": case, "service solved": f"{len(_done(both))}/{len(both)}"}
-        out["service ms"] = spread(_values(both, "ms"), 0) if both else "-"
-        out["leave, touch"] = _wrong(_done(both))
-        for name in METHODS:
-            asked = [row[name] for row in both if row[name]["solved"] is not None]
-            solved = f"{sum(run['solved'] for run in asked)}/{len(asked)}"
-            out[f"{name} solved"] = solved if asked else "-"
-            out[f"{name} ms"] = spread([run["ms"] for run in asked]) if asked else "-"
-        return out | _peer_cells([row["roboplan"] for row in both if "roboplan" in row])
-
-    caption = (
-        f"Every {EVERY}th query, at most {BASELINE_SECONDS:g} s of CPU each; ms: p50 / p95, failures with what they "
-        "spent. The others' paths are raw: neither shortened, nor proven, nor timed. OMPL's validity checks and "
-        "equations are Python that asks compiled code. roboplan's ms: its search alone. -: nothing is narrow enough to "
-        "be projected; roboplan is asked about the Panda's cups only. Leave, touch: motions that leave a tolerance, "
-        f"and those that touch something, by Pinocchio and Coal at {MOTION_STEP * 1e3:g} mm motion steps."
-    )
-    return table_of("Other methods", (line(*each) for each in grouped(rows, "case").items()), caption=caption)
-
-
-def _peer_cells(told: Sequence[Row]) -> Row:
-    done = _done(told)
-    cells = {"solved": f"{len(done)}/{len(told)}", "ms": _spread(told, "ms"), "leave, touch": _wrong(done)}
-    if not told or told[0]["failure"] == NOT_INSTALLED:
-        cells = dict.fromkeys(cells, "not installed" if told else "-")
-    return {f"roboplan {name}": cell for name, cell in cells.items()}
-
-
-def _wrong(done: Sequence[Row]) -> str:
-    """How many leave a tolerance, and how many touch something."""
-    return f"{sum(row['share'] > 1.0 for row in done)}, {sum(row['touch'] is not None for row in done)}"
-
-
 def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     promises = []
     cases = {case.name: case for case in CASES}
@@ -302,7 +235,7 @@ def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
         cup = case.tolerance is not None
         share, most = (CUPS_SOLVED, LIMIT_MS[case.set]) if cup else (REGIONS_SOLVED, REGION_MS)
         among = sum(row["solvable"] for row in here) if cup else len(here)
-        text = f"{name}: at least {share:.0%} solved" + (" of those that any method solves" if cup else "")
+        text = f"{name}: at least {share:.0%} solved" + (" of those that a longer request solves" if cup else "")
         promises.append(Promise(text, f"{len(done)} of {among}", len(done) >= share * among))
         ms = p50(_values(here, "ms"))
         promises.append(Promise(f"{name}: p50 at most {most:g} ms", f"{ms:.1f} ms", ms <= most))

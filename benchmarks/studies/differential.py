@@ -20,9 +20,7 @@ from rich.table import Table
 
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.agreement import around_contacts, random_states
-from benchmarks.studies.backends import STEP, case
-from benchmarks.studies.speed import Recorder
-from planner_service import CollisionChecker, JointStep, Robot, RRTConnect, Scene
+from planner_service import CollisionChecker, JointStep, Robot, RRTConnect, Scene, load_robot, load_scene
 from planner_service.collision import Known
 from planner_service.collision.backends import NativeBackend
 from planner_service.collision.budget import SearchStopped
@@ -30,10 +28,27 @@ from planner_service.collision.native_kernel import build_kernel, instruction_se
 from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.composite import PointCloud
+from planner_service.geometry.shapes import Cylinder, Pose
 from planner_service.parallel import Lost, Processes, Sequential
+from planner_service.scene.scene import Obstacle
+from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
 
-__all__ = ["CASES", "EDGES", "KINDS", "STATES", "Asked", "Tally", "compare", "kernels", "questions", "run"]
+__all__ = [
+    "CASES",
+    "EDGES",
+    "KINDS",
+    "STATES",
+    "STEP",
+    "Asked",
+    "Tally",
+    "case",
+    "compare",
+    "kernels",
+    "questions",
+    "run",
+]
 
 CASES = (
     "wxai bin",
@@ -51,8 +66,8 @@ STATES, EDGES = 1_000_000, 20_000
 JITTERS, EACH = (2e-6, 2e-5, 2e-4, 2e-3), 2
 """Metres that any point of the robot may be moved from a contact, and configurations for every one of these."""
 
-LONGEST = 0.8
-"""Radians of an edge at random."""
+STEP, LONGEST = 0.02, 0.8
+"""Radians: of the sampling along an edge, and of an edge at random."""
 
 HALVINGS = 45
 """Between a free and a colliding edge: its two ends are one but for rounding, then."""
@@ -117,6 +132,27 @@ class Tally:
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
+def case(name: str) -> tuple[Robot, Scene]:
+    """A robot and a scene by their names, of which ``pins`` and ``cloud`` are made here."""
+    robot, scene = name.split()
+    if scene == "cloud":
+        return load_robot(robot), _cloud(load_scene("shelf"))
+    if scene == "pins":
+        places = ((0.9, 0.5), (-0.7, 0.8), (0.3, -1.2), (-1.1, -0.4))
+        pins = [Obstacle(f"pin{k}", Cylinder(0.05, 0.4), Pose((x, y, 0.0))) for k, (x, y) in enumerate(places)]
+        return load_robot(robot), Scene(tuple(pins))
+    return load_robot(robot), load_scene(scene)
+
+
+def _cloud(scene: Scene) -> Scene:
+    """A scene with a wavy wall of points in front of the robot."""
+    steps = np.linspace(-0.35, 0.35, 60)
+    y, z = (axis.ravel() for axis in np.meshgrid(steps, steps + 0.35))
+    x = 0.42 + 0.04 * np.sin(9.0 * y) * np.cos(7.0 * z)
+    wall = PointCloud(np.stack([x, y, z], axis=1), resolution=0.012)
+    return scene.with_obstacle(Obstacle("wall", wall))
+
+
 def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, CollisionChecker]:
     """A checker for every instruction set the kernel can use here, by its name.
 
@@ -133,6 +169,28 @@ def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, Col
         checker._kernel = checker._configured_kernel()
         found[name] = checker
     return found
+
+
+class _Recorder:
+    """An oracle that judges each edge in full when it is asked, and keeps what it was asked about."""
+
+    def __init__(self, checker: CollisionChecker) -> None:
+        self._oracle = SearchOracle(checker)
+        self.edges: list[Asked] = []
+
+    @property
+    def states(self) -> int:
+        """States judged so far."""
+        return self._oracle.states
+
+    def state_is_free(self, q: FloatArray) -> bool:
+        """Whether one configuration is free."""
+        return self._oracle.state_is_free(q)
+
+    def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+        """Whether an edge is free, which is asked for, and kept."""
+        self.edges.append(Asked(q1, q2, known, False))
+        return self._oracle.edge_is_free(q1, q2, known=known)
 
 
 class _Searches:
@@ -152,7 +210,7 @@ class _Searches:
     def _search(self) -> list[Asked]:
         checker, limits = self._checker, self._checker.robot.limits
         ends = [q for q in random_states(checker.robot, 40, self._rng) if checker.state_is_free(q)][:2]
-        recorder, seed = Recorder(checker), int(self._rng.integers(2**31))
+        recorder, seed = _Recorder(checker), int(self._rng.integers(2**31))
         if len(ends) == 2:
             problem = SearchProblem(ends[0], ends[1][None], limits.lower, limits.upper, recorder, seed)
             try:
@@ -160,7 +218,7 @@ class _Searches:
                     RRTConnect().search(problem)
             except SearchStopped:
                 pass  # what it asked for so far will do
-        return [Asked(edge.q1, edge.q2, edge.known, False) for edge in recorder.edges]
+        return recorder.edges
 
 
 def questions(

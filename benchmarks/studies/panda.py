@@ -27,7 +27,7 @@ SUITE = "panda"
 SEEDS = 5
 
 PEERS = ("ompl-coal", "roboplan", "mplib")
-"""Those that pip installs; the others are slower (tesseract) or have no wheels (vamp)."""
+"""Those that pip installs; tesseract is slower."""
 
 VAMP_MS = 0.035
 """Its own figure for the median search of these problems: arXiv 2309.14545, one core of a Ryzen 9 7950X."""

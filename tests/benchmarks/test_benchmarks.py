@@ -8,7 +8,7 @@ import sys
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,29 +18,16 @@ from rich.console import Console
 import planner_service as ps
 from benchmarks import __main__ as command
 from benchmarks.baselines.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
-from benchmarks.baselines.pairwise import PairwiseFcl
 from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.versions import HERE, THEN, version_here, version_then
 from benchmarks.harness.attempts import Disc
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, show, write_json
 from benchmarks.studies import (
     agreement,
-    backends,
-    bits,
     differential,
     latency,
-    law,
     panda,
-    planners,
     proven,
-    proven_tables,
-    replan,
-    scaling,
-    smoothing,
-    speed,
-    tasks,
-    throughput,
-    torque,
     toy,
 )
 from benchmarks.studies.states import run_lesson
@@ -50,10 +37,9 @@ from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, joint_distance
-from planner_service.planners import PLANNERS
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
-from planner_service.timing.limit_check import peaks
+from tests.support.pairwise_fcl import PairwiseFcl
 
 Judged = tuple[Row, ps.JointPath]
 """A measured query and its path."""
@@ -110,23 +96,6 @@ def test_the_toy_counts_what_the_lesson_counts() -> None:
     assert (len(run.raw), len(run.short)) == (49, 3)
     assert length_of(run.raw) == pytest.approx(7.1951, abs=5e-5)
     assert length_of(run.short) == pytest.approx(6.5525, abs=5e-5)
-
-
-def test_the_straight_line_of_the_toy_is_blocked_at_its_155th_of_317_checks() -> None:
-    line = samples(Toy.START, Toy.GOAL)
-    disc = Toy()
-    assert joint_distance(Toy.START.tolist(), Toy.GOAL.tolist()) == pytest.approx(6.3032, abs=5e-5)
-    assert len(line) == 317
-    assert not disc.edge_is_free(Toy.START, Toy.GOAL)
-    assert disc.checks == 155
-
-
-def test_samples_include_both_ends_and_are_at_most_a_fiftieth_apart() -> None:
-    a, b = np.array([0.0, 1.0, -1.0]), np.array([0.3, 0.9, -0.5])
-    line = samples(a, b)
-    assert (line[0].tolist(), line[-1].tolist()) == (a.tolist(), b.tolist())
-    assert max(joint_distance(p, q) for p, q in pairwise(line)) <= 0.02 + 1e-12
-    assert len(samples(a, a)) == 2
 
 
 def test_the_lesson_grows_a_path_of_short_free_edges_from_start_to_goal() -> None:
@@ -196,24 +165,7 @@ def test_pair_by_pair_and_the_checker_give_the_same_verdicts() -> None:
     assert 20 < sum(verdicts) < 180
 
 
-def test_an_asked_edge_lists_the_states_that_are_judged_in_their_order() -> None:
-    checker = ps.CollisionChecker(ps.load_robot(queries.ROBOT), ps.load_scene("post"), edge_step=ps.MotionStep(0.010))
-    baseline = PairwiseFcl(checker.robot, checker.scene)
-    edges = speed.asked_edges(checker, "post")
-    assert {edge.free for edge in edges} == {True, False}
-    for edge in edges[:40]:
-        before, states = checker.counts.states, edge.states(checker)
-        assert checker.edge_is_free(edge.q1, edge.q2, known=edge.known) == edge.free
-        hit = baseline.first_collision(states)
-        assert checker.counts.states - before == (len(states) if hit is None else hit + 1)
-
-
 # --- reports and the command
-
-
-@pytest.mark.parametrize("name", PLANNERS)
-def test_every_planner_has_the_settings_with_which_it_is_compared(name: str) -> None:
-    assert planners._planner(name).name == name
 
 
 def promising(*kept: bool) -> Report:
@@ -262,35 +214,35 @@ def test_the_command_refuses_what_it_cannot_do_before_it_measures(
     assert command.main(["differential", "--robot", "wxia"]) == 2
     assert "did you mean 'wxai'" in capsys.readouterr().out
     for arguments, told in (
-        (["toy", "--seed", "3"], "argument --seed: toy has none"),
-        (["toy", "--write"], "argument --write: toy stores nothing"),
+        (["toy", "--seed", "3"], "argument --seed: toy has none; it takes none"),
+        (["proven", "--seed", "3"], "argument --seed: proven has none; it takes --queries"),
+        (["serve", "--part", "warm"], "argument --part: serve has load, memory"),
         (["agreement", "--states", "0"], "argument --states: got '0'; expected a whole number from 1"),
-        (["differential", "--seed", "-1"], "argument --seed: got '-1'; expected a whole number from 0"),
     ):
         with pytest.raises(SystemExit, match="2"):
             command.main(arguments)
         assert told in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["toy"], ["check"]])
-def test_ctrl_c_ends_every_command_without_a_traceback(
-    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_ctrl_c_ends_a_study_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted() -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(toy, "run", interrupted)
-    monkeypatch.setattr("benchmarks.harness.gate.load_suite", interrupted)
-    assert command.main(arguments) == 130
+    assert command.main(["toy"]) == 130
     assert capsys.readouterr().out == "interrupted\n"
 
 
-def test_few_states_are_compared_in_the_kinds_there_are() -> None:
-    assert [promise for promise in agreement.run("planar2", 1).promises if not promise.kept] == []
-
-
-def test_a_clear_table_pick_and_place_keeps_its_promises() -> None:
-    assert [promise for promise in tasks.run().promises if not promise.kept] == []
+def test_without_an_argument_everything_there_is_is_listed_as_in_the_docs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main([]) == 0
+    told = capsys.readouterr().out
+    assert all(name in told and text in told for name, text in command.STUDIES.items())
+    assert all(name in told for name in command.COMMANDS)
+    text = (Path(__file__).parents[2] / "docs" / "figures" / "measured.md").read_text("utf-8")
+    assert command.listed() in text
+    assert set(command.LONG) < set(command.STUDIES)
 
 
 def test_changed_queries_are_told_and_stored_only_when_asked(
@@ -305,7 +257,10 @@ def test_changed_queries_are_told_and_stored_only_when_asked(
     assert list(tmp_path.iterdir()) == []
     assert command.main(["queries", "--write"]) == 0
     assert command.main(["queries"]) == 0
-    assert [query.name for query in queries.load("post")][-1] == "post-19"
+
+
+def test_few_states_are_compared_in_the_kinds_there_are() -> None:
+    assert [promise for promise in agreement.run("planar2", 1).promises if not promise.kept] == []
 
 
 # --- the curves themselves
@@ -352,24 +307,6 @@ def test_the_independent_checker_finds_a_touch_in_the_middle_of_a_curve(shelf: p
     assert shelf.second.touching(touch.q)
 
 
-def test_samples_of_a_path_are_at_most_a_step_apart_and_include_all_breaks(judged: Judged) -> None:
-    path = judged[1]
-    s = sheets.samples(path, 0.05)
-    assert np.diff(s).min() > 0.0
-    assert np.diff(s).max() <= 0.05 + 1e-12
-    assert np.isin(path.breaks, s).all()
-
-
-def test_sampled_peaks_come_close_to_the_exact_ones_from_below(judged: Judged) -> None:
-    limits = ps.load_robot(queries.ROBOT).limits
-    trajectory = ps.SCurve().time_path(judged[1], limits)
-    found = peaks(trajectory, limits)
-    exact = np.array([found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio])
-    sampled = np.array(proven.sampled_peaks(trajectory, limits))
-    assert (sampled <= exact * (1.0 + 1e-12)).all()
-    assert (sampled >= exact * 0.999).all()
-
-
 def test_rates_by_the_chain_rule_are_the_differences_of_a_motion(judged: Judged) -> None:
     trajectory = ps.ToppRa().time_path(judged[1], ps.load_robot(queries.ROBOT).limits)
     on_blends = np.flatnonzero(trajectory.path.blended[trajectory.geometry])
@@ -394,14 +331,6 @@ def test_sheets_that_samples_miss_are_planted_and_each_is_caught(
     assert row["tried"] > row["touched"] == row["caught"] >= row["missed"]
 
 
-def test_a_certificate_that_overlooks_a_sheet_has_not_caught_it(
-    shelf: proven.World, judged: Judged, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sheets, "Certifier", lambda robot, scene: shelf.certifier)
-    found = sheets.plant(site(shelf, judged[1]), 0.1)
-    assert found.touched > found.caught == 0
-
-
 def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
     shelf: proven.World, judged: Judged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -411,72 +340,33 @@ def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
     assert found.touched > found.caught == 0
 
 
-def test_a_sheet_that_nothing_touches_counts_as_tried_only(shelf: proven.World, judged: Judged) -> None:
-    asked: list[object] = []
-    found = sheets.plant(site(shelf, judged[1], touches=lambda *given: asked.append(given)), 0.1)
-    assert asked
-    assert vars(found) == {"tried": sheets.TRIES, "touched": 0, "missed": 0, "caught": 0}
+def test_a_measured_query_keeps_every_promise_and_each_worse_figure_breaks_one(judged: Judged) -> None:
+    blends = {law: judged[0][law] | {"duration": 0.7, "stops": 1.0} for law in proven.LAWS}
+    sheet = {"tried": 90, "touched": 40, "missed": 30, "caught": 40}
+
+    def broken(row: Row = {}, sheet: Row = sheet) -> list[str]:  # noqa: B006
+        rows = [{**judged[0], **blends, **row, "world": name} for name in proven.NAMES]
+        rows.append({"world": proven.DRAWN, "query": "lost", "failure": "NOT_CERTIFIED"})
+        found = proven.promises(rows, [{**sheet, "step": step} for step in sheets.STEPS])
+        return [promise.text for promise in found if not promise.kept]
+
+    assert broken() == []
+    gap = judged[0]["sampled_gap"]
+    for change, text, count in (
+        ({"touch": "link_4 x board"}, "curves in collision", 1),
+        ({"off_path": 1e-15}, "the timed curve", 1),
+        ({"clearance": gap + 6e-6}, "no certificate states more", 1),
+        ({"toppra": blends["toppra"] | {"worst": 1.0 + 2e-6}}, "toppra: no sample", 1),
+        ({"s-curve": blends["s-curve"] | {"duration": 0.91}}, "s-curve blended", 2),
+    ):
+        found = broken(change)
+        assert len(found) == count
+        assert all(text in each for each in found)
+    for wrong in ({"caught": 39}, {"missed": 19}):
+        assert len(broken(sheet=sheet | wrong)) == len(sheets.STEPS)
 
 
-def broken_by(row: Row, planting: Row | None = None) -> list[str]:
-    """The promises that are broken when all queries come out like ``row``."""
-    sheet = {"query": "q", "tried": 90, "touched": 40, "missed": 30, "caught": 40} | (planting or {})
-    rows = [{**row, "world": name} for name in proven_tables.NAMES]
-    rows.append({"world": "drawn", "query": "lost", "failure": "CHECK_BUDGET_EXHAUSTED"})
-    planted = [{**sheet, "step": step} for step in sheets.STEPS]
-    assert len(proven_tables.all_tables(rows, planted)) == 7
-    return [promise.text for promise in proven_tables.all_promises(rows, planted) if not promise.kept]
-
-
-def good(row: Row) -> Row:
-    """The row with motion times that keep the promises of shelf and clutter."""
-    shares = (("toppra", 0.7), ("s-curve", 0.8))
-    return row | {law: row[law] | {"duration": share, "stops": 1.0} for law, share in shares}
-
-
-def test_a_measured_query_keeps_every_promise(judged: Judged) -> None:
-    assert broken_by(good(judged[0])) == []
-
-
-def over(law: str, by: str, kind: str) -> Any:
-    return lambda row: row | {law: row[law] | {by: row[law][by] | {kind: 1.0 + 2e-6}}}
-
-
-@pytest.mark.parametrize(
-    ("change", "promise"),
-    [
-        (lambda row: row | {"touch": "link_4 x board"}, "curves in collision"),
-        (lambda row: row | {"off_path": 1e-15}, "the timed curve"),
-        (lambda row: row | {"clearance": row["sampled_gap"] + 6e-6}, "no certificate states more"),
-        (over("toppra", "peaks", "acceleration"), "toppra: 0 violations"),
-        (over("toppra", "sampled", "velocity"), "toppra: 0 violations"),
-        (over("s-curve", "peaks", "jerk"), "s-curve: 0 violations"),
-        (over("s-curve", "sampled", "jerk"), "no sample of a motion"),
-        (lambda row: row | {"toppra": row["toppra"] | {"duration": 0.76}}, "toppra blended"),
-        (lambda row: row | {"s-curve": row["s-curve"] | {"duration": 0.91}}, "s-curve blended"),
-        (lambda row: row | {"distances": row["plain"] * 0.51}, "bounds of plain bisection"),
-    ],
-)
-def test_a_worse_figure_breaks_its_promise(judged: Judged, change: Any, promise: str) -> None:
-    assert any(promise in text for text in broken_by(change(good(judged[0]))))
-
-
-@pytest.mark.parametrize("planting", [{"caught": 39}, {"missed": 19}])
-def test_a_sheet_let_pass_or_too_few_missed_break_a_promise(judged: Judged, planting: Row) -> None:
-    assert len(broken_by(good(judged[0]), planting)) == len(sheets.STEPS)
-
-
-def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(
-    judged: Judged,
-) -> None:
-    rows = [{**good(judged[0]), "world": name} for name in proven_tables.NAMES]
-    planted = [{"query": "q", "tried": 9, "touched": 40, "missed": 30, "caught": 40, "step": s} for s in sheets.STEPS]
-    for world, kept in (("drawn", True), ("bin", False)):
-        lost = {"world": world, "query": "lost", "failure": "NOT_CERTIFIED"}
-        assert all(p.kept for p in proven_tables.all_promises([*rows, lost], planted)) == kept
-
-
-# --- the kernel, for speed and for its answers
+# --- the kernel, for its answers, and versions next to each other
 
 
 @pytest.fixture(scope="module")
@@ -522,33 +412,8 @@ def test_a_version_to_compare_with_that_is_not_there_is_refused(tmp_path: Path) 
     assert command.main(["panda", "--seeds", "0"]) == 2
 
 
-REDUCED = dict.fromkeys(differential.CASES, (360, 24)) | {"planar2 pins": (600, 60)}
-
-
-@pytest.mark.parametrize("name", differential.CASES)
-def test_a_reduced_run_finds_no_difference_between_fcl_and_the_kernel_in_any_instruction_set(name: str) -> None:
-    states, edges = REDUCED[name]
-    report = differential.run(name.split()[0], states, edges, seed=1)
-    assert [row["words"] for row in report.rows if row["differences"]] == []
-    counts = [sum(row["number"] for row in report.rows if row["what"] == what) for what in ("states", "edges")]
-    assert counts == [states, edges]
-    assert all(0 < row["colliding"] < row["number"] for row in report.rows if row["kind"] == "near contact")
-    assert [promise.kept for promise in report.promises] == [bool(instruction_sets())]
-
-
-@pytest.mark.parametrize("wrong", [-0.003, -0.0003])
-def test_a_wrong_margin_is_a_difference_near_contact(wrong: float) -> None:
-    robot, scene = backends.case("wxai bin")
-    made = differential.kernels(robot, scene, wrong)
-    made["numpy"] = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(0.02), backend="numpy")
-    found = differential.compare(made, differential.questions(robot, scene, 600, 60, seed=1))
-    assert [tally.differences > 0 for (kind, _), tally in found.items() if kind == "near contact"] == [
-        bool(instruction_sets())
-    ] * 2
-
-
 def test_other_seeds_ask_other_states_and_the_same_seed_the_same() -> None:
-    robot, scene = backends.case("planar2 pins")
+    robot, scene = differential.case("planar2 pins")
     asked = [list(differential.questions(robot, scene, 30, 3, seed)) for seed in (1, 1, 2)]
     first, again, other = ([block[1].tolist() for block in blocks] for blocks in asked)
     assert first == again != other
@@ -568,74 +433,6 @@ def test_a_robot_that_is_not_compared_is_refused() -> None:
         differential.run("xarm7")
 
 
-def test_plans_are_the_same_in_every_way_and_another_bit_breaks_the_promise(monkeypatch: pytest.MonkeyPatch) -> None:
-    report = bits.run(plans=3, threads=(2,))
-    ways = [bits.NOTHING, *instruction_sets(), [bits.NOTHING, *instruction_sets()][-1]]
-    assert [row["way"] for row in report.rows] == ways
-    assert [promise.kept for promise in report.promises] == [True] * (len(ways) - 1)
-    told = {(row["way"], row["threads"]): row for row in report.rows}
-    told[ways[-1], 2]["told"][1]["counts"] = "others"
-    monkeypatch.setattr(bits, "_asked", lambda way, threads, plans: told[way, threads])
-    assert [promise.kept for promise in bits.run(plans=3, threads=(2,)).promises] == [True] * (len(ways) - 2) + [False]
-
-
-def test_the_law_is_compared_with_toppra_and_its_reference(monkeypatch: pytest.MonkeyPatch) -> None:
-    report = law.run(paths=8, seed=3)
-    assert [row["robot"] for row in report.rows] == 2 * list(law.ROBOTS)
-    assert all(promise.kept for promise in report.promises)
-    monkeypatch.setattr(law, "reference_stop_duration", lambda *_: 1.0)
-    assert [promise.kept for promise in law.run(paths=1, seed=3).promises] == [True, True, False]
-
-
-def test_torques_are_judged_by_pinocchio_and_a_weaker_arm_breaks_the_promise(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torque, "LOADS", {"panda": 3.0})
-    report = torque.run(queries=3, seed=2)
-    assert [row["robot"] for row in report.rows if row["ok"]] == ["panda"] * 3
-    assert all(promise.kept for promise in report.promises)
-    along = torque.Judge.along
-    monkeypatch.setattr(torque.Judge, "along", lambda *given: 1.0 + along(*given))
-    assert [promise.kept for promise in torque.run(queries=1, seed=2).promises] == [True, False, False, True]
-
-
-def test_smoothing_is_compared_with_its_reference(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert [promise.kept for promise in smoothing.run(paths=2).promises] == [True]
-    turns = iter(range(2))
-    monkeypatch.setattr(smoothing, "pulled_in", lambda points, _: points + next(turns) * 1e-12)
-    assert [promise.kept for promise in smoothing.run(paths=1).promises] == [False]
-
-
-def test_boxes_spread_over_the_workspace_leave_the_same_edges_free() -> None:
-    robot = ps.load_robot(queries.ROBOT)
-    for size, scene in zip((10, 60), scaling.spread_scenes(robot, (10, 60)), strict=True):
-        assert len(scene.obstacles) == size
-        checker = ps.CollisionChecker(robot, scene)
-        assert all(checker.edge_is_free(a, b) for a, b in scaling.free_edges(robot))
-        assert math.fsum(math.prod(o.shape.size) for o in scene.obstacles) == pytest.approx(scaling.VOLUME)  # type: ignore[union-attr]
-
-
-def test_a_scene_cut_into_pieces_fills_the_same_space() -> None:
-    robot, whole = ps.load_robot(queries.ROBOT), ps.load_scene("bin")
-    pieces = scaling.cut(whole, 80)
-    assert len(pieces.obstacles) == 80
-    volume = [
-        math.fsum(math.prod(o.shape.size) for o in scene.obstacles if isinstance(o.shape, ps.Box))
-        for scene in (whole, pieces)
-    ]
-    assert volume[1] == pytest.approx(volume[0], rel=1e-12)
-    checkers = [ps.CollisionChecker(robot, scene) for scene in (whole, pieces)]
-    for q in backends.states_of(checkers[0], 300, seed=6):
-        assert checkers[0].state_is_free(q) == checkers[1].state_is_free(q)
-
-
-def test_scenes_of_more_boxes_are_measured_and_a_steep_rise_breaks_the_promise() -> None:
-    spread, pieces = list(scaling.spread_rows((10, 30), plans=False)), list(scaling.bin_rows((10, 30)))
-    assert [row["boxes"] for row in spread] == [10, 30]
-    assert all(row["same"] for row in pieces)
-    for ratio in (2.9, 3.1):
-        rows = [spread[0], spread[0] | {"boxes": 1_000, "us": [ratio * us for us in spread[0]["us"]]}]
-        assert [promise.kept for promise in scaling.promises(rows, pieces)] == [ratio < 3.0, True]
-
-
 def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise(
     both_versions: tuple[Environment, Environment],
 ) -> None:
@@ -648,48 +445,3 @@ def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise(
         lines = [row | {"ms": {"decided": [decided], "whole": [whole]}} for row in straight]
         kept = [promise.kept for promise in latency.promises(told, lines)]
         assert kept == [ms == 3.5, decided == 1.0, whole == 2.0]
-
-
-def test_each_slow_step_of_replanning_breaks_its_promise() -> None:
-    row: Row = {"kind": "a ball moves", "scene": "bin", "ms": [6.0] * 19 + [100.0], "jumps": [0.0] * 3, "stops": [0]}
-    row |= {"uncertified": 0, "touching": 0, "outcomes": {"UNSAFE": 0}}
-    for ms, broken in ((row["ms"], []), ([5.0] * 18 + [101.0] * 2, [0]), ([6.1] * 20, [1])):
-        kept = [promise.kept for promise in replan.promises([row | {"ms": ms}])]
-        assert [k for k, held in enumerate(kept) if not held] == broken
-
-
-def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
-    service = ps.PlannerService(queries.ROBOT, "post")
-    for a, b in latency.free_lines(service.checker, 3):
-        result = service.plan(ps.PlanRequest(a, b))
-        assert result.ok
-        assert result.stage(ps.Stage.SEARCH).counts.states == 0
-
-
-def test_threads_and_processes_are_timed_on_the_same_plans() -> None:
-    row = throughput.measured("wxai, free straight lines", rounds=1, seconds=0.01)
-    assert min(row["one"], row["threads"], row["processes"]) > 0.0
-    kept, broken = {**row, "threads": 0.95 * row["processes"]}, {**row, "threads": 0.5 * row["processes"]}
-    assert throughput.promises((kept,))[0].kept
-    assert not throughput.promises((kept, broken))[0].kept
-
-
-def test_without_an_argument_everything_there_is_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert command.main([]) == 0
-    listed = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line[:1].strip()}
-    assert listed == {"all", *command.MEASURES, *command.APART, *command.COMMANDS, *command.STORED}
-
-
-@pytest.mark.parametrize(("asked", "code"), [("all", 1), ("view", 2)])
-def test_what_cannot_be_measured_is_told_and_ends_nothing_else(
-    asked: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("benchmarks.__main__.MEASURES", ("view", "queries_of_a_test"))
-    monkeypatch.setattr("tests.support.chromium.executable", lambda: None)
-    other = ModuleType("benchmarks.studies.queries_of_a_test")
-    other.run = lambda: Report("other", (), (), (Promise("it is measured", "yes", True),))  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, other.__name__, other)
-    assert command.main([asked]) == code
-    told = capsys.readouterr().out
-    assert "PLANNER_SERVICE_CHROMIUM: got None; expected the path of a Chromium" in told
-    assert ("it is measured" in told) == (asked == "all")

@@ -16,7 +16,8 @@ from benchmarks import __main__ as command
 from benchmarks.harness import comparison
 from benchmarks.harness import statistics as stats
 from benchmarks.harness.rows import Results
-from tests.benchmarks.results import counted, results_file, row
+from benchmarks.pages.page import tables_of
+from tests.benchmarks.results import HEADER, counted, results_file, row
 
 # --- statistics
 
@@ -122,16 +123,15 @@ def line(text: str, begin: str) -> list[str]:
 
 def test_a_failure_counts_in_states_and_not_in_lengths() -> None:
     failed = row("x", 1, ok=False, failure="TIMED_OUT", length=None, duration=None, checks=counted(900))
-    text = shown(*comparison.overview(Results({"suite": "s"}, (row("x", 0), failed))))
-    told = line(text, "a")
-    assert told[1:5] == ["x", "2", "50 [9, 91] %", "0"]
-    assert told[5] == "500 / 860"
-    assert told[7] == "2.000 / 2.000"
+    told = line(shown(*tables_of(Results(HEADER, (row("x", 0), failed)))), "a")
+    assert told[1:3] == ["1/2 [9, 91] %", "0/1"]
+    assert told[3].startswith("500 / 860")
+    assert told[6] == "3.00 → 2.00"
 
 
 def test_a_rejected_path_is_counted() -> None:
     hit = row("x", 1, audit={"step": 0.01, "verdict": "colliding", "depth": 0.01, "pair": ["a", "b"]})
-    assert line(shown(*comparison.overview(Results({"suite": "s"}, (row("x"), hit)))), "a")[4] == "1"
+    assert line(shown(*tables_of(Results(HEADER, (row("x"), hit)))), "a")[2].startswith("1/2")
 
 
 def test_two_contenders_are_compared_on_the_runs_both_have_and_lengths_where_both_solved() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +9,6 @@ import pytest
 
 from auditor.checker import IndependentChecker
 from auditor.constraints import deviations
-from benchmarks.baselines.on_constraints import roboplan
-from benchmarks.baselines.peers.catalogue import PEERS
-from benchmarks.baselines.peers.environments import FOLDER_VARIABLE
 from benchmarks.harness.audit import audited, independent
 from benchmarks.studies import constrained as study
 from benchmarks.worlds import constrained
@@ -78,50 +73,11 @@ def test_the_judge_of_constraints_agrees_with_the_planner_about_which_are_kept(
 
 @pytest.mark.slow
 def test_a_case_of_the_study_is_planned_and_judged() -> None:
-    row = study.measured(study.Case("line"), constrained.load("line")[0], compare=False)
+    row = study.measured(study.Case("line"), constrained.load("line")[0])
     assert row["failure"] is None
     assert row["share"] <= 1.0
     assert row["touch"] is None
     assert row["solvable"]
-
-
-PEER = """
-from benchmarks.baselines.peers.adapter_protocol import serve
-
-class Straight:
-    def __init__(self, job):
-        pass
-
-    def solve(self, problem, seed, answer):
-        assert problem["upright"]["tolerance"] == 0.02
-        answer.cpu_seconds, answer.waypoints = 0.25, [problem["start"], problem["goals"][0]]
-
-serve((), Straight)
-"""
-
-
-def test_a_peer_is_asked_about_cups_of_the_panda_where_it_is_installed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    cup, line = constrained.load("panda")[0], constrained.load("line")[0]
-    assert roboplan(line, line.constraints(), 1.0) is None
-    missing = roboplan(cup, cup.constraints(TIGHT), 1.0)
-    assert missing is not None
-    assert (missing.failure, missing.path) == ("not_installed", None)
-    folder = tmp_path / "roboplan"
-    (folder / "bin").mkdir(parents=True)
-    state = {"state": "installed", "requirements": list(PEERS["roboplan"].requirements)}
-    (folder / "state.json").write_text(json.dumps(state), "utf-8")
-    (folder / "peer.py").write_text(PEER, "utf-8")
-    python = folder / "bin" / "python"
-    python.write_text(f'#!/bin/sh\nexec {sys.executable} {folder}/peer.py "$3"\n', "utf-8")
-    python.chmod(0o755)
-    found = roboplan(cup, cup.constraints(TIGHT), 1.0)
-    assert found is not None
-    assert found.path is not None
-    assert (found.failure, found.ms) == (None, 250.0)
-    assert found.path.waypoints.tolist() == [cup.start.tolist(), cup.goals[0].tolist()]
 
 
 def test_queries_of_another_seed_are_others() -> None:

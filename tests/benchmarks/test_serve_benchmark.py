@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 
-from benchmarks.__main__ import PARTS as NAMED
-from benchmarks.studies import serve
 from benchmarks.studies.serve import asked, hostile
 from planner_service import PlannerService
 from planner_service.records.plan_file import SavedPlan
@@ -56,10 +54,6 @@ def test_a_hostile_request_is_drawn_by_its_seed() -> None:
     first, again = ([hostile._hostile(random.Random(seed)) for seed in range(300)] for _ in range(2))
     assert first == again
     assert len(set(first)) > 250
-
-
-def test_the_parts_of_the_study_are_known_to_the_command() -> None:
-    assert tuple(serve.PARTS) == NAMED["serve"]
 
 
 def test_the_bodies_ask_for_what_the_library_plans(bin_: PlannerService) -> None:

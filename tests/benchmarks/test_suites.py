@@ -17,7 +17,7 @@ from rich.console import Console
 from benchmarks import __main__ as command
 from benchmarks.harness import rows, runner
 from benchmarks.harness.attempts import Ask, attempt
-from benchmarks.harness.audit import Auditor, along, between, worst
+from benchmarks.harness.audit import Auditor, between, worst
 from benchmarks.harness.environment import environment
 from benchmarks.harness.sources import Motion, Task, ToyQuery
 from benchmarks.harness.suite import (
@@ -30,12 +30,12 @@ from benchmarks.harness.suite import (
     seeds_of,
     suite_names,
 )
-from benchmarks.worlds import growing
+from benchmarks.worlds import planar
 from benchmarks.worlds.drawn import blocked_ends
 from benchmarks.worlds.queries import load
 from planner_service import PRM, CollisionChecker, PlannerService, Roadmap, RRTConnect, load_robot, load_scene
-from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
-from planner_service.parallel import Engine, Lost, Processes
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.parallel import Engine, Processes
 from planner_service.planners import PLANNERS
 from tests.benchmarks.results import HEADER, results_file
 
@@ -68,8 +68,8 @@ def suite_of(folder: Path, text: str) -> Suite:
 
 
 def test_the_suites_that_come_along_hold_what_they_are_about() -> None:
-    assert set(suite_names()) >= {"smoke", "tabletop", "seeds", "pick_place", "narrow", "lesson", "scaling", "panda"}
-    kinds = {name: {p.kind for p in load_suite(name).problems} for name in suite_names() if name != "scaling"}
+    assert set(suite_names()) >= {"smoke", "tabletop", "seeds", "pick_place", "narrow", "lesson", "panda"}
+    kinds = {name: {p.kind for p in load_suite(name).problems} for name in suite_names()}
     assert kinds["tabletop"] == {"bin", "shelf", "post", "clutter"}
     assert kinds["narrow"] == {"narrow", "window"}
     assert kinds["pick_place"] == {"task"}
@@ -132,30 +132,6 @@ def test_a_suite_without_problems_or_with_one_twice_is_refused(tmp_path: Path) -
         load_suite("smok")
 
 
-def test_wrong_types_in_a_suite_are_told_by_their_place_and_once(tmp_path: Path) -> None:
-    text = """\
-about = 3
-planners = "rrtconnect"
-max_checks = "many"
-ceilings = 7
-tasks = [1, { scene = "post", pick = 4, onto = "trai", without = "x", block = 3, tray = ["a", 1] }]
-"""
-    with pytest.raises(InvalidFile) as caught:
-        suite_of(tmp_path, text)
-    assert sorted(caught.value.problems) == [
-        "about: got 3; expected a text",
-        "ceilings: got 7; expected a table of planners of this suite",
-        "max_checks: got 'many'; expected a whole number",
-        "planners: got 'rrtconnect'; expected a list",
-        "seeds: missing",
-        "tasks[0]: got 1; expected an object",
-        "tasks[1].block: got 3; expected [x, y]",
-        "tasks[1].pick: got 4; expected a text",
-        "tasks[1].tray[0]: got 'a'; expected a finite number",
-        "tasks[1].without: got 'x'; expected a list",
-    ]
-
-
 def test_a_set_of_problems_is_refused_for_a_robot_with_other_joints(tmp_path: Path) -> None:
     table = '[[problems]]\nfile = "mbm_panda.json"\nrobot = "wxai"\n'
     with pytest.raises(InvalidFile, match=r"problems\[0\].*robot: .*wxai has the joints joint_0"):
@@ -168,29 +144,6 @@ def test_rows_made_by_several_processes_are_those_of_one(tiny: Suite) -> None:
         return [row | timeless for row in runner.made(runner.jobs_of(tiny), engine=engine)]
 
     assert told(Processes(2)) == told(None)
-
-
-def test_a_row_that_nobody_survives_is_a_failure_in_its_place(tiny: Suite) -> None:
-    class Losing:
-        def run(self, work: Any, items: Any, *, limit: Any = None) -> Any:
-            return ((k, Lost("it ended") if k == 1 else work(item)) for k, item in enumerate(items))
-
-    jobs = runner.jobs_of(tiny)
-    found = list(runner.made(jobs, engine=Losing()))
-    assert [rows.key_of(row) for row in found] == [job.key for job in jobs]
-    assert (found[1]["ok"], found[1]["failure"], found[1]["detail"]) == (False, "WORKER_LOST", "it ended")
-    assert found[1].keys() == found[0].keys()
-
-
-def test_the_same_number_twice_is_refused_before_its_scenes_are_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("benchmarks.harness.sources.crowd", lambda *_: pytest.fail("a scene is made"))
-    table = '[[crowds]]\nscene = "post"\nnumbers = [0]\nobstacles = [9, 9]\n'
-    with pytest.raises(InvalidFile, match=r"crowds\[0\]\.obstacles: .* each number once"):
-        suite_of(tmp_path, TINY + table)
-    with pytest.raises(InvalidFile, match=r"queries\[0\]\.numbers: .* each number once"):
-        suite_of(tmp_path, TINY.replace("[0]", "[0, 0]"))
 
 
 def test_every_planner_of_the_service_is_named_as_the_service_names_it() -> None:
@@ -260,7 +213,7 @@ def test_a_disc_has_no_scene_to_build_a_roadmap_for(tiny: Suite) -> None:
 
 @pytest.mark.parametrize("joints", [2, 5])
 def test_a_planar_arm_reaches_as_far_however_many_joints_it_has(joints: int) -> None:
-    robot = load_robot(growing.planar_robot(joints))
+    robot = load_robot(planar.planar_robot(joints))
     assert robot.n == joints
     assert robot.tool_pose(np.zeros(joints))[:3, 3].tolist() == pytest.approx([1.5, 0.0, 0.0])
     q = np.array([0.3 - 0.2 * k for k in range(joints)])
@@ -270,24 +223,11 @@ def test_a_planar_arm_reaches_as_far_however_many_joints_it_has(joints: int) -> 
 
 
 def test_drawn_ends_are_free_not_joined_by_a_line_and_the_same_each_time() -> None:
-    checker = CollisionChecker(load_robot(growing.planar_robot(3)), load_scene("discs"))
+    checker = CollisionChecker(load_robot(planar.planar_robot(3)), load_scene("discs"))
     drawn, again = (list(islice(blocked_ends(checker, random.Random(5)), count)) for count in (3, 2))
     assert all(checker.state_is_free(q) for ends in drawn for q in ends)
     assert not any(checker.edge_is_free(*ends) for ends in drawn)
     assert [[q.tolist() for q in ends] for ends in again] == [[q.tolist() for q in ends] for ends in drawn[:2]]
-
-
-def test_a_crowd_holds_the_smaller_ones_and_leaves_the_ends_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(growing, "CANDIDATES", 60)
-    query = load("post")[1]
-    small, large = (growing.crowd(query, count) for count in (3, 20))
-    assert [o.name for o in large.obstacles[: len(small.obstacles)]] == [o.name for o in small.obstacles]
-    assert len(large.obstacles) == len(load_scene("post").obstacles) + 20
-    checker = CollisionChecker(load_robot("wxai"), large)
-    assert all(checker.clearance(q) > 0.0 for q in (query.start, query.goal))
-    assert 20 < len(growing._candidates(query)) < 60  # others would stand in the known way
-    with pytest.raises(BrokenInvariant, match="only"):
-        growing.crowd(query, 61)
 
 
 # --- rows
@@ -372,15 +312,6 @@ def test_the_audit_finds_the_deepest_touch_and_a_limit() -> None:
     assert worst([auditor.judge(line[:2]), told]) == told
 
 
-def test_audited_configurations_are_at_most_a_step_apart_and_include_the_waypoints() -> None:
-    points = np.array([[0.0, 0.0], [0.333, -0.1], [0.333, 0.5]])
-    Q = between(points, 0.01)
-    assert np.abs(np.diff(Q, axis=0)).max() <= 0.01 + 1e-12
-    assert all(any(np.array_equal(q, p) for q in Q) for p in points)
-    curve = along(lambda s: np.stack([np.sin(3 * s), s], axis=-1), 0.0, 1.0, 0.01)
-    assert np.abs(np.diff(curve, axis=0)).max() <= 0.01
-
-
 # --- files
 
 
@@ -409,30 +340,6 @@ def test_a_row_that_is_none_is_told_by_its_line(
     file = results_file(tmp_path / "a.jsonl", {**found[0], **change})
     with pytest.raises(InvalidFile, match=told):
         rows.read(file)
-
-
-def test_what_a_tool_tells_besides_is_looked_at_too(tmp_path: Path, found: list[rows.Row]) -> None:
-    file = results_file(tmp_path / "a.jsonl", {**found[0], "versions": 7, "audits": {"path": 5}})
-    with pytest.raises(InvalidFile) as caught:
-        rows.read(file)
-    places = [problem.partition(":")[0] for problem in caught.value.problems]
-    assert places == ["line 2.versions", "line 2.audits.path"]
-
-
-def test_a_line_that_is_no_json_is_told_once_by_its_number(tmp_path: Path, found: list[rows.Row]) -> None:
-    file = results_file(tmp_path / "a.jsonl", *found[:1], tail=f"\ngarbage\n{rows.line_of({**found[0], 'seed': -1})}")
-    with pytest.raises(InvalidFile) as caught:
-        rows.read(file)
-    malformed, seed = caught.value.problems
-    assert malformed.startswith("line 4: malformed JSON")
-    assert seed.startswith("line 5.seed")
-
-
-def test_a_file_of_another_version_is_refused_by_its_version(tmp_path: Path, found: list[rows.Row]) -> None:
-    text = results_file(tmp_path / "a.jsonl", *found).read_text("utf-8").replace('"version":1', '"version":2', 1)
-    (tmp_path / "a.jsonl").write_text(text, "utf-8")
-    with pytest.raises(InvalidFile, match=r"header\.version: got 2; expected version 1"):
-        rows.read(tmp_path / "a.jsonl")
 
 
 def test_two_processes_do_not_write_to_one_file(tmp_path: Path, found: list[rows.Row]) -> None:
@@ -533,33 +440,6 @@ def test_ctrl_c_ends_the_command_with_what_to_do_next(
     assert command.main(["run", "--suite", str(tmp_path / "tiny.toml"), "--out", out]) == 130
     assert "the same command goes on" in " ".join(capsys.readouterr().out.split())
     assert json.loads(Path(out).read_text("utf-8").splitlines()[0])["header"]["suite"] == "tiny"
-
-
-def test_the_folder_of_a_results_file_is_made(
-    tiny: Suite, tmp_path: Path, counted: list[rows.Key], capsys: pytest.CaptureFixture[str]
-) -> None:
-    suite, out = str(tmp_path / "tiny.toml"), tmp_path / "results" / "new" / "x.jsonl"
-    assert command.main(["run", "--suite", suite, "--seeds", "0:2", "--out", str(out)]) == 0
-    assert len(rows.read(out).rows) == 8
-    capsys.readouterr()
-    assert command.main(["run", "--suite", suite, "--out", str(out / "y.jsonl")]) == 2
-    assert "cannot be made" in capsys.readouterr().out
-
-
-def test_no_seeds_at_all_are_not_those_of_the_suite(
-    tiny: Suite, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "x.jsonl"
-    asked = ["run", "--suite", str(tmp_path / "tiny.toml"), "--seeds", "", "--out", str(out)]
-    assert command.main(asked) == 2
-    assert "seeds: got ''" in capsys.readouterr().out
-    assert not out.exists()
-
-
-def test_a_planner_named_twice_plans_once(tiny: Suite) -> None:
-    once = [job.key for job in runner.jobs_of(tiny, ["rrtconnect"])]
-    assert [job.key for job in runner.jobs_of(tiny, ["rrtconnect", "rrtconnect"])] == once
-    assert [job.key for job in runner.jobs_of(replace(tiny, planners=("rrtconnect",) * 2))] == once
 
 
 def test_the_lesson_is_not_asked_to_pick() -> None:

@@ -16,6 +16,8 @@ from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, RRTConnect, Trapezoidal
+from planner_service.certify import prover
+from planner_service.collision import native_kernel
 from tests.support.pinned import require_pinned
 
 CHOSEN = 5
@@ -61,6 +63,20 @@ def test_queries_planned_in_another_order_and_by_used_services_cost_the_same() -
         service = services[query.scene]
         plan(service, queries.load(query.scene)[-1], seed=99, planner=RRTConnect(range=1.0), timing=Trapezoidal())
         rows[f"{query.name} {JOINT_STEP}"] = fingerprint(plan(service, query, timing=Trapezoidal()))
+    require_pinned("queries", rows)
+
+
+@pytest.mark.parametrize("instructions", native_kernel.instruction_sets())
+def test_whole_plans_are_the_same_to_the_last_bit_with_every_instruction_set(
+    instructions: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    proofs = prover.instruction_sets()
+    monkeypatch.setattr(native_kernel.build_kernel, "__defaults__", (instructions,))
+    fitting = instructions if instructions in proofs else proofs[-1]
+    monkeypatch.setattr(prover.native_prover, "__defaults__", (fitting,))
+    service = PlannerService(queries.ROBOT, "clutter", edge_step=STEPS[JOINT_STEP])
+    assert service.checker.instruction_set == instructions
+    rows = {f"{q.name} {JOINT_STEP}": fingerprint(plan(service, q, timing=Trapezoidal())) for q in chosen("clutter")}
     require_pinned("queries", rows)
 
 

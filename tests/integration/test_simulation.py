@@ -26,7 +26,6 @@ import pytest
 from typer.testing import CliRunner
 
 from auditor.checker import IndependentChecker, tables_of
-from benchmarks.studies import execute as measure
 from planner_service import (
     Attached,
     Box,
@@ -55,6 +54,7 @@ from planner_service.execute.mjcf import link_of, mjcf_text
 from planner_service.execute.simulator import TCP_PORT, UDP_PORT, arm_file
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan
+from tests.support import errands
 from tests.support.optional import present
 
 pytestmark = pytest.mark.sim
@@ -311,9 +311,9 @@ def test_the_simulation_ends_with_a_process_that_is_killed(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["bin", "shelf"])
 def test_seven_legs_touch_nothing_they_should_not_and_end_where_they_should(name: str, robot: Robot) -> None:
-    scene, taken = measure.ERRANDS[name]
+    scene, taken = errands.ERRANDS[name]
     with SimulatedArm(robot, scene, loose=(taken,)) as arm:
-        work = measure.errand(name, arm)
+        work = errands.errand(name, arm)
         done = rehearse(arm, work.task, robot, PATIENT)
     assert done.report.stopped is None
     assert [motion.name for motion in done.report.motions] == [segment.name for segment in work.task.segments]
@@ -330,7 +330,7 @@ def test_seven_legs_touch_nothing_they_should_not_and_end_where_they_should(name
 
 
 def test_a_motion_through_an_obstacle_reports_a_contact(robot: Robot) -> None:
-    motion, done = measure.control()
+    motion, done = errands.control()
     assert any("demo_post" in contact.pair for contact in done.contacts)
     assert not done.ok
     assert max(contact.force for contact in done.contacts) > 1.0
@@ -344,7 +344,7 @@ def test_an_arm_that_is_stopped_on_its_way_stays_there(robot: Robot) -> None:
     off = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
     plan = service.plan(PlanRequest(robot.home - off, robot.home + off))
     with SimulatedArm(robot, Scene(), robot.home - off) as arm, closing(arm.connect()) as driver:
-        cut = measure.Cut(driver, 0.5 * plan.unwrap()[1].duration, where_told=False)
+        cut = errands.Cut(driver, 0.5 * plan.unwrap()[1].duration)
         with pytest.raises(ExecutionStopped, match="hold where it was") as caught:
             execute(plan, cut, robot, PATIENT)
         time.sleep(0.5)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.baselines.pairwise import PairwiseFcl
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, JointStep, MotionStep, bounds
 from planner_service.collision import backends as backends
@@ -25,6 +24,7 @@ from planner_service.scene.scene import Scene
 from tests.laws.test_certify_laws import COAL, anywhere
 from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like
 from tests.support.hull_arm import HELD, HullSetup
+from tests.support.pairwise_fcl import PairwiseFcl
 
 
 def test_a_verdict_on_hulls_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Any) -> None:

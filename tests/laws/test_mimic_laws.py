@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker, tables_of
-from benchmarks.studies.backends import STEP
-from benchmarks.studies.differential import compare, kernels, questions
+from benchmarks.studies.differential import STEP, compare, kernels, questions
 from planner_service.certify import certify
 from planner_service.certify.certifier import Certifier
 from planner_service.certify.kept_proof import KeptRefusal, prove_kept

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.studies.backends import case, edges_of
 from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, hulls, separation
 from planner_service.certify import edge_proof as edge
 from planner_service.certify import interval_proof as tree
@@ -32,6 +31,7 @@ from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 from tests.laws.test_certify_laws import anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
+from tests.support.backends import case, edges_of
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup
 from tests.support.optional import present
 from tests.support.small_robots import CRANE, SLIDER, TWINS, built

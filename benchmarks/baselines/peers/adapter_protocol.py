@@ -5,8 +5,7 @@ import the standard library, the peer and this file. Whatever the peer itself pr
 
 A problem is answered when it is called for by a line on standard input, so that several peers can take turns.
 
-A job: ``{"version": 1, "robot": {...}, "settings": {...}, "time_limit": s, "problems": [...]}``. A problem may have an
-"upright": the z axis of the frame "tool", 4 x 4 in the tool frame, leans by "tolerance" at most. The first line that
+A job: ``{"version": 1, "robot": {...}, "settings": {...}, "time_limit": s, "problems": [...]}``. The first line that
 comes back is ``{"ready": {name: version, ...}}``, the others have "problem" and "seed" beside what ``Answer`` holds.
 """
 

@@ -59,14 +59,6 @@ _ALL = (
         note="600 MB, most of it the headers of what it is built on",
     ),
     Peer(
-        "vamp",
-        ("vamp-planner==0.6.4",),
-        "vamp",
-        ("3.12", "3.11", "3.10", "3.13"),
-        {"rrtc": {"planner": "rrtc"}, "fcit": {"planner": "fcit"}},
-        note="no wheels: compiled for five to ten minutes, and what it needs for that is fetched from GitHub",
-    ),
-    Peer(
         "tesseract",
         ("tesseract-robotics-nanobind==0.35.0.8",),
         "tesseract_robotics.planning",

@@ -18,7 +18,6 @@ from xml.sax.saxutils import quoteattr
 
 from benchmarks.baselines.peers.catalogue import Peer
 from benchmarks.harness.sources import Motion
-from planner_service.constraints import ToolRegion
 from planner_service.errors import InvalidRequest
 from planner_service.files.package_data import data_folder
 from planner_service.files.writing import write_whole
@@ -33,15 +32,10 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A problem and a seed: what a row is about.
-
-    Attributes:
-        upright: What ``KeepUpright`` made, kept along the whole motion by a peer that knows of it; only roboplan does.
-    """
+    """A problem and a seed: what a row is about."""
 
     problem: Motion
     seed: int
-    upright: ToolRegion | None = None
 
 
 def placed_robot(robot: Robot, folder: Path) -> dict[str, Any]:
@@ -115,7 +109,6 @@ def write_job(job: dict[str, Any], path: Path) -> None:
 
 
 def _problem(task: Task) -> dict[str, Any]:
-    upright = task.upright
     return {
         "problem": task.problem.id,
         "seed": task.seed,
@@ -130,7 +123,7 @@ def _problem(task: Task) -> dict[str, Any]:
             }
             for body in task.problem.scene.obstacles
         ],
-    } | ({} if upright is None else {"upright": {"tool": upright.tool.matrix.tolist(), "tolerance": upright.tilt}})
+    }
 
 
 def _shape(name: str, shape: Solid) -> dict[str, Any]:

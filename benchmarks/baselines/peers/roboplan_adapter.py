@@ -1,12 +1,8 @@
-"""roboplan: its RRT-Connect over Pinocchio and Coal, its shortcutter, its TOPP-RA along Hermite splines.
-
-Under a constraint its raw path is the answer, as its shortcutter knows of none.
-"""
+"""roboplan: its RRT-Connect over Pinocchio and Coal, its shortcutter, its TOPP-RA along Hermite splines."""
 
 from __future__ import annotations
 
 import itertools
-import math
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +16,6 @@ __all__ = ["Roboplan"]
 GROUP = "arm"
 COLOUR = np.array([0.5, 0.5, 0.5, 1.0])
 
-LENIENT = 0.005
-"""Radians by which a configuration may be outside of a constraint's bounds, as roboplan has it by default."""
-
 
 class Roboplan:
     """The robot once, a scene of its own for each problem."""
@@ -34,11 +27,10 @@ class Roboplan:
         (folder / "limits.yaml").write_text("joint_limits:\n" + "\n".join(lines) + "\n", "utf-8")
 
     def solve(self, problem: Table, seed: int, answer: Answer) -> None:
-        """RRT-Connect, shortcuts, TOPP-RA; under a constraint RRT-Connect alone."""
+        """RRT-Connect, shortcuts, TOPP-RA."""
         with answer.stage("setup"):
             scene = self._scene(problem)
             scene.setRngSeed(seed)
-            constraints = [self._upright(scene, **problem["upright"])] if "upright" in problem else []
         step, names = self._settings["step"], self._robot["joints"]
         start = core.JointConfiguration(names, np.array(problem["start"]))
         path = None
@@ -53,15 +45,13 @@ class Roboplan:
             planner = rrt.RRT(scene, options)
             planner.setRngSeed(seed)
             with answer.stage("search"):
-                path = planner.plan(start, core.JointConfiguration(names, np.array(goal)), constraints)
+                path = planner.plan(start, core.JointConfiguration(names, np.array(goal)), [])
             if path is not None:
                 break
         if path is None:
             answer.error = "no path within its time or nodes"
             return
-        answer.raw = answer.waypoints = np.array(path.positions)
-        if constraints:
-            return
+        answer.raw = np.array(path.positions)
         with answer.stage("shortcut"):
             shortcuts = core.PathShortcuttingOptions(group_name=GROUP, max_step_size=step, seed=seed)
             path = core.PathShortcutter(scene, shortcuts).shortcut(path)
@@ -73,17 +63,6 @@ class Roboplan:
 
     def _accelerations(self) -> list[tuple[str, float]]:
         return list(zip(self._robot["joints"], self._robot["acceleration"], strict=True))
-
-    def _upright(self, scene: Any, tool: Any, tolerance: float) -> Any:
-        """The world's axes in the tool's, so that the heading is the yaw, which may be any; roll and pitch make a lean.
-
-        Their bounds are the square in the circle of what leans by the tolerance less what roboplan is lenient by.
-        """
-        lean = (tolerance - LENIENT) / math.sqrt(2.0)
-        bounds, frame = np.array([math.inf, math.inf, math.inf, lean, lean, math.pi]), self._robot["tool_frame"]
-        return rrt.PoseConstraint(
-            scene, GROUP, "universe", -bounds, bounds, np.array(tool), frame, orientation_tolerance=LENIENT
-        )
 
     def _scene(self, problem: Table) -> Any:
         urdf = Path(self._robot["urdf"])

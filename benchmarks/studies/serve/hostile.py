@@ -202,15 +202,8 @@ def _answer(port: int, data: bytes) -> str:
 ROUTES = ("plans", "certify", "check", "pick", "place", "pick_place", "move_linear", "replan", "explain", "roadmaps")
 
 NAMES = (
-    "bin",
-    "..",
-    "../../etc/passwd",
-    "%2e%2e%2fetc%2fpasswd",
-    "a" * 5000,
-    "\x00",
-    "'; drop table scenes; --",
-    "%00",
-    "",
+    *("bin", "..", "../../etc/passwd", "%2e%2e%2fetc%2fpasswd", "a" * 5000, "\x00", "'; drop table scenes; --"),
+    *("%00", ""),
 )
 
 VALUES: tuple[Any, ...] = (
@@ -230,17 +223,8 @@ VALUES: tuple[Any, ...] = (
         "\ud800",
         "x" * 100_000,
     ),
-    *(
-        [],
-        {},
-        [[]],
-        [[[[]]]],
-        [1e308] * 6,
-        [0.0] * 100_000,
-        {"a": {"b": {}}},
-        ["home"] * 1000,
-        {"name": "bin", "version": -1},
-    ),
+    *([], {}, [[]], [[[[]]]], [1e308] * 6, [0.0] * 100_000, {"a": {"b": {}}}, ["home"] * 1000),
+    {"name": "bin", "version": -1},
 )
 
 BODIES: tuple[dict[str, Any], ...] = (

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker, tables_of
-from benchmarks.baselines.plain_bisection import plain_bisection_bounds
 from planner_service.certify import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
 from planner_service.certify import interval_proof as proof_tree
 from planner_service.collision import CollisionChecker, JointStep
@@ -21,6 +20,7 @@ from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from tests.support.plain_bisection import plain_bisection_bounds
 from tests.support.refusals import refused_pair
 from tests.support.small_robots import SLIDER, TWINS, built
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker
-from benchmarks.studies.backends import case, edges_of
 from planner_service.certify import MARGIN, Certifier, EdgeProof, EdgeVerdict
 from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.prover import instruction_sets
@@ -20,6 +19,7 @@ from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
+from tests.support.backends import case, edges_of
 from tests.unit.certify.test_certifier import DISCS, LESSON, PLANAR, RIM, SWEEP, WXAI, ball_beyond, sheet_at
 
 ROOT = Path(__file__).parents[3]

@@ -14,7 +14,6 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from benchmarks.studies.backends import CASES, case, checkers, compare, edges_of, states_of
 from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, JointStep, Known, MotionStep
 from planner_service.collision import native_kernel as kernels
 from planner_service.collision.backends import BackendName, NarrowPhase, NativeBackend
@@ -30,6 +29,7 @@ from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.native.loading import load_core
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Scene, load_scene
+from tests.support.backends import CASES, case, checkers, compare, edges_of, states_of
 from tests.support.optional import present
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.studies import many
 from benchmarks.worlds import queries
 from planner_service import (
     PRM,
@@ -220,16 +219,6 @@ def test_each_result_knows_its_own_request(service: PlannerService) -> None:
         origins = [result.origin for result in results if result.origin is not None]
         assert [origin.request for origin in origins] == requests
         assert all(origin.world is service.world for origin in origins)
-
-
-@pytest.mark.slow
-def test_growth_is_looked_at_on_the_workers_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "WARM", 8)
-    monkeypatch.setattr(many, "MARKS", (4, 8))
-    report = many.growth()
-    assert [row["plans"] for row in report.rows] == [4, 8]
-    assert all(row["per_core_second"] > 0.0 and row["worker_mb"] > 10.0 for row in report.rows)
-    assert len(report.promises) == 2
 
 
 def test_what_crossed_is_read_only_again(service: PlannerService) -> None:

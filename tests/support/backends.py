@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks.studies.differential import STEP, case
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.collision.backends import BackendName
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.composite import PointCloud
-from planner_service.geometry.shapes import Cylinder, Pose
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
 
 __all__ = ["CASES", "Agreement", "case", "checkers", "compare", "edges_of", "states_of"]
 
@@ -28,8 +27,8 @@ CASES = ("wxai bin", "wxai shelf", "wxai clutter", "wxai cloud", "panda shelf", 
 NEAR = 2e-3
 """Radians about a contact, drawn down to a millionth of it: joints reach about a metre, so this is about 2 mm."""
 
-STEP, LONGEST = 0.02, 0.8
-"""Radians: of an edge and of the sampling along it."""
+LONGEST = 0.8
+"""Radians of an edge."""
 
 HALVINGS = 30
 
@@ -42,27 +41,6 @@ class Agreement:
     edges: int = 0
     colliding: int = 0
     differences: list[str] = field(default_factory=list)
-
-
-def case(name: str) -> tuple[Robot, Scene]:
-    """The robot and the scene of one of ``CASES``."""
-    robot, scene = name.split()
-    if scene == "cloud":
-        return load_robot(robot), _cloud(load_scene("shelf"))
-    if scene == "pins":
-        places = ((0.9, 0.5), (-0.7, 0.8), (0.3, -1.2), (-1.1, -0.4))
-        pins = [Obstacle(f"pin{k}", Cylinder(0.05, 0.4), Pose((x, y, 0.0))) for k, (x, y) in enumerate(places)]
-        return load_robot(robot), Scene(tuple(pins))
-    return load_robot(robot), load_scene(scene)
-
-
-def _cloud(scene: Scene) -> Scene:
-    """A scene with a wavy wall of points in front of the robot."""
-    steps = np.linspace(-0.35, 0.35, 60)
-    y, z = (axis.ravel() for axis in np.meshgrid(steps, steps + 0.35))
-    x = 0.42 + 0.04 * np.sin(9.0 * y) * np.cos(7.0 * z)
-    wall = PointCloud(np.stack([x, y, z], axis=1), resolution=0.012)
-    return scene.with_obstacle(Obstacle("wall", wall))
 
 
 def checkers(
