@@ -23,7 +23,7 @@ from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
-from planner_service.planning.request import PlanRequest, joint_vector
+from planner_service.planning.request import PlanRequest, clamp_note, joint_vector
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.presentation.measures import outside_text
 from planner_service.robot.model import TURN, ExemptRetreat, Robot
@@ -240,12 +240,9 @@ def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
 
 def _note_clamped(context: PlanContext, name: str, stated: FloatArray, goal: FloatArray) -> None:
     """Say so if a goal is not quite what was asked for."""
-    robot = context.checker.robot
-    if stated.tolist() != goal.tolist() and not _out_of_bounds(goal, robot):
-        joint = int(np.argmax(np.abs(stated - goal)))
-        low, high = (float(bound[joint]) for bound in robot.bounds)
-        words = f"{robot.joint_names[joint]} = {outside_text(stated[joint], low, high)}"
-        context.accounting.notes.append(f"{name}: {words}; it was clamped to the limit")
+    note = clamp_note(name, stated, goal, context.checker.robot)
+    if note and not _out_of_bounds(goal, context.checker.robot):
+        context.accounting.notes.append(note)
 
 
 def _configurations(

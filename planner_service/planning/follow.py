@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.certify import Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
+from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
@@ -21,7 +22,7 @@ from planner_service.geometry.validation import instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, require_proven
 from planner_service.planning.kept_padding import padding_kept
-from planner_service.planning.request import Pace, kept_in
+from planner_service.planning.request import Pace, clamp_note, clamped, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
 from planner_service.planning.torque import torques_of
@@ -33,6 +34,9 @@ __all__ = ["AllowedStretch", "FollowRequest", "follow"]
 Pair = tuple[str, str]
 
 MAX_WAYPOINTS = 1_000_000
+
+MAX_CLAMP_NOTES = 3
+"""Waypoints outside a limit by a little that notes name."""
 
 MAX_PADDING = 0.1
 """Metres. More is a mistake in the unit."""
@@ -58,7 +62,8 @@ class FollowRequest:
     """A polyline to follow, and how.
 
     Attributes:
-        waypoints: Shape (N, n).
+        waypoints: Shape (N, n); joints that are outside a limit by at most 0.01 rad (or m) are clamped, and the result
+            says so.
         contacts: Where pairs may touch.
         pace: How fast.
         blends: How wide each corner may be blended (rad), shape (N,); None to stop at all of them.
@@ -103,9 +108,11 @@ def follow(
         UnknownName: A constraint names no link or joint of the robot.
     """
     points = numbers("waypoints", request.waypoints, f"rows of {checker.robot.n} joint values")
-    path = JointPath(points)
-    if path.n != checker.robot.n:
+    if points.ndim != 2 or points.shape[1] != checker.robot.n:
         raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")
+    given, inside = points, clamped(points, checker.robot)
+    points = np.where(np.abs(inside - given).max(axis=1, keepdims=True) > LIMIT_SLACK, inside, given)
+    path = JointPath(points)
     sizes = _sizes(request, points)
     for contact in request.contacts:
         if not 0 <= contact.first <= contact.last < len(points):
@@ -113,6 +120,8 @@ def follow(
             raise InvalidRequest("contacts", stretch, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     accounting = PlanAccounting(checker, Limits(cancel=cancel))
+    for k in np.flatnonzero((given != points).any(axis=1))[:MAX_CLAMP_NOTES].tolist():
+        accounting.notes.append(clamp_note(f"waypoints[{k}]", given[k], points[k], checker.robot))
     accounting.keep(kept_in(checker.scene, request.constraints))
     accounting.torque_limits = torques_of(request.pace, checker.robot, checker.scene)
 

@@ -20,6 +20,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
+from planner_service.presentation.measures import outside_text
 from planner_service.robot.inertia import Payload
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.scene.scene import Scene
@@ -27,12 +28,27 @@ from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
 
-__all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "keeps_torques", "kept_in", "require_timing"]
+__all__ = [
+    "Goal",
+    "Pace",
+    "PlanRequest",
+    "clamp_note",
+    "clamped",
+    "joint_vector",
+    "keeps_torques",
+    "kept_in",
+    "require_timing",
+]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
 
 Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
+
+
+START_TOLERANCE = 0.01
+"""Radians (or metres) by which an end may be outside a joint limit if nothing else is said: more than encoders and
+float32 make of a joint at its limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +106,7 @@ class PlanRequest:
     acceleration_scale: float = 1.0
     max_tool_speed: float | None = None
     blend: float = 0.5
-    start_tolerance: float = 0.01
+    start_tolerance: float = START_TOLERANCE
     start_overlap: float = 0.003
     polish: Optimise | None = None
     constraints: Sequence[Constraint] = ()
@@ -176,9 +192,7 @@ class PlanRequest:
 
     def clamped(self, q: FloatArray, robot: Robot) -> FloatArray:
         """A configuration (n,) with joints that are outside their limits by at most ``start_tolerance`` at them."""
-        inside = np.clip(q, *robot.bounds)
-        moved = (inside != q) & (np.abs(inside - q) <= self.start_tolerance)
-        return read_only(np.where(moved, inside, q)) if moved.any() else q
+        return clamped(q, robot, self.start_tolerance)
 
 
 @dataclass(frozen=True)
@@ -279,6 +293,23 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
         if not math.isfinite(value):
             raise InvalidRequest(name, value, f"a finite value for {joint}")
     return array
+
+
+def clamped(Q: FloatArray, robot: Robot, tolerance: float = START_TOLERANCE) -> FloatArray:
+    """Configurations (..., n) with joints that are outside their limits by at most a tolerance at them."""
+    inside = np.clip(Q, *robot.bounds)
+    moved = (inside != Q) & (np.abs(inside - Q) <= tolerance)
+    return read_only(np.where(moved, inside, Q)) if moved.any() else Q
+
+
+def clamp_note(name: str, stated: FloatArray, used: FloatArray, robot: Robot) -> str:
+    """Says how far a configuration that was clamped was outside its limits; nothing of one that was not."""
+    if np.array_equal(stated, used):
+        return ""
+    joint = int(np.argmax(np.abs(stated - used)))
+    low, high = (float(bound[joint]) for bound in robot.bounds)
+    words = f"{robot.joint_names[joint]} = {outside_text(float(stated[joint]), low, high)}"
+    return f"{name}: {words}; it was clamped to the limit"
 
 
 def require_timing(value: object) -> None:

@@ -27,7 +27,7 @@ from planner_service.kinematics.inverse import ToolLine, require_joint_rate, shi
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting
-from planner_service.planning.request import Pace, joint_vector
+from planner_service.planning.request import Pace, clamp_note, clamped, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.service import PlannerService
 
@@ -77,7 +77,7 @@ def move_linear(
     a joint that would have to jump or move too far, a pair that collides, or a constraint that is not kept.
 
     Args:
-        start: Joint vector, shape (n,).
+        start: Joint vector, shape (n,), clamped as the waypoints of ``PlannerService.follow``.
         goal: The tool's pose at the end in the base frame, or its displacement (x, y, z) in metres along the base's
             axes (the orientation is kept). Or a list of these, to pass one after the other; a displacement counts from
             the pose before it.
@@ -100,10 +100,11 @@ def move_linear(
             ``zone`` is not in [0, 1].
     """
     instance("service", service, PlannerService, "a PlannerService")
-    robot, q = service.robot, joint_vector("start", start, service.robot)
+    robot, given = service.robot, joint_vector("start", start, service.robot)
+    q = clamped(given, robot)
     number("zone", zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE)
     settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
-    follow = bound(_follow, service, settings, partial=flag("partial", partial))
+    follow = bound(_follow, service, settings, clamp_note("start", given, q, robot), partial=flag("partial", partial))
     targets = _targets(goal)
     if len(targets) == 1:
         line = straight_tool_line(robot, q, targets[0], points=points, max_joint_rate=max_joint_rate)
@@ -140,7 +141,7 @@ def move_circular(
     possible as a whole is reported as by ``move_linear``. Two arcs make a full circle.
 
     Args:
-        start: Joint vector, shape (n,).
+        start: Joint vector, shape (n,), clamped as the waypoints of ``PlannerService.follow``.
         via: A point on the arc: a pose in the base frame, whose orientation is ignored, or a displacement (x, y, z) in
             metres from the start along the base's axes.
         goal: The tool's pose at the end, or its displacement from the start (the orientation is kept).
@@ -152,9 +153,10 @@ def move_circular(
             off the line through start and goal, or these coincide.
     """
     instance("service", service, PlannerService, "a PlannerService")
-    q = joint_vector("start", start, service.robot)
+    robot, given = service.robot, joint_vector("start", start, service.robot)
+    q = clamped(given, robot)
     settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
-    follow = bound(_follow, service, settings, partial=flag("partial", partial))
+    follow = bound(_follow, service, settings, clamp_note("start", given, q, robot), partial=flag("partial", partial))
     begin = Pose.from_matrix(service.robot.tool_pose(q))
     path = circular_arc(begin, _pose("via", via, begin).position, _pose("goal", goal, begin))
     return _along(service, q, path, max_joint_rate, follow)
@@ -216,6 +218,7 @@ def _every(stride: int, count: int) -> list[int]:
 def _follow(
     service: PlannerService,
     settings: Mapping[str, Any],
+    note: str,
     line: ToolLine,
     kept: Waypoints,
     name: str,
@@ -226,8 +229,10 @@ def _follow(
 
     Args:
         settings: Arguments of ``PlannerService.follow``.
+        note: What a person should know of the start.
     """
     accounting = PlanAccounting(service.checker, Limits(cancel=settings["cancel"]))
+    accounting.notes += [note] if note else []
 
     def followed(count: int) -> PlanResult:
         """Through more configurations, if through few the line leaves a constraint."""

@@ -36,6 +36,7 @@ from planner_service import (
     Trapezoidal,
     load_robot,
     load_scene,
+    move_linear,
 )
 from planner_service.planners import RRTstar
 from planner_service.planning import AllowedStretch
@@ -202,6 +203,26 @@ def test_a_goal_outside_its_limits_is_refused_unless_it_is_within_the_tolerance(
     assert clamped.goal_index == 1
     pi = "3.141592653589793"
     assert clamped.notes[0] == f"goal[1]: shoulder = {pi[:-1]}4 is outside [-{pi}, {pi}]; it was clamped to the limit"
+
+
+def test_given_lines_are_clamped_as_ends_are_and_say_so() -> None:
+    service = PlannerService("planar2", Scene(()))
+    limit = float(service.robot.limits.upper[0])
+    beyond, far = [(0.0, 0.5), (limit + 3e-6, 0.5)], [(0.0, 0.5), (limit + 0.02, 0.5)]
+    result = service.follow(beyond)
+    assert result.unwrap()[0].waypoints[-1].tolist() == [limit, 0.5]
+    assert result.notes[0].startswith("waypoints[1]: shoulder = 3.1416 is outside [-3.14159, 3.14159]; it was clamped")
+    with pytest.raises(InvalidRequest, match=r"shoulder in \[-3.1416, 3.1416\]"):
+        service.follow(far)
+
+
+def test_a_tool_line_begins_where_a_start_is_clamped_to() -> None:
+    service = PlannerService("panda", Scene(()))
+    start = service.robot.home.copy()
+    start[0] = service.robot.limits.upper[0] + 0.004
+    result = move_linear(service, start, (0.0, 0.0, -0.02))
+    assert result.unwrap()[0].waypoints[0][0] == service.robot.limits.upper[0]
+    assert result.notes[0].startswith("start: panda_joint1 = 2.9013 is outside [-2.8973, 2.8973]; it was clamped")
 
 
 def test_things_that_are_carried_together_are_not_judged_against_each_other_and_the_answer_names_them() -> None:
