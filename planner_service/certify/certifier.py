@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.clearance import near_gaps
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.interval_proof import NO_LEAVES, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
@@ -340,16 +339,16 @@ class Certifier:
 
     def near(self, Q: FloatArray, within: float, pairs: IntArray | None = None) -> tuple[IntArray, IntArray, Bounds]:
         """As ``near_gaps``: of configurations Q (m, n) within the limits, and of all pairs if none are given."""
-        return near_gaps(self.motion, Q, self.listed.roots if pairs is None else pairs, within)
+        return self.prover.near(Q, self.listed.roots if pairs is None else pairs, within)
 
-    def overlaps(self, Q: FloatArray) -> list[dict[tuple[str, str], float]]:
+    def overlaps(self, Q: FloatArray, pairs: IntArray | None = None) -> list[dict[tuple[str, str], float]]:
         """The pairs that are not proven apart, at each of configurations Q (m, n), and how deep they overlap at most.
 
         In metres by the names of the two, rounded up, and larger by what ``OVERLAP_SLACK`` takes.
         """
-        rows, pairs, found = self.near(Q, MARGIN)
+        rows, near, found = self.near(Q, MARGIN, pairs)
         out: list[dict[tuple[str, str], float]] = [{} for _ in Q]
-        for row, pair, gap in zip(rows.tolist(), pairs.tolist(), found.gaps.tolist(), strict=True):
+        for row, pair, gap in zip(rows.tolist(), near.tolist(), found.gaps.tolist(), strict=True):
             names = self.listed.names(pair)
             out[row][names] = max(out[row].get(names, 0.0), (math.ceil(-gap * NANO) + 10.0) / NANO)
         return out

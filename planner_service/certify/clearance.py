@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner_service.certify.interval_proof import ROUNDS
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.separation import Bounds, drawn_apart, refined_gaps, rough_gaps
 from planner_service.geometry.arrays import FloatArray, IntArray
@@ -17,9 +18,6 @@ __all__ = ["CLEARANCE_ROUNDS", "along_deepest", "near_gaps", "slopes", "smallest
 
 CLEARANCE_ROUNDS = 20
 """Steps of the search for the best direction."""
-
-DRAWN_ROUNDS = 8
-"""The same where hulls overlap."""
 
 STEP = 1e-6
 """Radians (or metres) by which a joint is moved to either side for a slope."""
@@ -80,7 +78,7 @@ class _Batch:
 def near_gaps(motion: Motion, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
     """Pairs that are less than ``within`` metres apart at configurations Q (m, n): rows of Q, pairs and signed gaps.
 
-    A gap below 0 is an overlap of no more than that. Pairs with bundles are opened.
+    A gap below 0 is an overlap of no more than that. Pairs with bundles are opened. Sorted by rows and pairs.
     """
     poses = np.concatenate([motion.fixed, motion.nodes(Q)[0]], axis=2)
     node, pair = np.repeat(np.arange(len(Q)), len(pairs)), np.tile(pairs, len(Q))
@@ -96,15 +94,17 @@ def near_gaps(motion: Motion, Q: FloatArray, pairs: IntArray, within: float) -> 
         hulled = facing.with_hull
         if hulled is not None:
             deep = np.flatnonzero(hulled & (tight < 0.0))
-            tight[deep], n[:, deep] = drawn_apart(facing.take(deep), tight[deep], n[:, deep], DRAWN_ROUNDS)
-        near = np.flatnonzero(tight < within)
-        nodes.append(node[rows[near]])
-        found.append(pair[rows[near]])
-        bounds.append(Bounds(tight[near], n[:, near]))
+            tight[deep], n[:, deep] = drawn_apart(facing.take(deep), tight[deep], n[:, deep], ROUNDS)
+        close = np.flatnonzero(tight < within)
+        nodes.append(node[rows[close]])
+        found.append(pair[rows[close]])
+        bounds.append(Bounds(tight[close], n[:, close]))
         split = np.flatnonzero(gaps < within)
         pair, parent = motion.opened(pair[split])
         node = node[split[parent]]
-    return np.concatenate(nodes), np.concatenate(found), Bounds.joined(*bounds)
+    rows, pairs, near = np.concatenate(nodes), np.concatenate(found), Bounds.joined(*bounds)
+    order = np.lexsort((pairs, rows))
+    return rows[order], pairs[order], near.take(order)
 
 
 def slopes(motion: Motion, q: FloatArray, pair: IntArray, n: FloatArray) -> FloatArray:

@@ -16,12 +16,13 @@ from planner_service.certify import clearance, hulls, overlap, separation
 from planner_service.certify import edge_proof as edge
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion
-from planner_service.certify.clearance import smallest_gaps
+from planner_service.certify.clearance import near_gaps, smallest_gaps
 from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
 from planner_service.certify.interval_proof import Obstruction, ProofTree, Roots
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.native.loading import load_proof
-from planner_service.geometry.arrays import FloatArray
+from planner_service.certify.separation import Bounds
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["LIMIT_SLACK", "Charge", "NumpyProver", "Proof", "Prover", "instruction_sets", "native_prover"]
@@ -60,6 +61,9 @@ class Prover(Protocol):
     def clearances(self, Q: FloatArray) -> FloatArray:
         """``smallest_gaps`` of all pairs at Q (m, n), (m,)."""
 
+    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+        """As ``near_gaps``."""
+
 
 class NumpyProver:
     """The reference."""
@@ -87,6 +91,9 @@ class NumpyProver:
 
     def clearances(self, Q: FloatArray) -> FloatArray:
         return smallest_gaps(self._motion, Q, self._motion.roots)
+
+    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+        return near_gaps(self._motion, Q, pairs, within)
 
 
 class _Native:
@@ -123,6 +130,13 @@ class _Native:
         self._prover.clearances(Q, out)
         return out
 
+    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+        found = self._prover.near(np.ascontiguousarray(Q), np.ascontiguousarray(pairs, dtype=np.int64), within)
+        table = np.frombuffer(found).reshape(-1, 6)
+        table = table[np.lexsort((table[:, 1], table[:, 0]))]
+        rows, near = table[:, :2].astype(np.intp).T
+        return rows, near, Bounds(table[:, 2].copy(), table[:, 3:].T.copy())
+
 
 def native_prover(motion: Motion, variant: str = "") -> Prover | None:
     """The compiled prover; None where it was not built.
@@ -143,7 +157,7 @@ def instruction_sets() -> tuple[str, ...]:
 def _terms() -> list[float]:
     """The constants, in the order of ``Terms`` in native/model.hpp."""
     return [
-        *(motion.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND),
+        *(motion.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND, separation.DRAWS),
         *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
         *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
         *(edge.MAX_EDGE_BOUNDS, overlap.STEPS, overlap.CERTAIN, clearance.CLEARANCE_ROUNDS),

@@ -33,6 +33,14 @@ SHIFT = 0.06
 STEPS_PER_ROUND = 3
 """Steps of the walk between hulls in the place of one round of the ascent."""
 
+DRAWS = 20
+"""Times that two hulls are drawn apart to find a better direction of their overlap."""
+
+WAYS: FloatArray = np.array([[x, y, z] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)])
+WAYS = np.delete(WAYS, 13, axis=0)
+WAYS = WAYS / np.sqrt(WAYS[:, 0] * WAYS[:, 0] + WAYS[:, 1] * WAYS[:, 1] + WAYS[:, 2] * WAYS[:, 2])[:, None]
+"""Unit directions from a cube's centre to its faces, edges and corners, (26, 3)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solids:
@@ -324,17 +332,25 @@ def drawn_apart(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) ->
     """Improve bounds (p,) of overlaps with a hull, and directions (3, p), which no walk to a nearest point does.
 
     As in ``_ascended`` a is first drawn away from b along the best direction so far; then there is a nearest point.
+    Where an ascent ends there may be no better direction nearby, but one elsewhere: so there is one from each of
+    ``WAYS`` besides. The first of the best counts.
     """
-    gaps, n = gaps.copy(), n.copy()
-    rows: IntArray = np.arange(len(gaps))
-    for _ in range(rounds):
-        pairs, known, way = facing.take(rows), gaps[rows], n[:, rows]
-        moved = replace(pairs, x=pairs.x + way * np.maximum(SHIFT - known, 0.0))
-        _, way = walked(moved, moved.along(way), way, STEPS_PER_ROUND * rounds)
-        bounds = pairs.along(way)
+    count = len(gaps)
+    starts = np.concatenate([n[None], np.repeat(WAYS[:, :, None], count, axis=2)])
+    every = facing.take(np.tile(np.arange(count), len(starts)))
+    way = starts.transpose(1, 0, 2).reshape(3, -1).copy()
+    found = every.along(way)
+    found[:count] = gaps
+    rows: IntArray = np.arange(len(found))
+    for _ in range(DRAWS):
+        pairs, known, before = every.take(rows), found[rows], way[:, rows]
+        moved = replace(pairs, x=pairs.x + before * np.maximum(SHIFT - known, 0.0))
+        _, after = walked(moved, moved.along(before), before, STEPS_PER_ROUND * rounds)
+        bounds = pairs.along(after)
         better = bounds > known
         rows = rows[better]
         if not len(rows):
             break
-        gaps[rows], n[:, rows] = bounds[better], way[:, better]
-    return gaps, n
+        found[rows], way[:, rows] = bounds[better], after[:, better]
+    best = found.reshape(len(starts), count).argmax(axis=0) * count + np.arange(count)
+    return found[best], way[:, best]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,8 +30,11 @@ PADDED = 2.0
 NEARBY = 0.05
 """Metres: pairs that are farther apart at the start are left to the proof."""
 
-LONGEST = 0.5
-"""Radians of one straight line."""
+ROOMY = 2.0
+"""Times the gap that is wanted: so much room some leave for others."""
+
+LONGEST = 0.05
+"""Radians of one straight line: with ``SAMPLES`` of them, about a millimetre of motion lies between two."""
 
 FARTHER = 1.5
 """Times the length that the slopes at its start say: gaps do not grow evenly."""
@@ -41,7 +45,10 @@ SAMPLES = 24
 SHORTER = 3
 """Lengths tried, each by ``SAMPLES`` shorter."""
 
-MAX_TURNS = 12
+LOOKS = 256
+"""Places on a whole way out at which no pair may be deeper than at the one before."""
+
+MAX_TURNS = 16
 """Straight lines of a way out."""
 
 ROWS = 24
@@ -175,6 +182,9 @@ def find_way_out(
     if not walk.apart:
         raise NoWayOut("no motion was found on which nothing gets deeper")
     way = walk.way(JointPath(np.array(points)))
+    counted(LOOKS * len(way.exempt))
+    if walk.gets_deeper(way):
+        raise NoWayOut("no motion was found on which nothing gets deeper")
     refusal = certifier.certify(way.path, exempt=way.exempt, constraints=constraints, charge=counted).refusal
     if refusal is not None:
         raise NoWayOut(f"the motion out of it is not proven: {refusal}")
@@ -219,13 +229,23 @@ class _Walk:
         return bool(self._found.min(initial=math.inf) >= APART)
 
     def straight_on(self) -> FloatArray | None:
-        """The end of a straight line on which no gap shrinks that lacks something; None if none was found."""
-        for shared in (False, True):
-            direction = self._direction(shared=shared)
-            reach = None if direction is None else self._along(*direction)
-            if reach is not None:
-                return reach
+        """The end of a straight line on which no gap shrinks that lacks something; None if none was found.
+
+        Gaps that lack nothing are let grow, too, where one of them would soon be too small otherwise.
+        """
+        for least in (self._wanted, ROOMY * self._wanted):
+            for shared in (False, True):
+                direction = self._direction(least, shared=shared)
+                reach = None if direction is None else self._along(*direction)
+                if reach is not None:
+                    return reach
         return None
+
+    def gets_deeper(self, way: WayOut) -> bool:
+        """Whether a pair that touches is deeper somewhere on a way than before, as far as ``LOOKS`` places tell."""
+        end = max((stretch.s_end for stretch in way.exempt), default=0.0)
+        depths = self._certifier.overlaps(way.path(np.linspace(0.0, end, LOOKS)), self._pairs)
+        return any(at.get(pair, 0.0) > before.get(pair, 0.0) + SAME for before, at in pairwise(depths) for pair in at)
 
     def _along(self, way: FloatArray, length: float) -> FloatArray | None:
         low, high = self._limits.lower, self._limits.upper
@@ -254,18 +274,19 @@ class _Walk:
         np.minimum.at(out, (rows, self._owner[np.searchsorted(self._pairs, pairs)]), found.gaps)
         return out
 
-    def _direction(self, *, shared: bool) -> tuple[FloatArray, float] | None:
+    def _direction(self, least: float, *, shared: bool) -> tuple[FloatArray, float] | None:
         """Where to go from here, a unit vector (n,), and how far, somewhat more than until all gaps would suffice.
 
         Args:
+            least: Metres up to which a gap is too small.
             shared: The pieces of two owners part along one direction, the best of the two that are deepest: each of its
                 own would be sideways for some of the many columns of a height field.
         """
-        _, pairs, found = self._certifier.near(self._q[None], self._wanted, self._pairs)
+        _, pairs, found = self._certifier.near(self._q[None], least, self._pairs)
         if shared:
             owner = self._owner[np.searchsorted(self._pairs, pairs)]
             found = along_deepest(self._certifier.motion, self._q, pairs, owner, found)
-        lacks = self._wanted - found.gaps
+        lacks = least - found.gaps
         most = np.argsort(-lacks, kind="stable")[:ROWS]
         self._charge(2 * len(self._q) * len(most))
         rates = slopes(self._certifier.motion, self._q, pairs[most], found.n[:, most]) / lacks[most, None]

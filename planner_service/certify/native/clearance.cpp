@@ -51,4 +51,23 @@ void Clearance::look(const Ask& asked) {
     }
 }
 
+void Clearance::near(const double* q, double row, std::vector<int> pairs, double within, std::vector<double>& out) {
+    places_.clear();
+    places_.add(0.0, q, still_.data());
+    for (std::size_t k = 0; k < pairs.size(); ++k) {  // those of bundles are added at the end
+        const int number = pairs[k];
+        const Pair& pair = model_.pairs[static_cast<std::size_t>(number)];
+        if (!(places_.spheres_apart(pair, 0) < within)) continue;
+        const Facing facing = places_.facing(pair, 0);
+        Bound bound;
+        variant_.rough(model_.terms, facing, nullptr, 0, bound);
+        if (!(bound.gap < within)) continue;
+        for (int child = 0; child < pair.children; ++child) pairs.push_back(pair.child + child);
+        if (!pair.leaf()) continue;
+        variant_.refined(model_.terms, facing, static_cast<int>(model_.terms.clearance_rounds), bound);
+        if (bound.gap < 0.0) variant_.drawn_apart(model_.terms, facing, static_cast<int>(model_.terms.rounds), bound);
+        if (bound.gap < within) out.insert(out.end(), {row, static_cast<double>(number), bound.gap, bound.n[0], bound.n[1], bound.n[2]});
+    }
+}
+
 }  // namespace proof

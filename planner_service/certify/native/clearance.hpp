@@ -14,6 +14,10 @@ class Clearance {
     // A lower bound at q; infinite if there is no pair.
     double at(const double* q, const std::vector<int>& roots);
 
+    // Adds six numbers for each of the pairs nearer than ``within`` at q: ``row``, the pair, its signed gap, and its
+    // direction.
+    void near(const double* q, double row, std::vector<int> pairs, double within, std::vector<double>& out);
+
   private:
     struct Ask {
         int pair;

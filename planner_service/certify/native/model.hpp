@@ -16,7 +16,7 @@ constexpr std::size_t LANES = 8;  // corners are padded to a multiple of this
 // Numbers that the Python modules name and explain, in the order in which proof.py hands them over.
 struct Terms {
     double rounding;                               // motion.py
-    double tiny, shift, steps_per_round;           // separation.py
+    double tiny, shift, steps_per_round, draws;    // separation.py
     double gain, share, thin, none;                // hulls.py
     double fraction, most, far, batch, near, close, rounds, last_rounds;  // tree.py
     double edge_most, steps, certain;                                     // edge.py

@@ -224,6 +224,24 @@ class Prover {
         for (std::size_t k = 0; k < count; ++k) found[k] = clearance.at(q + n * k, roots_);
     }
 
+    // Pairs nearer than ``within`` at each row of Q, six doubles each.
+    nb::bytes near(const Rows& Q, const Wholes& pairs, double within) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        require(Q.shape(1) == n, "configurations of another robot");
+        require_finite(Q);
+        std::vector<int> asked;
+        for (std::size_t k = 0; k < pairs.shape(0); ++k)
+            asked.push_back(whole(pairs.data()[k], 0, static_cast<std::int64_t>(model_.pairs.size()) - 1, "no such pair"));
+        std::vector<double> out;
+        {
+            nb::gil_scoped_release release;
+            Clearance clearance(model_, *variant_);
+            for (std::size_t k = 0; k < Q.shape(0); ++k)
+                clearance.near(Q.data() + n * k, static_cast<double>(k), asked, within, out);
+        }
+        return nb::bytes(static_cast<const void*>(out.data()), out.size() * sizeof(double));
+    }
+
   private:
     Model model_;
     const Variant* variant_ = nullptr;
@@ -439,7 +457,8 @@ NB_MODULE(_proof, m) {
              nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none(),
              nb::arg("walked").none())
         .def("edge", &Prover::edge)
-        .def("clearances", &Prover::clearances);
+        .def("clearances", &Prover::clearances)
+        .def("near", &Prover::near);
 }
 
 }  // namespace proof

@@ -486,3 +486,14 @@ def test_overlaps_of_hulls_are_those_of_the_boxes_that_they_are() -> None:
         assert depths[0].keys() == depths[1].keys()
         for pair, depth in depths[0].items():
             assert depths[1][pair] == pytest.approx(depth, abs=1e-5)
+
+
+@pytest.mark.parametrize(("robot", "scene"), [("wxai", "bin"), ("panda", "shelf"), ("ur5", "table")])
+def test_signed_gaps_of_near_pairs_have_equal_bits_compiled_or_not(robot: str, scene: str) -> None:
+    provers = [Certifier(load_robot(robot), load_scene(scene), backend=backend) for backend in ("native", "numpy")]
+    lower, upper = provers[0].robot.limits.lower, provers[0].robot.limits.upper
+    Q = np.random.default_rng(3).uniform(lower, upper, (25, len(lower)))
+    (rows, pairs, found), (same_rows, same_pairs, same) = (each.near(Q, 0.004) for each in provers)
+    assert (rows.tolist(), pairs.tolist()) == (same_rows.tolist(), same_pairs.tolist())
+    assert (found.gaps.tobytes(), found.n.tobytes()) == (same.gaps.tobytes(), same.n.tobytes())
+    assert (found.gaps < 0.0).any()
