@@ -1,6 +1,4 @@
-"""Checks that a plan keeps its constraints, wherever on its curve; beside verify.py, which checks everything else.
-
-    python -m auditor plan.json
+"""Checks that a plan keeps its constraints, wherever on its curve.
 
 A constraint has no trail: it follows from the curve. It is written as numbers that must not be negative: each is a sum
 of entries of the frame T of the tool in its region and of joint values, times weights. The turn psi about z follows
@@ -18,23 +16,16 @@ these joints; where one slides, at v', ``2 v v' + a'`` are added. A joint accele
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from auditor import verify as trails
-from auditor.verify import SLACK, Curve, World, chain, frame, placed, require
+from auditor.trails import SLACK, Curve, World, chain, frame, placed, require
 
 Array = Any
 Json = Any
 
 MOST_STRETCHES = 200_000
-
-
-def verify(document: Json) -> Iterator[str]:
-    """What a plan file's evidence shows, line by line, its constraints included."""
-    return trails.verify(document, kept)
 
 
 def kept(world: World, robot: Json, constraint: Json, curve: Curve, begin: float, end: float) -> None:

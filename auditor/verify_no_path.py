@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from auditor.verify import SLACK, Solid, World, cells, chain, digest, frame, placed, require, unpacked
+from auditor.schema import check_file
+from auditor.trails import SLACK, Solid, World, cells, chain, digest, frame, placed, require, unpacked
 
 Array = Any
 Json = Any
@@ -131,6 +132,7 @@ def enclosed(region: Array, walls: Array, divisions: Array, endless: Array) -> N
 
 def verify(document: Json) -> Iterator[str]:
     """What a file shows, line by line; Invalid if that is not that no path exists."""
+    check_file(document)
     robot, scene, names = document["robot"], document["scene"], document["joints"]
     require(document["version"] == 1 and 1 <= len(set(names)) == len(names) <= MOST_JOINTS, "another version")
     for part in ("robot", "scene"):
@@ -182,3 +184,4 @@ def verify(document: Json) -> Iterator[str]:
     yield f"from {start} no path leads to any of {len(goals)} goals:"
     yield from (f"  {goal}" for goal in goals)
     yield from (f"may touch: {pair} (allowed by the author)" for pair in document["allowed"])
+    yield "verified: that its walls collide and leave no way between; not verified: hashes"

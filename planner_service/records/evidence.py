@@ -41,7 +41,7 @@ __all__ = ["EVIDENCE", "boxes_of", "packed", "save_plan", "with_evidence"]
 EVIDENCE = "evidence"
 """The section's name."""
 
-VERSION = 3
+VERSION = 4
 
 FASTEST = 1
 """Of zlib's levels: the best makes a trail a tenth smaller and takes longer than the proof."""
@@ -63,7 +63,10 @@ def with_evidence(plan: SavedPlan | SavedTask) -> SavedPlan | SavedTask:
         plan = replace(plan, result=replace(plan.result, certificate=certificates[0]))
     else:
         results = [replace(s.result, certificate=c) for s, c in zip(plan.segments, certificates, strict=True)]
-        segments = [replace(s, result=result) for s, result in zip(plan.segments, results, strict=True)]
+        segments = [
+            replace(segment, result=result, gripper=motion.gripper)
+            for segment, result, motion in zip(plan.segments, results, proven.motions, strict=True)
+        ]
         plan = replace(plan, segments=tuple(segments))
     section = {
         "version": VERSION,

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from auditor.verify import Invalid, digest, unpacked
-from auditor.verify_constraints import verify
+from auditor.schema import Invalid
+from auditor.trails import digest, unpacked
+from auditor.verify import verify
 from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
 from benchmarks.studies.evidence.nearness import Near, Nearness
 from benchmarks.studies.evidence.worlds import plans

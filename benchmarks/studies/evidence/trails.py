@@ -8,8 +8,8 @@ from typing import Any
 
 from rich.table import Table
 
-from auditor.verify import Invalid
-from auditor.verify_constraints import verify
+from auditor.schema import Invalid
+from auditor.verify import verify
 from benchmarks.harness.report import Promise, Report, Row, grouped, least_seconds, p50, spread, table_of
 from benchmarks.studies.evidence.worlds import plans
 from planner_service.records.evidence import EVIDENCE, with_evidence

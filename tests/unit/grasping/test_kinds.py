@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auditor.verify import Invalid
-from auditor.verify_constraints import verify
+from auditor.schema import Invalid
+from auditor.verify import verify
 from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene, Sphere
 from planner_service.certify import certify_gripper
 from planner_service.collision import CollisionChecker

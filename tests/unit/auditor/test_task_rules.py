@@ -1,0 +1,125 @@
+"""The world of each motion is worked out from the one before: what a file says beside that is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from auditor.__main__ import judged
+from auditor.schema import Invalid
+
+Document = dict[str, Any]
+Change = Callable[[Document], None]
+
+
+def scenes(task: Document) -> list[Any]:
+    """The places where the file says what the scene has become."""
+    return [segment for segment in task["segments"] if segment["scene"] is not None]
+
+
+def nothing_around(task: Document) -> None:
+    scenes(task)[0]["scene"]["obstacles"] = []
+
+
+def another_at_the_start(task: Document) -> None:
+    task["segments"][0]["scene"] = {"obstacles": [], "attached": []}
+
+
+def one_more(task: Document) -> None:
+    at = {"position": [9.0, 0.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    scenes(task)[0]["scene"]["obstacles"].append(
+        {"name": "new", "shape": {"kind": "sphere", "radius": 0.1}, "pose": at}
+    )
+
+
+def left_elsewhere(task: Document) -> None:
+    (left,) = [it for it in scenes(task)[-1]["scene"]["obstacles"] if isinstance(it, dict)]
+    left["pose"]["position"][0] += 0.001
+
+
+def held_elsewhere(task: Document) -> None:
+    for segment in scenes(task):
+        for held in segment["scene"]["attached"]:
+            held["pose"]["position"][2] += 30.0
+
+
+def held_smaller(task: Document) -> None:
+    for segment in scenes(task):
+        for held in segment["scene"]["attached"]:
+            held["shape"]["size"] = [0.001, 0.001, 0.001]
+
+
+def held_against_all(task: Document) -> None:
+    for segment in scenes(task):
+        for held in segment["scene"]["attached"]:
+            held["touch_links"].append("link_5")
+
+
+def never_taken(task: Document) -> None:
+    for segment in task["segments"]:
+        segment["scene"] = None
+
+
+def taken_open(task: Document) -> None:
+    for segment in task["segments"]:
+        segment["gripper_width"], segment["gripper"] = task["robot"]["gripper_width"], None
+
+
+def elsewhere_between(task: Document) -> None:
+    task["segments"][3]["result"]["path"]["waypoints"][0][0] += 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (nothing_around, "other obstacles than follow"),
+        (another_at_the_start, "other obstacles than follow"),
+        (one_more, "other obstacles than follow"),
+        (left_elsewhere, "blue_block is not where or what it was"),
+        (held_elsewhere, "blue_block is taken elsewhere than where it stands"),
+        (held_smaller, "holds blue_block, which does not stand there"),
+        (held_against_all, "more than fingers may touch blue_block"),
+        (never_taken, "is not judged|evidence is for another|claims something else"),
+        (taken_open, "taken by a gripper that does not close"),
+        (elsewhere_between, "begins elsewhere"),
+    ],
+)
+def test_what_does_not_follow_from_the_motion_before_is_refused(task: Document, change: Change, why: str) -> None:
+    change(task)
+    with pytest.raises(Invalid, match=why):
+        list(judged(task))
+
+
+def test_a_plan_that_ends_elsewhere_than_its_request_asks_is_refused(plan: Document) -> None:
+    plan["request"]["goals"][0]["joints"][0] += 0.02
+    with pytest.raises(Invalid, match="does not end at goal 0"):
+        list(judged(plan))
+
+
+def test_pairs_that_a_file_allows_have_to_be_named(plan: Document) -> None:
+    plan["allowed"] = [["link_5", "wall"]]
+    with pytest.raises(Invalid, match="link_5 x wall: the file lets them touch everywhere"):
+        list(judged(plan))
+    assert any("link_5" in line and "allowed" in line for line in judged(plan, [("wall", "link_5")]))
+
+
+def test_a_proof_of_a_part_is_no_proof_of_the_motion(plan: Document) -> None:
+    length = plan["result"]["path"]["length"]
+    for claim in (plan["result"]["certificate"], *plan["sections"]["evidence"]["proofs"]):
+        claim["part"] = [0.0, length / 2]
+    with pytest.raises(Invalid, match=r"it moves, from 0 to .* is proven"):
+        list(judged(plan))
+
+
+@pytest.mark.parametrize("exempt", [("finger_left", "tray"), ("link_5", "blue_block"), ("blue_block", "post")])
+def test_a_contact_that_no_rule_allows_is_refused(task: Document, exempt: tuple[str, str]) -> None:
+    pair = list(exempt) if exempt[1] != "post" else ["blue_block", task["scene"]["obstacles"][-1]["name"]]
+    proofs = [proof for proof in task["sections"]["evidence"]["proofs"] if proof["gripper"][0] == proof["gripper"][1]]
+    for segment, proof in zip(task["segments"], proofs, strict=True):
+        more = {"s_start": 0.0, "s_end": 0.01, "pairs": [pair], "reason": "fingers may touch what they take"}
+        for claim in (segment["result"]["certificate"], proof):
+            claim["exempt"] = [*claim["exempt"], more]
+    with pytest.raises(Invalid, match=r"is not judged|no such pair"):
+        list(judged(task))

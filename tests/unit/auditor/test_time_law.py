@@ -1,0 +1,96 @@
+"""Time runs along the curve as a motion may, or the file is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auditor.__main__ import judged
+from auditor.schema import Invalid
+from auditor.time_law import bernstein, exceeded, times
+from planner_service import PlannerService, PlanRequest, SCurve, ToppRa, Trapezoidal, load_robot
+from planner_service.records.evidence import with_evidence
+from planner_service.records.plan_file import SavedPlan
+
+Document = dict[str, Any]
+
+
+def test_every_number_of_s_of_t_matters(plan: Document) -> None:
+    law = plan["result"]["trajectory"]
+    rows = [(law["durations"], k) for k in range(len(law["durations"]))]
+    rows += [(row, k) for row, k in product(law["coefficients"], range(4))]
+    for holder, key in [*rows, (law, "duration"), (plan["result"]["motion"], "duration")]:
+        right = holder[key]
+        for off in (0.05, 1e-4):
+            holder[key] = right + off
+            with pytest.raises(Invalid):
+                list(judged(plan))
+        holder[key] = right
+
+
+def test_a_motion_that_is_too_fast_is_refused(plan: Document) -> None:
+    law = plan["result"]["trajectory"]
+    law["durations"] = [h * 0.999 for h in law["durations"]]
+    law["coefficients"] = [[c / 0.999**k for k, c in enumerate(row)] for row in law["coefficients"]]
+    law["duration"] *= 0.999
+    plan["result"]["motion"]["duration"] *= 0.999
+    with pytest.raises(Invalid, match=r"exceeds its (velocity|acceleration)"):
+        list(judged(plan))
+
+
+def test_a_request_for_half_the_speed_is_not_met_at_full_speed(plan: Document) -> None:
+    plan["request"]["velocity_scale"] = 0.3
+    with pytest.raises(Invalid, match="exceeds its velocity"):
+        list(judged(plan))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("timing", [ToppRa(), Trapezoidal(), SCurve()], ids=lambda law: law.name)
+@pytest.mark.parametrize("robot", ["wxai", "panda", "scara"])
+def test_right_motions_of_every_law_are_shown(robot: str, timing: Any) -> None:
+    import json
+
+    arm = load_robot(robot)
+    service, chance = PlannerService(arm, "empty"), np.random.default_rng(3)
+    done = 0
+    while done < 4:
+        q = chance.uniform(arm.limits.lower, arm.limits.upper, (2, arm.n))
+        asked = PlanRequest(
+            q[0], q[1], timing=timing, velocity_scale=0.5, seed=done, time_limit=None, max_checks=20_000
+        )
+        found = service.plan(asked)
+        if found.ok:
+            done += 1
+            lines = list(judged(json.loads(with_evidence(SavedPlan.of(found)).file_text())))
+            assert any("s(t)" in line and "50% and 100%" in line for line in lines)
+
+
+def wave(degree: int, chance: np.random.Generator) -> tuple[Any, Callable[[Any], Any]]:
+    powers = chance.normal(size=degree + 1)
+    return powers, np.polynomial.Polynomial(powers)
+
+
+def test_products_in_the_basis_of_bernstein_are_products() -> None:
+    chance = np.random.default_rng(0)
+    t = np.linspace(0, 1, 50)
+    for _ in range(200):
+        (a, p), (b, q) = wave(int(chance.integers(0, 6)), chance), wave(int(chance.integers(0, 12)), chance)
+        found = times(bernstein(a), bernstein(b))
+        n = len(found) - 1
+        basis = np.array([math.comb(n, k) * t**k * (1 - t) ** (n - k) for k in range(n + 1)])
+        np.testing.assert_allclose(found @ basis, p(t) * q(t), atol=1e-9)
+
+
+def test_a_limit_is_exceeded_where_the_polynomial_is_beyond_it_and_nowhere_else() -> None:
+    chance = np.random.default_rng(1)
+    t = np.linspace(0, 1, 20_001)
+    for _ in range(300):
+        powers, p = wave(int(chance.integers(1, 9)), chance)
+        most = np.abs(p(t)).max()
+        assert exceeded([bernstein(powers)[:, None]], np.array([most * 1.001])) is None
+        assert exceeded([bernstein(powers)[:, None]], np.array([most * 0.999])) == 0
