@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from auditor.trails import Curve, World, chain, placed
 from benchmarks.worlds.random_trees import TreeDraw, draw_points, draw_tree
@@ -29,7 +30,7 @@ def test_levers_of_several_pieces_reach_to_the_farthest_point_of_all() -> None:
     shape = {"link": "paddle", "body": 1, "pose": nowhere, "shape": {"kind": "compound", "parts": parts}}
     bodies = [{**body, "prismatic": False} for body in robot["bodies"][:2]]
     world = World({**robot, "bodies": bodies, "shapes": [shape], "tool_body": 1}, (), (), (), {}, 0.0)
-    assert world.levers(0, 2, 0, np.zeros(9))[0] == np.hypot(0.6, 0.05)
+    assert world.levers(0, 2, 0, np.zeros(9))[0] == pytest.approx(np.hypot(0.6, 0.05), rel=1e-12)
 
 
 def test_joints_move_no_farther_along_a_curve_than_it_says() -> None:
