@@ -29,7 +29,10 @@ Json = Any
 
 MOST_TURNED = 1000.0  # radians from zero that a joint without end may be at
 SEEN = "clearance, limits of joints, their speeds and accelerations, s(t), scenes, loads and the gripper, constraints"
-UNSEEN = "padding away from the ends, torques, jerk, the speed of the tool, whether a grasp holds, reports of counts, times and peaks, hashes"
+UNSEEN = (
+    "padding away from the ends, torques, jerk, the speed of the tool, whether a grasp holds, hashes, "
+    "reports of counts, times and peaks"
+)
 
 
 def verify(document: Json, named: Json = ()) -> Iterator[str]:
