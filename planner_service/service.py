@@ -27,11 +27,11 @@ from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
 from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import checked_constraints
+from planner_service.decomposition.no_path import NoPath, OpenWay, divide
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
-from planner_service.infeasibility.no_path import NoPath, OpenWay, divide
 from planner_service.infeasibility.reached import how_far
 from planner_service.infeasibility.remedies import SEARCHED, Explanation, find_remedies
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -42,7 +42,7 @@ from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import plan, require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector, kept_in
+from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.planning.torque import torque_limits
@@ -53,7 +53,7 @@ from planner_service.replanning.replan import replan
 from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.robot.inertia import Payload
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot, joint_vector, load_robot
 from planner_service.scene.scene import Scene, load_scene
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import require_seed

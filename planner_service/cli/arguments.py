@@ -18,13 +18,13 @@ from planner_service.geometry.shapes import Pose
 from planner_service.optimize import Optimise, load_solver
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, Planner, planner_by_name
-from planner_service.planning.request import PlanRequest, joint_vector
+from planner_service.planning.request import PlanRequest
 from planner_service.records import plan_file
 from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.records.recertify import recertify
 from planner_service.roadmap.validity import Terms
 from planner_service.robot.inertia import Dynamics, Payload
-from planner_service.robot.model import Robot, load_robot, robot_names
+from planner_service.robot.model import Robot, joint_vector, load_robot, robot_names
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService

@@ -63,7 +63,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.batch import Batch
 from planner_service.planning.pipeline import require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector, kept_in
+from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, require_grower
 from planner_service.planning.world import World
@@ -71,7 +71,7 @@ from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
 from planner_service.replanning.result import Replanned, request_for, underway
 from planner_service.roadmap import Roadmap
-from planner_service.robot.model import Robot
+from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
 from planner_service.service import PlannerService

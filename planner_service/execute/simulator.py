@@ -27,8 +27,7 @@ from planner_service.errors import BrokenInvariant, InvalidRequest, MissingDepen
 from planner_service.execute.mjcf import MARK, link_of, mjcf_text
 from planner_service.execute.trossen import SIMULATED_LAG, TrossenDriver
 from planner_service.geometry.shapes import Pose
-from planner_service.planning.request import joint_vector
-from planner_service.robot.model import Robot
+from planner_service.robot.model import Robot, joint_vector
 from planner_service.robot.package_files import package_folder
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene

@@ -17,9 +17,9 @@ import numpy as np
 from planner_service.certify import MAX_OVERLAP
 from planner_service.collision import CollisionChecker
 from planner_service.constraints.values import Constraint, ToolRegion
+from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.shapes import Pose
-from planner_service.infeasibility.no_path import NoPath
 from planner_service.infeasibility.reached import Reached
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage

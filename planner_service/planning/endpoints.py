@@ -23,10 +23,10 @@ from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
-from planner_service.planning.request import PlanRequest, clamp_note, joint_vector
+from planner_service.planning.request import PlanRequest, clamp_note
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.presentation.measures import outside_text
-from planner_service.robot.model import TURN, ExemptRetreat, Robot
+from planner_service.robot.model import TURN, ExemptRetreat, Robot, joint_vector
 
 __all__ = ["Ends", "GoalState", "find_ends", "padded_ends", "require_ends"]
 

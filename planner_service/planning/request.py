@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import NoneType
@@ -22,7 +21,7 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.presentation.measures import outside_text
 from planner_service.robot.inertia import Payload
-from planner_service.robot.model import JointLimits, Robot
+from planner_service.robot.model import JointLimits, Robot, joint_vector
 from planner_service.scene.scene import Scene
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
@@ -34,7 +33,6 @@ __all__ = [
     "PlanRequest",
     "clamp_note",
     "clamped",
-    "joint_vector",
     "keeps_torques",
     "kept_in",
     "require_timing",
@@ -278,21 +276,6 @@ def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | Po
     if not several:
         raise InvalidRequest("goal", goal, "at least one goal")
     return tuple(several)
-
-
-def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
-    """n finite joint values as a read-only array.
-
-    Raises:
-        InvalidRequest: not n numbers, or one of them is not finite.
-    """
-    array = numbers(name, values, f"{robot.n} joint values")
-    if array.shape != (robot.n,):
-        raise InvalidRequest(name, f"shape {array.shape}", f"{robot.n} joint values, shape ({robot.n},)")
-    for joint, value in zip(robot.joint_names, array.tolist(), strict=True):
-        if not math.isfinite(value):
-            raise InvalidRequest(name, value, f"a finite value for {joint}")
-    return array
 
 
 def clamped(Q: FloatArray, robot: Robot, tolerance: float = START_TOLERANCE) -> FloatArray:

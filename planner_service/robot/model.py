@@ -52,6 +52,7 @@ __all__ = [
     "LinkFrame",
     "LinkShape",
     "Robot",
+    "joint_vector",
     "length_unit",
     "load_robot",
     "robot_blocks",
@@ -610,6 +611,21 @@ def load_robot(name_or_path: str | Path) -> Robot:
 def robot_names() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
     return tuple(sorted(path.parent.name for path in data_folder("robots").glob("*/robot.toml")))
+
+
+def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
+    """n finite joint values as a read-only array.
+
+    Raises:
+        InvalidRequest: not n numbers, or one of them is not finite.
+    """
+    array = numbers(name, values, f"{robot.n} joint values")
+    if array.shape != (robot.n,):
+        raise InvalidRequest(name, f"shape {array.shape}", f"{robot.n} joint values, shape ({robot.n},)")
+    for joint, value in zip(robot.joint_names, array.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise InvalidRequest(name, value, f"a finite value for {joint}")
+    return array
 
 
 def length_unit(robot: Robot) -> str:

@@ -31,10 +31,10 @@ from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
 from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import Pace, PlanRequest, joint_vector
+from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.gripper import Gripper
-from planner_service.robot.model import Robot
+from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService

@@ -27,8 +27,9 @@ from planner_service.kinematics.inverse import ToolLine, require_joint_rate, shi
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting
-from planner_service.planning.request import Pace, clamp_note, clamped, joint_vector
+from planner_service.planning.request import Pace, clamp_note, clamped
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
+from planner_service.robot.model import joint_vector
 from planner_service.service import PlannerService
 
 __all__ = ["LINE_POINTS", "MAX_JOINT_RATE", "move_circular", "move_linear"]

@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from planner_service.decomposition.no_path import MOST_JOINTS, NoPath
+from planner_service.decomposition.walls import Witness
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Count, Joints, Numbers, Record, Text, at_most, of_length
 from planner_service.geometry.arrays import read_only
-from planner_service.infeasibility.no_path import MOST_JOINTS, NoPath
 from planner_service.infeasibility.reached import Reached
-from planner_service.infeasibility.walls import Witness
 from planner_service.records.result import PairList
 from planner_service.records.scene import Packed, packed, unpacked
 

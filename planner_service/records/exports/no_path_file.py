@@ -19,12 +19,12 @@ from planner_service.files.writing import write_whole
 from planner_service.geometry.composite import Compound, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.infeasibility import NoPath
-from planner_service.planning.request import joint_vector
 from planner_service.planning.world import World
 from planner_service.records.evidence import boxes_of, packed
 from planner_service.records.plan_file import OURS
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import MeshRecord, SceneRecord
+from planner_service.robot.model import joint_vector
 from planner_service.scene.names import Kind, Owner, owner_of
 
 __all__ = ["NO_PATH_FORMAT", "no_path_document", "save_no_path"]

@@ -69,7 +69,7 @@ def test_it_gives_up_after_so_many_pairs_of_solids(monkeypatch: pytest.MonkeyPat
     scene = Scene((disc("left", 0.5, 0.5), disc("right", 0.5, -0.5)))
     asked = list[int]()
     assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=asked.append) is not None
-    monkeypatch.setattr("planner_service.infeasibility.no_path.MOST_JUDGED", sum(asked) // 4)
+    monkeypatch.setattr("planner_service.decomposition.no_path.MOST_JUDGED", sum(asked) // 4)
     fewer = list[int]()
     assert prove_no_path(ARM, scene, [0.0, 0.0], [[3.0, 0.0]], charge=fewer.append) is None
     assert sum(fewer) < sum(asked)

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.certify.pairs import pairs_of_names
+from planner_service.decomposition.cells import CellArray, Cells
+from planner_service.decomposition.walls import Judgement, Middle, SolidPair, Walls, Witness, solid_pairs
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.validation import instance, items, whole
-from planner_service.infeasibility.cells import CellArray, Cells
-from planner_service.infeasibility.walls import Judgement, Middle, SolidPair, Walls, Witness, solid_pairs
-from planner_service.planning.request import joint_vector
-from planner_service.robot.model import TURN, Robot
+from planner_service.robot.model import TURN, Robot, joint_vector
 from planner_service.scene.scene import Scene
 
 __all__ = ["NoPath", "OpenWay", "divide", "prove_no_path"]

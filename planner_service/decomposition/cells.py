@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.decomposition.walls import Judgement
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
-from planner_service.infeasibility.walls import Judgement
 
 __all__ = ["CellArray", "Cells", "Region"]
 

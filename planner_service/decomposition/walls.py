@@ -17,10 +17,10 @@ import numpy as np
 
 from planner_service.certify import MARGIN
 from planner_service.certify.pairs import FIXED, Piece, ProofPairs
+from planner_service.decomposition.depth import inside_of
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
-from planner_service.infeasibility.depth import inside_of
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Names

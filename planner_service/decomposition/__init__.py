@@ -1,0 +1,1 @@
+"""Cell decomposition of joint space; its proofs are offered by ``planner_service.infeasibility``."""
