@@ -143,8 +143,8 @@ def _near_end(
     def s(distance: float) -> float:
         return span[1] - distance if last else begin + distance
 
-    at_end = [e for e in exempt if e.s_start <= s(0.0) <= e.s_end]
-    excused = {frozenset(pair) for e in at_end for pair in e.pairs}
+    throughout = [stretch for stretch in exempt if stretch.s_start <= span[0] and span[1] <= stretch.s_end]
+    excused = {frozenset(pair) for stretch in throughout for pair in stretch.pairs}
     pairs = {pair for pair in _touching(padded, path, s(0.0)) if frozenset(pair) not in excused}
     if not pairs:
         return None

@@ -294,6 +294,15 @@ def test_a_line_that_cannot_keep_the_padding_at_its_end_says_near_what_and_where
     assert picked(cell).segments[1].result.padding == 0.001
 
 
+def test_what_stood_on_something_is_near_it_at_the_end_of_the_line_alone(cell: PlannerService) -> None:
+    lift = picked(cell, request=asked(cell, padding=0.01)).segments[2].result
+    (near,) = lift.near_ends
+    (stood,) = lift.exempt
+    assert lift.padding == 0.01
+    assert near.pairs == (("block", "table"),)
+    assert stood.s_end < near.s_end < lift.unwrap()[0].length / 2
+
+
 def test_a_given_line_keeps_the_padding_asked_or_says_what_it_keeps(cell: PlannerService) -> None:
     home = cell.robot.home
     line = [home, home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])]
