@@ -31,6 +31,7 @@ __all__ = [
     "product",
     "read_only",
     "rpy_matrix",
+    "rpy_of",
     "set_fields",
     "vector",
 ]
@@ -139,6 +140,18 @@ def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def rpy_of(R: FloatArray) -> Vector:
+    """Roll, pitch and yaw of a rotation matrix (3, 3): ``rpy_matrix`` gives it again, up to rounding.
+
+    Near a pitch of a quarter turn yaw is anything, so roll is what is left of the rotation after that yaw.
+    """
+    (r00, r01, r02), (r10, r11, r12), (r20, _, _) = R.tolist()
+    across = math.hypot(r00, r10)
+    yaw = math.atan2(r10, r00) if across > 0.0 else 0.0
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (math.atan2(s * r02 - c * r12, c * r11 - s * r01), math.atan2(-r20, across), yaw)
 
 
 def axis_matrix(axis: Vector, angle: float) -> list[list[float]]:

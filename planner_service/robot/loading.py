@@ -12,7 +12,8 @@ import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
-from planner_service.geometry.shapes import Pose
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import number
 from planner_service.presentation.measures import outside_text
 from planner_service.robot.end_effector.finger_loading import (
@@ -24,6 +25,8 @@ from planner_service.robot.end_effector.finger_loading import (
 from planner_service.robot.end_effector.mounted_tool import with_tool
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import LinkFrame
+from planner_service.robot.macros.expansion import robot_folders
+from planner_service.robot.mjcf.mjcf_reader import read_mjcf
 from planner_service.robot.model import AllowedContact, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
@@ -31,18 +34,39 @@ from planner_service.robot.urdf_assembly import Assembly, assemble, locked_posit
 from planner_service.robot.urdf_model import Mimic, Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
 
-__all__ = ["Selection", "robot_from_file", "robot_from_urdf", "robot_of", "standing_joints"]
+__all__ = [
+    "LARGE",
+    "Selection",
+    "extent",
+    "is_mjcf",
+    "read_description",
+    "robot_from_file",
+    "robot_from_urdf",
+    "robot_of",
+    "standing_joints",
+    "tell_notes",
+    "unit_notes",
+    "without_passive",
+]
 
 HOME = "home"
+
+MJCF_SUFFIXES = (".xml", ".mjcf")
+
+LARGE = 5.0
+"""Metres: no link of an arm is larger."""
+
+TOLD = 20
+"""Notes of a file that are logged one by one."""
 
 logger = logging.getLogger(__name__)
 
 VELOCITY = {"revolute": 1.0, "prismatic": 0.1}
 """rad/s and m/s of a joint for which the URDF states none, or zero: slow enough for any arm."""
 ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
-"""rad/s^2 and m/s^2. URDF has no accelerations; these are common in MoveIt configurations."""
+"""rad/s^2 and m/s^2 where the URDF states none; these are common in MoveIt configurations."""
 JERK = {"revolute": 50.0, "prismatic": 10.0}
-"""rad/s^3 and m/s^3, our convention: full acceleration within about 60 ms."""
+"""rad/s^3 and m/s^3 where the URDF states none, our convention: full acceleration within about 60 ms."""
 
 
 def robot_from_file(path: Path) -> Robot:
@@ -55,6 +79,7 @@ def robot_from_file(path: Path) -> Robot:
     file = read_robot_file(path)
     table, limits = file.table, file.table.limits
     urdf = read_urdf(file.urdf, file.package_dirs, table.decompose)
+    tell_notes(file.urdf, (*urdf.notes, *unit_notes(urdf)))
     if table.tool is not None:
         try:
             urdf = with_tool(urdf, table.tool)
@@ -161,9 +186,10 @@ def _loose_limits(table: RobotTable, movable: Mapping[str, UrdfJoint]) -> list[s
         if name in movable:
             joint = movable[name]
             low, high = table.limits.position.lower[index], table.limits.position.upper[index]
-            if low < joint.lower or high > joint.upper:
+            lower, upper = joint.hard or (joint.lower, joint.upper)  # beyond soft limits: the file's author knows
+            if low < lower or high > upper:
                 problems.append(
-                    f"limits.position: {name} [{low:g}, {high:g}] exceeds the URDF's [{joint.lower:g}, {joint.upper:g}]"
+                    f"limits.position: {name} [{low:g}, {high:g}] exceeds the URDF's [{lower:g}, {upper:g}]"
                 )
             if 0.0 < joint.velocity < table.limits.velocity.values[index]:
                 problems.append(f"limits.velocity: {name} exceeds the URDF's {joint.velocity:g}")
@@ -201,7 +227,64 @@ class Selection:
 def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selection) -> Robot:
     """See ``Robot.from_urdf``."""
     as_seen = selection.visual_as_collision
-    return robot_of(path, read_urdf(path, package_dirs, selection.decompose, visual_as_collision=as_seen), selection)
+    urdf, srdf = read_description(path, package_dirs, selection.decompose, visual_as_collision=as_seen)
+    if srdf is not None and selection.srdf is not None:
+        raise InvalidRequest("srdf", str(selection.srdf), "none: MJCF has excluded contacts and keyframes of its own")
+    tell_notes(path, (*urdf.notes, *unit_notes(urdf)))
+    return robot_of(path, urdf, selection, srdf)
+
+
+def is_mjcf(path: Path) -> bool:
+    """Whether a file is MJCF, by its suffix."""
+    return path.suffix.lower() in MJCF_SUFFIXES
+
+
+def read_description(
+    path: Path,
+    package_dirs: Sequence[Path] = (),
+    decompose: Mapping[str, int] | None = None,
+    *,
+    visual_as_collision: bool = False,
+) -> tuple[Urdf, Srdf | None]:
+    """The robot of a URDF, xacro or MJCF file; of MJCF with what an SRDF would say, else None.
+
+    Raises:
+        InvalidFile, MissingDependency: as of ``read_urdf`` and ``read_mjcf``.
+        InvalidRequest: ``decompose`` or ``visual_as_collision`` for an MJCF file.
+    """
+    if not is_mjcf(path):
+        return read_urdf(path, package_dirs, decompose, visual_as_collision=visual_as_collision), None
+    for name, given in (("decompose", decompose), ("visual_as_collision", visual_as_collision)):
+        if given:
+            raise InvalidRequest(name, given, "none: it is for URDF; an MJCF file says by contype what collides")
+    return read_mjcf(path, robot_folders(path, package_dirs))
+
+
+def unit_notes(urdf: Urdf) -> list[str]:
+    """What of a robot is so large that it seems to be in millimetres, a line each."""
+    notes = []
+    for link in urdf.links:
+        for item in link.collisions:
+            size = extent(item.shape)
+            if float(size.max()) > LARGE:
+                right = 'scale="0.001 0.001 0.001"' if isinstance(item.shape, Mesh) else "a thousandth"
+                what = f"its {type(item.shape).__name__.lower()} is {float(size.max()):.3g} m long"
+                notes.append(f"link {link.name!r}: {what}; if that is millimetres, write {right}")
+                break
+    return notes
+
+
+def extent(shape: Shape) -> FloatArray:
+    """Sizes along x, y and z, in metres, of a shape in its own frame, (3,)."""
+    axes = np.eye(3)
+    return np.diagonal(shape.support(axes) - shape.support(-axes)).copy()
+
+
+def tell_notes(path: Path, notes: Sequence[str]) -> None:
+    """Log what was not understood of a file, or is not used, as warnings."""
+    more = [f"and {len(notes) - TOLD} more; robot check shows them all"] if len(notes) > TOLD else []
+    for note in (*notes[:TOLD], *more):
+        logger.warning("%s: %s", path, note)
 
 
 def robot_of(
@@ -216,9 +299,13 @@ def robot_of(
     Raises:
         GripperProblem: the gripper is none.
     """
+    if srdf is None:
+        srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
+        tell_notes(selection.srdf or path, srdf.notes)
     movable = _movable(urdf)
-    locked = standing_joints(urdf, selection)
     fingers = () if gripper is None else finger_joints(gripper, urdf)
+    selection = without_passive(selection, urdf, srdf, fingers)
+    locked = standing_joints(urdf, selection)
     if gripper is not None:
         locked = locked_positions(urdf, (), locked | closed_positions(gripper))
     names = selection.joints
@@ -237,8 +324,6 @@ def robot_of(
         problems.append("no joint moves")
     if problems:
         raise InvalidFile(path, problems)
-    if srdf is None:
-        srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
     tool = _last_link(urdf) if selection.tool_frame is None else selection.tool_frame
     assembly = assemble(urdf, names, locked)
     if not isinstance(tool, str) or tool not in assembly.frames:
@@ -283,6 +368,21 @@ def _dynamics(urdf: Urdf, assembly: Assembly, joints: Sequence[str]) -> Dynamics
             links.append(LinkInertia(link.name, body, inertial.mass, inertial.tensor, pose))
     efforts = {joint.name: joint.effort for joint in urdf.joints}
     return Dynamics(np.array([efforts[name] for name in joints]), tuple(links)) if links else None
+
+
+def without_passive(selection: Selection, urdf: Urdf, srdf: Srdf, fingers: Sequence[str] = ()) -> Selection:
+    """The selection with the passive joints of an SRDF locked where they are at home.
+
+    Those stay as they are that the caller names, that a gripper moves, or that mimic another joint.
+    """
+    chosen = {*selection.locked_joints, *(selection.joints or ()), *fingers}
+    at_home = srdf.states.get(HOME, {})
+    standing = {
+        joint.name: min(max(at_home.get(joint.name, _rest(joint)), joint.lower), joint.upper)
+        for joint in urdf.joints
+        if joint.name in srdf.passive and joint.name not in chosen and joint.mimic is None
+    }
+    return replace(selection, locked_joints={**standing, **selection.locked_joints})
 
 
 def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
@@ -374,20 +474,21 @@ def _velocity(joint: UrdfJoint) -> float:
 
 
 def _urdf_limits(urdf: Urdf, joints: Sequence[UrdfJoint], mimics: Mapping[str, Mimic]) -> JointLimits:
-    kinds = {joint.name: joint.kind for joint in urdf.joints}
+    by_name = {joint.name: joint for joint in urdf.joints}
 
-    def rates(usual: Mapping[str, float]) -> FloatArray:
-        own = {joint.name: usual[joint.kind] for joint in joints}
+    def rates(stated: str, usual: Mapping[str, float]) -> FloatArray:
+        own = {joint.name: getattr(joint, stated) or usual[joint.kind] for joint in joints}
         for name, mimic in mimics.items():
-            own[mimic.joint] = min(own[mimic.joint], usual[kinds[name]] / abs(mimic.multiplier))
+            limit = getattr(by_name[name], stated) or usual[by_name[name].kind]
+            own[mimic.joint] = min(own[mimic.joint], limit / abs(mimic.multiplier))
         return np.array([own[joint.name] for joint in joints])
 
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
         velocity=np.array([_velocity(joint) for joint in joints]),
-        acceleration=rates(ACCELERATION),
-        jerk=rates(JERK),
+        acceleration=rates("acceleration", ACCELERATION),
+        jerk=rates("jerk", JERK),
     )
 
 

@@ -1,4 +1,4 @@
-"""The content of a URDF as checked values, without materials, transmissions and plug-in tags."""
+"""The content of a URDF as checked values, without materials, transmissions and what is for other programs."""
 
 from __future__ import annotations
 
@@ -63,8 +63,9 @@ class Mimic:
 class UrdfJoint:
     """A joint; ``kind`` is revolute, prismatic or fixed; ``axis`` is a unit vector.
 
-    One that is ``continuous`` is revolute, and its limits are a whole turn either way.
-    ``velocity`` and ``effort`` are 0 where the file does not state them.
+    One that is ``continuous`` is revolute, and its limits are a whole turn either way. They are the soft
+    limits of the robot's own controller where these are narrower than those of its hardware, which are ``hard`` then.
+    ``velocity``, ``effort``, ``acceleration`` and ``jerk`` are 0 where the file does not state them.
     """
 
     name: str
@@ -80,6 +81,9 @@ class UrdfJoint:
     effort: float
     mimic: Mimic | None
     continuous: bool = False
+    hard: tuple[float, float] | None = None
+    acceleration: float = 0.0
+    jerk: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,8 @@ class Urdf:
     Attributes:
         unread_visuals: Why visual elements that the reader was asked for are missing, a line each.
         remarks: What the reader understood although it is written in an unusual way, a line each.
+        notes: What the reader did not understand, or does not use, without a harm to what it did; a line each.
+        unused_limits: Limits that joints without end have, a line each.
         description: Where it was read; None if it was no URDF.
     """
 
@@ -106,4 +112,6 @@ class Urdf:
     joints: tuple[UrdfJoint, ...]
     unread_visuals: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    unused_limits: tuple[str, ...] = ()
     description: Description | None = None

@@ -16,11 +16,13 @@ from xml.etree import ElementTree
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.numerals import plain_float
-from planner_service.geometry.arrays import vector
+from planner_service.geometry.arrays import rpy_matrix, rpy_of, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
-from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.presentation.progress import bar
+from planner_service.robot.elements.table import unlisted_words
+from planner_service.robot.elements.urdf import URDF
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
 from planner_service.robot.macros.expansion import expanded_xml, robot_folders
 from planner_service.robot.urdf_model import (
@@ -52,7 +54,10 @@ INSTEAD = {
 }
 """What to do about joints of several degrees of freedom, which have no limits."""
 UNIT = 1e-3
-"""How far the length of an axis may be from 1: it may be written with three digits."""
+"""How far the length of an axis, or of a quaternion, may be from 1: it may be written with three digits."""
+VERSIONS = ("1.0", "1.1", "1.2")
+SAME = 1e-6
+"""Between the entries of two rotations that say the same, of which one may be written with few digits."""
 
 
 def read_urdf(
@@ -132,6 +137,9 @@ class _Reader:
         self.problems: list[str] = []
         self.unread_visuals: list[str] = []
         self.remarks: list[str] = []
+        self.notes: list[str] = []
+        self.unused: list[str] = []
+        self.version = VERSIONS[0]
 
     def robot(self, root: ElementTree.Element) -> Urdf:
         link_elements, joint_elements = root.findall("link"), root.findall("joint")
@@ -139,6 +147,12 @@ class _Reader:
             if len(elements) > MAX_ELEMENTS:
                 self.problems.append(f"{len(elements)} {tag}; at most {MAX_ELEMENTS}")
                 return Urdf("", "", (), ())
+        unlisted = unlisted_words(root, URDF, as_seen=self.visual_as_collision)
+        self.problems += unlisted.refused
+        self.notes += unlisted.told
+        self.version = root.get("version", self.version)
+        if self.version not in VERSIONS:
+            self.problems.append(f"<robot> version = {self.version!r}; expected one of {', '.join(VERSIONS)}")
         name = self.text(root, "name", "robot")
         links = self.links(link_elements)
         shaped = {each.get("name") for each in link_elements if self.checked(each)[1]}
@@ -148,7 +162,16 @@ class _Reader:
         before = len(self.problems)
         top = self.tree(links, joints)
         top = top if len(self.problems) == before else ""
-        return Urdf(name, top, links, joints, tuple(self.unread_visuals), tuple(self.remarks))
+        return Urdf(
+            name,
+            top,
+            links,
+            joints,
+            unread_visuals=tuple(self.unread_visuals),
+            remarks=tuple(self.remarks),
+            notes=tuple(self.notes),
+            unused_limits=tuple(self.unused),
+        )
 
     def links(self, elements: Sequence[ElementTree.Element]) -> tuple[UrdfLink, ...]:
         """The links; where there are meshes, whose hulls take time, a bar on a terminal shows how many are read."""
@@ -217,12 +240,14 @@ class _Reader:
                 return (Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0))),)  # type: ignore[arg-type]
             if kind.tag == "cylinder":
                 return (Cylinder(self.number(kind, "radius", where, 1.0), self.number(kind, "length", where, 1.0)),)
+            if kind.tag == "capsule":
+                return (Capsule(self.number(kind, "radius", where, 1.0), self.number(kind, "length", where, 1.0)),)
             if kind.tag == "sphere":
                 return (Sphere(self.number(kind, "radius", where, 1.0)),)
         except InvalidRequest as error:
             self.problems.append(f"{where}: {error}" if kind.tag == "mesh" else f"{where}: {kind.tag} {error}")
             return ()
-        self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder, sphere or mesh")
+        self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder, sphere, capsule or mesh")
         return ()
 
     def inertial(self, link: ElementTree.Element, name: str) -> Inertial | None:
@@ -258,7 +283,11 @@ class _Reader:
             if not ends[-1]:
                 self.problems.append(f'{where}: expected <{tag} link="..."/>')
         xyz, rpy = self.origin(element, where)
-        lower, upper, velocity, effort = self.limits(element, kind, where)
+        low, high, velocity, effort = self.limits(element, kind, where)
+        hard = (low, high)
+        soft = self.soft_limits(element, kind, where, hard)
+        lower, upper = soft or hard
+        acceleration, jerk = self.rates(element, kind, where)
         return UrdfJoint(
             name=name,
             kind="revolute" if kind == "continuous" else kind,
@@ -273,6 +302,9 @@ class _Reader:
             effort=effort,
             mimic=self.mimic(element, where),
             continuous=kind == "continuous",
+            hard=None if soft is None else hard,
+            acceleration=acceleration,
+            jerk=jerk,
         )
 
     def axis(self, joint: ElementTree.Element, kind: str, where: str) -> Vector:
@@ -307,15 +339,66 @@ class _Reader:
         if effort < 0.0:
             self.problems.append(f"{where}: effort {effort:g}; expected at least 0")
         if kind == "continuous":
+            self.unused_limits(element, where)
             return (-span, span, velocity, effort)
-        lower = self.number(element, "lower", f"{where} limit", 0.0)
-        upper = self.number(element, "upper", f"{where} limit", lower)
+        optional = self.version != "1.2"
+        lower, upper = (
+            0.0 if optional and end not in element.attrib else self.number(element, end, f"{where} limit", 0.0)
+            for end in ("lower", "upper")
+        )
         if lower > upper:
             self.problems.append(f"{where}: lower {lower:g} is above upper {upper:g}")
             lower, upper = upper, lower
         if max(abs(lower), abs(upper)) > MAX_OFFSET:
             self.problems.append(f"{where}: limits {lower:g} .. {upper:g}; expected at most {MAX_OFFSET:g}")
         return (lower, upper, velocity, effort)
+
+    def unused_limits(self, limit: ElementTree.Element, where: str) -> None:
+        """Tell of limits of a continuous joint, which readers ignore; those of URDF 1.2 may not."""
+        given = [f"{end}={limit.get(end)!r}" for end in ("lower", "upper") if end in limit.attrib]
+        if given:
+            text = f"{where}: it is continuous, so {' and '.join(given)} have no effect; a revolute joint has limits"
+            (self.problems if self.version == "1.2" else self.unused).append(text)
+
+    def soft_limits(
+        self, joint: ElementTree.Element, kind: str, where: str, limits: tuple[float, float]
+    ) -> tuple[float, float] | None:
+        """The limits within which the robot's own controller keeps a joint, if they are narrower than its others.
+
+        There it slows down and stops, so a plan beyond them would not be followed. MoveIt uses them the same way.
+        """
+        element = self.one(joint, "safety_controller", where)
+        ends = ("soft_lower_limit", "soft_upper_limit")
+        if element is None or kind in ("fixed", "continuous") or not any(end in element.attrib for end in ends):
+            return None
+        where = f"{where} safety_controller"
+        if not all(end in element.attrib for end in ends):
+            self.problems.append(f"{where}: expected both {' and '.join(ends)}, or neither")
+            return None
+        given = self.number(element, ends[0], where, limits[0]), self.number(element, ends[1], where, limits[1])
+        lower, upper = max(limits[0], given[0]), min(limits[1], given[1])
+        if lower >= upper:
+            self.notes.append(
+                f"{where}: {given[0]:g} .. {given[1]:g} leave no room within {limits[0]:g} .. {limits[1]:g};"
+                " these soft limits are not used"
+            )
+            return None
+        return None if (lower, upper) == limits else (lower, upper)
+
+    def rates(self, joint: ElementTree.Element, kind: str, where: str) -> tuple[float, float]:
+        """Acceleration and jerk that the file states; 0 where it states none."""
+        element = joint.find("limit")
+        if element is None or kind == "fixed":
+            return (0.0, 0.0)
+        found = {}
+        for key in ("acceleration", "deceleration", "jerk"):
+            value = element.get(key, "").strip().lower()
+            found[key] = 0.0 if value in ("inf", "+inf") else self.optional(element, key, f"{where} limit", 0.0)
+            if found[key] < 0.0 or (key in element.attrib and found[key] == 0.0 and "inf" not in value):
+                self.problems.append(f"{where} limit: {key} {value}; expected a positive number")
+                found[key] = 0.0
+        stated = [found[key] for key in ("acceleration", "deceleration") if found[key]]
+        return (min(stated, default=0.0), found["jerk"])
 
     def mimic(self, joint: ElementTree.Element, where: str) -> Mimic | None:
         element = self.one(joint, "mimic", where)
@@ -374,7 +457,26 @@ class _Reader:
         if max(abs(value) for key in read for value in read[key]) > MAX_OFFSET:
             self.problems.append(f"{where}: origin {read['xyz']} {read['rpy']}; expected at most {MAX_OFFSET:g}")
             return zero, zero
-        return read["xyz"], read["rpy"]  # type: ignore[return-value]
+        rpy = vector(read["rpy"])
+        if "quat_xyzw" in origin.attrib:
+            rpy = self.turned(origin, where, rpy if "rpy" in origin.attrib else None)
+        return vector(read["xyz"]), rpy
+
+    def turned(self, origin: ElementTree.Element, where: str, rpy: Vector | None) -> Vector:
+        """Roll, pitch and yaw of the quaternion of an origin; ``rpy`` is what the origin gives besides."""
+        if self.version == "1.0":
+            self.problems.append(
+                f'{where}: origin quat_xyzw is a word of URDF 1.1; write <robot version="1.1">, or rpy instead'
+            )
+        x, y, z, w = self.numbers(origin, "quat_xyzw", 4, f"{where} origin", (0.0, 0.0, 0.0, 1.0))
+        norm = math.sqrt(x * x + y * y + z * z + w * w)
+        if not abs(norm - 1.0) <= UNIT:
+            self.problems.append(f"{where}: origin quat_xyzw has length {norm:.4g}; expected 1")
+            return (0.0, 0.0, 0.0)
+        R = Pose((0.0, 0.0, 0.0), (w / norm, x / norm, y / norm, z / norm)).matrix[:3, :3]
+        if rpy is not None and abs(R - rpy_matrix(*rpy)).max() > SAME:
+            self.problems.append(f"{where}: origin rpy and quat_xyzw are different rotations; expected one of them")
+        return rpy_of(R)
 
     def one(self, element: ElementTree.Element, tag: str, where: str) -> ElementTree.Element | None:
         """The child with that tag, if any; several are a problem, because readers differ in which one they use."""

@@ -19,19 +19,21 @@ from enum import Enum
 from pathlib import Path
 
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.validation import flag, items
 from planner_service.presentation.measures import numbers_text
-from planner_service.robot.macros.expansion import package_folders
+from planner_service.robot.loading import LARGE, is_mjcf
+from planner_service.robot.macros.expansion import package_folders, robot_folders
+from planner_service.robot.mjcf.mjcf_reader import inspect_mjcf
 from planner_service.robot.model import Robot
 from planner_service.robot.urdf_model import Urdf, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import inspect_urdf
 from planner_service.robot_setup.overhang import extent, overhangs
-from planner_service.robot_setup.urdf_robot import described_robot, free_home
+from planner_service.robot_setup.urdf_robot import FoundSrdf, described_robot, free_home, srdf_of
 from planner_service.robot_setup.visuals import Visual, visuals_of
 from planner_service.scene.scene import Scene
 
@@ -40,8 +42,8 @@ __all__ = ["Finding", "FindingKind", "RobotCheck", "check_robot"]
 FAST_TURN, MOST_DEGREES = 4.0 * math.pi, 720.0
 """A joint that turns more than twice either way is rare; the largest limit in degrees that a joint of an arm has."""
 
-LARGE, SMALL = 5.0, 0.002
-"""Metres: no link of an arm is larger, and no mesh of one is smaller."""
+SMALL = 0.002
+"""Metres: no mesh of a link is smaller."""
 
 OVERHANG = 0.002
 """Metres by which visual meshes may extend beyond the checked shapes without a word."""
@@ -67,6 +69,8 @@ class FindingKind(Enum):
     VELOCITY = "velocity"
     EFFORT = "effort"
     FURNITURE = "furniture"
+    LIMITS = "limits"
+    NOT_UNDERSTOOD = "not understood"
     UNREAD_VISUAL = "unread visual"
 
 
@@ -130,11 +134,11 @@ def check_robot(
     file = as_path("path", path)
     folders = [as_path("package_dirs", folder) for folder in items("package_dirs", package_dirs, object, "folders")]
     as_seen = flag("visual_as_collision", visual_as_collision)
-    urdf, problems = inspect_urdf(file, (*folders, *package_folders(file)), visual_as_collision=as_seen)
+    urdf, found_srdf, problems = _inspected(file, (*folders, *package_folders(file)), as_seen=as_seen)
     robot = None
     if urdf.root:
         try:
-            robot = described_robot(file, urdf)
+            robot = described_robot(file, urdf, found_srdf)
         except InvalidFile as error:
             problems = problems or error.problems  # else perhaps because of a stand-in
     visuals = visuals_of(urdf)
@@ -149,12 +153,37 @@ def check_robot(
             Finding(FindingKind.AXIS, text, "write one of length 1", joints=_named(text, urdf)[1])
             for text in urdf.remarks
         ),
+        *(Finding(FindingKind.LIMITS, text, joints=_named(text, urdf)[1]) for text in urdf.unused_limits),
+        *_not_understood(urdf, found_srdf),
         *_unstated(urdf),
         *_furniture(urdf, robot),
         *(() if problems or robot is None else _home(robot)),
         *(Finding(FindingKind.UNREAD_VISUAL, text, links=_named(text, urdf)[0]) for text in urdf.unread_visuals),
     ]
     return RobotCheck(file, tuple(found), robot, visuals, beyond)
+
+
+def _inspected(file: Path, folders: Sequence[Path], *, as_seen: bool) -> tuple[Urdf, FoundSrdf, Sequence[str]]:
+    """What a file says, and its problems."""
+    if not is_mjcf(file):
+        urdf, problems = inspect_urdf(file, folders, visual_as_collision=as_seen)
+        return urdf, srdf_of(file, urdf) if urdf.root else FoundSrdf(), problems
+    if as_seen:
+        raise InvalidRequest("visual_as_collision", as_seen, "False: an MJCF file says by contype what collides")
+    try:
+        urdf, srdf, problems = inspect_mjcf(file, robot_folders(file, folders))
+    except InvalidFile as error:
+        return Urdf("", "", (), ()), FoundSrdf(), error.problems
+    return urdf, FoundSrdf(srdf), problems
+
+
+def _not_understood(urdf: Urdf, srdf: FoundSrdf) -> Iterator[Finding]:
+    for text in urdf.notes:
+        links, joints = _named(text, urdf)
+        yield Finding(FindingKind.NOT_UNDERSTOOD, text, links=links, joints=joints)
+    for text in (*srdf.content.notes, *srdf.problems):
+        where = "" if srdf.path is None else f"{srdf.path.name}: "
+        yield Finding(FindingKind.NOT_UNDERSTOOD, f"{where}{text}")
 
 
 def _named(text: str, urdf: Urdf) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -12,6 +12,7 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Shape
 from planner_service.robot.kinematic_tree import LinkShape
+from planner_service.robot.loading import extent as extent_of_shape
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.visuals import Visual
 
@@ -33,8 +34,7 @@ def extent(appearance: Shape | Surface) -> FloatArray:
     """Sizes along x, y and z, in metres, of a shape or surface in its own frame, (3,)."""
     if isinstance(appearance, Surface):
         return np.asarray(np.ptp(appearance.vertices, axis=0))
-    axes = np.eye(3)
-    return np.diagonal(appearance.support(axes) - appearance.support(-axes)).copy()
+    return extent_of_shape(appearance)
 
 
 def overhangs(robot: Robot, visuals: Mapping[str, Sequence[Visual]]) -> dict[str, float]:

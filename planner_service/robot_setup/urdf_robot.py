@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,21 +14,17 @@ from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.loading import HOME, Selection, robot_of
-from planner_service.robot.macros.expansion import package_folders, robot_folders
+from planner_service.robot.loading import HOME, Selection, read_description, robot_of, tell_notes, unit_notes
+from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, usable_srdf
 from planner_service.robot.urdf_model import Urdf
-from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.gripper_detection import find_gripper
 from planner_service.robot_setup.link_pair import columns_between
-from planner_service.robot_setup.mjcf_reader import read_mjcf
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
 from planner_service.scene.scene import Scene
 
-__all__ = ["described_robot", "free_home", "load_urdf"]
-
-MJCF_SUFFIXES = (".xml", ".mjcf")
+__all__ = ["FoundSrdf", "described_robot", "free_home", "load_urdf", "srdf_of"]
 
 READY = "ready"
 """What MoveIt's configurations call the pose at rest if they do not call it home."""
@@ -61,10 +57,15 @@ def load_urdf(path: Path) -> Robot:
             warning.
     """
     read_bytes(path, MAX_XML_BYTES)  # refuses what is no path
-    if path.suffix.lower() in MJCF_SUFFIXES:
-        robot = described_robot(path, *read_mjcf(path, robot_folders(path, package_folders(path))))
-    else:
-        robot = described_robot(path, read_urdf(path, package_folders(path)))
+    urdf, srdf = read_description(path, package_folders(path))
+    tell_notes(path, (*urdf.notes, *unit_notes(urdf)))
+    found = srdf_of(path, urdf) if srdf is None else FoundSrdf(srdf)
+    tell_notes(found.path or path, found.content.notes)
+    if found.problems:
+        more = f" and {len(found.problems) - TOLD} more" if len(found.problems) > TOLD else ""
+        of_it = "" if found.path is None else "not used of it: "
+        logger.warning("%s: %s%s%s", found.path or path, of_it, "; ".join(found.problems[:TOLD]), more)
+    robot = described_robot(path, urdf, found)
     home = free_home(robot)
     if home is robot.home:
         return robot
@@ -75,13 +76,23 @@ def load_urdf(path: Path) -> Robot:
     return _at_home(robot, home)
 
 
-def described_robot(path: Path, urdf: Urdf, srdf: Srdf | None = None) -> Robot:
-    """The robot that was read from ``path``, as ``load_urdf`` gives it, but with a home that may collide.
+@dataclass(frozen=True, eq=False)
+class FoundSrdf:
+    """What an SRDF says, or a file that needs none.
 
-    Args:
-        srdf: What an SRDF says; the one beside the file if None.
+    Attributes:
+        path: The SRDF that was found; None if there is none.
+        problems: Why parts of it are not used, a line each.
     """
-    file, srdf = _srdf_beside(path, urdf) if srdf is None else (None, srdf)
+
+    content: Srdf = field(default_factory=Srdf)
+    path: Path | None = None
+    problems: tuple[str, ...] = ()
+
+
+def described_robot(path: Path, urdf: Urdf, found: FoundSrdf) -> Robot:
+    """The robot that was read from ``path``, as ``load_urdf`` gives it, but with a home that may collide."""
+    file, srdf = found.path, found.content
     hand, tool = find_gripper(urdf, srdf), next(iter(srdf.tips), None)
     if hand is None:
         robot = robot_of(path, urdf, Selection(tool), srdf)
@@ -106,24 +117,22 @@ def _whence(tool: str | None, srdf: Path | None) -> str:
     return f"{chain}; SRDF: {'none' if srdf is None else srdf}"
 
 
-def _srdf_beside(path: Path, urdf: Urdf) -> tuple[Path | None, Srdf]:
-    """The SRDF of the URDF at ``path`` and its content; None and an empty one if there is none."""
+def srdf_of(path: Path, urdf: Urdf) -> FoundSrdf:
+    """The SRDF of the URDF at ``path``, if there is one."""
     own = path.resolve().parent
     folders = (own, own.parent / "srdf", own.parent / "config")
     files = [file for folder in folders for file in sorted(folder.glob("*.srdf"))]
     chosen = [file for file in files if file.stem == path.stem]
     chosen = chosen[:1] or [file for file in files if _robot_name(file) == urdf.name]
-    if len(chosen) != 1:
-        return None, Srdf()
+    if len(chosen) > 1:
+        return FoundSrdf(problems=(f"no SRDF is used: {', '.join(map(str, chosen))} are all of robot {urdf.name!r}",))
+    if not chosen:
+        return FoundSrdf()
     try:
         srdf, problems = usable_srdf(chosen[0], urdf)
     except InvalidFile as error:  # nobody asked for it, and without it more pairs are checked
-        logger.warning("%s is not used: %s", chosen[0], "; ".join(error.problems))
-        return None, Srdf()
-    if problems:
-        more = f" and {len(problems) - TOLD} more" if len(problems) > TOLD else ""
-        logger.warning("%s: not used of it: %s%s", chosen[0], "; ".join(problems[:TOLD]), more)
-    return chosen[0], srdf
+        return FoundSrdf(problems=(f"{chosen[0]} is not used: {'; '.join(error.problems)}",))
+    return FoundSrdf(srdf, chosen[0], tuple(problems))
 
 
 def _robot_name(file: Path) -> str | None:

@@ -14,7 +14,7 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.exports.trajectory_export import on_one_clock, sampled
 from planner_service.robot.macros.expansion import package_folders, robot_folders
-from planner_service.robot_setup.mjcf_reader import joint_places
+from planner_service.robot.mjcf.mjcf_reader import joint_places
 from planner_service.tasks.result import Segment
 
 __all__ = ["BEGINNING", "keyframes_text"]

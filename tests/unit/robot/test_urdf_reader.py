@@ -91,7 +91,7 @@ BAD = [
     (BOX, '<box size="0.1,0.2,0.3"/>', "expected 3 finite numbers"),
     (BOX, '<box size="1_0 0.2 0.3"/>', "expected 3 finite numbers"),
     (BOX, "<box/>", "size = None; expected 3 finite numbers"),
-    (BOX, '<cone radius="1"/>', "unknown geometry <cone>; expected box, cylinder, sphere or mesh"),
+    (BOX, '<cone radius="1"/>', "unknown geometry <cone>; expected box, cylinder, sphere, capsule or mesh"),
     (f"<geometry>{BOX}</geometry>", "", "<geometry> has 0 shapes; expected exactly one"),
     (BOX, BOX + BOX, "<geometry> has 2 shapes; expected exactly one"),
     ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>', "'wrist': <origin> is given 2 times"),

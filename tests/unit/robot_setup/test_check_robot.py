@@ -148,6 +148,18 @@ FAULTS = {
         "link 'side_table': seems to be part of the scene; as part of the robot it may touch obstacles; make it an "
         "obstacle of the scene",
     ),
+    "limits of a joint without end": (
+        '"turn" type="revolute"',
+        '"turn" type="continuous"',
+        K.LIMITS,
+        "joint 'turn': it is continuous, so lower='-3.0' and upper='3.0' have no effect; a revolute joint has limits",
+    ),
+    "a word of another program": (
+        HEAD,
+        HEAD + "<drake:proximity/>",
+        K.NOT_UNDERSTOOD,
+        "link 'head': <drake:proximity> is not known, and has no effect",
+    ),
     "a visual mesh that is missing": (
         HEAD,
         HEAD + looks('<mesh filename="head.dae"/>'),

@@ -1,9 +1,10 @@
 """A script that compiles an MJCF file with mujoco, in a process of its own, and tells what the robot is made of.
 
 Nothing imports it. Its job has ``file``; it answers with JSON: ``problem``, or ``name``, ``bodies``, ``joints``,
-``geoms``, ``meshes`` (vertices), ``excludes``, ``follows`` (equalities of joints), ``loops`` (other equalities),
-``keys``, ``qpos``, ``velocities`` (how many), and ``places`` (of each joint its name, if it has one, and its place in
-both). Quaternions are wxyz, angles in rad; bodies, joints, meshes and types are numbers, as mujoco has them.
+``geoms``, ``sites`` (body, name, place) of those with a name, ``meshes`` (vertices), ``excludes``, ``follows``
+(equalities of joints), ``loops`` (other equalities), ``keys``, ``qpos``, ``velocities`` (how many), and ``places`` (of
+each joint its name, if it has one, and its place in both). Quaternions are wxyz, angles in rad; bodies, joints, meshes
+and types are numbers, as mujoco has them.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
             follows.append([one, two, model.eq_data[k][:5].tolist()])
         elif model.eq_active0[k]:
             loops.append(f"{mujoco.mjtEq(model.eq_type[k]).name[5:].lower()} {named('equality', k)!r}")
+    paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
     starts = model.mesh_vertadr.tolist()
     ends = [*starts[1:], len(model.mesh_vert)]
     return {
@@ -54,7 +56,12 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
             [named("joint", k), *row, float(model.qpos0[at]), top if forced else 0.0]
             for k, (*row, at, forced, (_, top)) in enumerate(joints)
         ],
-        "geoms": [[named("geom", k), *row] for k, (*row, one, two) in enumerate(geoms) if one or two],
+        "geoms": [[named("geom", k), *row] for k, (*row, one, two) in enumerate(geoms) if one or two or k in paired],
+        "sites": [
+            [int(model.site_bodyid[k]), name, model.site_pos[k].tolist(), model.site_quat[k].tolist()]
+            for k in range(model.nsite)
+            if (name := str(model.site(k).name))
+        ],
         "meshes": [model.mesh_vert[a:b].tolist() for a, b in zip(starts, ends, strict=False)],
         "excludes": [[pair >> 16, pair & 0xFFFF] for pair in model.exclude_signature.tolist()],
         "follows": follows,

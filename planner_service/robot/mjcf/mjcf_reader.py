@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -20,15 +19,17 @@ from planner_service.concurrency.confined import ScriptFailed, run_confined
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import MAX_XML_BYTES, Malformed, parse_xml, read_xml
-from planner_service.geometry.arrays import FloatArray, Vector
+from planner_service.geometry.arrays import FloatArray, Vector, rpy_of, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.robot.elements.mjcf import MJCF
+from planner_service.robot.elements.table import unlisted_words
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, MAX_ELEMENTS, MAX_OFFSET
 
-__all__ = ["JointPlaces", "joint_places", "read_mjcf"]
+__all__ = ["JointPlaces", "inspect_mjcf", "joint_places", "read_mjcf"]
 
 SECONDS = 60
 MEMORY = 8_000_000_000
@@ -52,15 +53,14 @@ MAX_INCLUDED = 100
 BALL_POINTS = 400
 """Points on the unit ball whose hull, scaled, encloses an ellipsoid: it grows by less than 1 %."""
 
-logger = logging.getLogger(__name__)
-
 
 def read_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf]:
     """The robot of an MJCF file, and what a URDF has no place for: excluded contacts, and keyframes as named poses.
 
-    Links are bodies; geoms that collide with anything are their shapes. An ellipsoid becomes a polytope around it,
-    which is logged with its growth; planes, which are no part of a robot, are left out, which is logged, too. A joint
-    that follows another by an equality mimics it. mujoco compiles the file in a process of its own, in 60 s and 8 GB.
+    Links are bodies; geoms that collide with anything are their shapes. Each site that has a name is a link without
+    shapes, fixed to its body. An ellipsoid becomes a polytope around it, and planes, which are no part of a robot, are
+    left out: ``Urdf.notes`` says so, and what else has no effect. A hinge without a range is continuous. A joint that
+    follows another by an equality mimics it. mujoco compiles the file in a process of its own, in 60 s and 8 GB.
 
     Args:
         folders: Resolved folders in which all files that it names have to be; the file's own first.
@@ -69,12 +69,22 @@ def read_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf]:
         InvalidFile: with every problem of the file; ball and free joints are among them, with what to do instead.
         MissingDependency: mujoco is not installed.
     """
-    reader = _Reader(_compiled(path, folders))
-    if reader.problems:
-        raise InvalidFile(path, reader.problems)
-    for note in reader.notes:
-        logger.warning("%s: %s", path, note)
-    return reader.urdf, reader.srdf
+    urdf, srdf, problems = inspect_mjcf(path, folders)
+    if problems:
+        raise InvalidFile(path, problems)
+    return urdf, srdf
+
+
+def inspect_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf, Sequence[str]]:
+    """What ``read_mjcf`` would give, and its problems; each has left a stand-in value.
+
+    Raises:
+        InvalidFile: mujoco cannot compile the file.
+        MissingDependency: as of ``read_mjcf``.
+    """
+    root = _whole(path, folders)
+    reader = _Reader(_compiled(path, folders), [*unlisted_words(root, MJCF).told])
+    return reader.urdf, reader.srdf, reader.problems
 
 
 @dataclass(frozen=True)
@@ -146,6 +156,31 @@ def _require_inside(path: Path, folders: Sequence[Path]) -> None:
             raise InvalidFile(path, [f"file {name!r} lies outside the folders that may be read ({allowed})"])
 
 
+def _whole(path: Path, folders: Sequence[Path]) -> ElementTree.Element:
+    """The file with what it includes in the places of the ``<include>``, as far as that can be found."""
+    _require_inside(path, folders)
+    own, left = path.resolve().parent, [MAX_INCLUDED]
+
+    def fill(element: ElementTree.Element, folder: Path) -> None:
+        children = []
+        for child in element:
+            places = [start / child.get("file", "") for start in dict.fromkeys((own, folder))]
+            file = next((each for each in places if _inside(each, folders) and each.is_file()), None)
+            if child.tag == "include" and file is not None and left[0] > 0:
+                left[0] -= 1
+                included = _included(file)
+                fill(included, file.parent)
+                children += list(included)
+            else:
+                fill(child, folder)
+                children.append(child)
+        element[:] = children
+
+    root = read_xml(path, "mujoco")
+    fill(root, own)
+    return root
+
+
 def _inside(path: Path, folders: Sequence[Path]) -> bool:
     real = path.resolve()
     return any(real.is_relative_to(folder) for folder in folders)
@@ -161,9 +196,9 @@ def _included(file: Path) -> ElementTree.Element:
 class _Reader:
     """Turns what ``mjcf_child`` tells into links and joints, and collects problems and notes."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
+    def __init__(self, told: dict[str, Any], notes: list[str]) -> None:
         self.problems = [f"{loop}: a closed loop of bodies; expected a tree" for loop in told["loops"]]
-        self.notes: list[str] = []
+        self.notes = notes
         self.told = told
         self.names = [body[0] for body in told["bodies"]]
         mimics = self.mimics()
@@ -175,11 +210,16 @@ class _Reader:
                 made = self.joints(name, self.names[parent], Pose(at, quat).matrix, chain, mimics)
                 links += [UrdfLink(joint.child, (), None) for joint in made[:-1]]
                 joints += made
+        for index, name, at, quat in told["sites"]:
+            taken = any(link.name == name for link in links) or name in self.names
+            link, T = f"site/{name}" if taken else name, Pose(at, quat).matrix
+            links.append(UrdfLink(link, (), None))
+            joints.append(_fixed(link, self.names[index], T))
         for kind, each in (("body", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
             self.problems += [f"{kind} {name!r} would be there {n} times" for name, n in Counter(each).items() if n > 1]
         if len(links) > MAX_ELEMENTS:
             self.problems.append(f"{len(links)} bodies; at most {MAX_ELEMENTS}")
-        self.urdf = Urdf(told["name"], self.names[0], tuple(links), tuple(joints))
+        self.urdf = Urdf(told["name"], self.names[0], tuple(links), tuple(joints), notes=tuple(self.notes))
         excluded = tuple(
             AllowedContact((self.names[a], self.names[b]), "excluded in the MJCF")
             for a, b in told["excludes"]
@@ -209,15 +249,12 @@ class _Reader:
             T = _shift([-each for each in at])
             ends = (made[-1].child if made else parent, f"{label}_anchor")
             limits = (float(low), float(high), 0.0, float(effort))
-            made.append(UrdfJoint(label, KINDS[kind], *ends, xyz, rpy, tuple(axis), *limits, mimics.get(k)))
+            endless = kind == "hinge" and not limited
+            made.append(UrdfJoint(label, KINDS[kind], *ends, xyz, rpy, tuple(axis), *limits, mimics.get(k), endless))
         if made and np.array_equal(T, np.eye(4)):
             made.append(replace(made.pop(), child=name))
         else:
-            xyz, rpy = _origin(T)
-            above = made[-1].child if made else parent
-            made.append(
-                UrdfJoint(f"{name}_fixed", "fixed", above, name, xyz, rpy, (1.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, None)
-            )
+            made.append(_fixed(name, made[-1].child if made else parent, T))
         return made
 
     def mimics(self) -> dict[int, Mimic]:
@@ -284,6 +321,12 @@ def _around_ball() -> FloatArray:
     return points * ((1.0 + 1e-9) / float(Mesh(points).offsets.min()))
 
 
+def _fixed(name: str, parent: str, T: FloatArray) -> UrdfJoint:
+    """The joint that fixes a link to its parent at T in it."""
+    xyz, rpy = _origin(T)
+    return UrdfJoint(f"{name}_fixed", "fixed", parent, name, xyz, rpy, (1.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, None)
+
+
 def _inertial(
     mass: float, at: Vector, quat: tuple[float, float, float, float], moments: Sequence[float]
 ) -> Inertial | None:
@@ -315,9 +358,4 @@ def _motion(kind: str, axis: Sequence[float], by: float) -> FloatArray:
 
 def _origin(T: FloatArray) -> tuple[Vector, Vector]:
     """xyz and rpy of a 4 x 4 pose, as URDF writes them: the rotation is yaw after pitch after roll."""
-    (r00, _, _, x), (r10, r11, r12, y), (r20, r21, r22, z) = T[:3].tolist()
-    across = math.hypot(r00, r10)
-    pitch = math.atan2(-r20, across)
-    if across < 1e-9:
-        return (x, y, z), (math.atan2(-r12, r11), pitch, 0.0)
-    return (x, y, z), (math.atan2(r21, r22), pitch, math.atan2(r10, r00))
+    return vector(T[:3, 3].tolist()), rpy_of(T[:3, :3])

@@ -1,0 +1,1 @@
+"""Reading MJCF files with mujoco."""
