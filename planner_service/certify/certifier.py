@@ -96,7 +96,7 @@ class ExemptInterval:
         pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
         if self.depth is not None:
             where = f"from s = {self.s_start:.3f} to {self.s_end:.3f}"
-            return f"at most {self.depth * 1e3:.4f} mm deep {where}: {pairs} ({self.reason})"
+            return f"overlapping by at most {self.depth * 1e3:.4f} mm {where}: {pairs} ({self.reason})"
         return f"not judged from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs} ({self.reason})"
 
 
