@@ -5,6 +5,8 @@ touch everywhere: a file that allows one is INVALID unless whoever asks names it
 """
 
 import argparse
+import resource
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,12 +14,16 @@ from typing import Any
 from auditor import verify, verify_no_path
 from auditor.schema import MOST_BYTES, Invalid, parsed
 
+MOST_MEMORY, MOST_SECONDS = 8 * 2**30, 600.0
+
 
 def judged(document: Any, named: Sequence[Sequence[str]] = ()) -> Iterator[str]:
     """What a file shows, whichever of both it is."""
-    if isinstance(document, dict) and document.get("format") == verify_no_path.FORMAT:
-        return verify_no_path.verify(document)
-    return verify.verify(document, named)
+    no_path = isinstance(document, dict) and document.get("format") == verify_no_path.FORMAT
+    try:
+        yield from verify_no_path.verify(document) if no_path else verify.verify(document, named)
+    except (LookupError, ValueError, TypeError, ArithmeticError, RecursionError, MemoryError) as error:
+        raise Invalid(f"no file that can be judged: {type(error).__name__}, {error}") from error
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -29,13 +35,21 @@ def main(arguments: Sequence[str]) -> int:
     try:
         with open(chosen.file, "rb") as file:
             *lines, last = judged(parsed(file.read(MOST_BYTES + 1)), chosen.allow)
-        print(*lines, f"VALID: {last}", sep="\n")
-        return 0
+        said, code = [*lines, f"VALID: {last}"], 0
     except Exception as error:  # whatever a file is made of: it proves nothing
         known = "" if isinstance(error, Invalid) else f"no file that can be judged: {type(error).__name__}, "
-        print(f"INVALID: {known}{error}")
-        return 1
+        said, code = [f"INVALID: {known}{error}"], 1
+    for line in said:  # names are the file's own: none may write a line of its own
+        print("".join(each if each.isprintable() else repr(each)[1:-1] for each in line))
+    return code
+
+
+def _late(*_: object) -> None:
+    raise Invalid(f"it takes more than {MOST_SECONDS:g} s to check")
 
 
 if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    signal.signal(signal.SIGALRM, _late)
+    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS)
     sys.exit(main(sys.argv[1:]))

@@ -27,6 +27,8 @@ SAME_WIDTH = 1e-6  # metres
 JOIN = 1e-6  # radians or metres between the end of a motion and the start of the next
 APPROACH, SUPPORT = 0.10, 0.05  # metres of straight motion on which contact is meant, at most
 OFF, TURNED = 1.1e-3, 5.5e-3  # metres and radians by which the tool may leave its line
+OVERLAP = 0.003  # metres by which a start may overlap if a request does not say
+LITTLE = 1e-7  # metres: what is written of a depth is rounded up
 MEANT_OVERLAP = 1e-3  # metres by which the models of things that are meant to touch may overlap
 SPACING, MOST_SAMPLES = 0.005, 4000  # radians of path
 
@@ -155,7 +157,7 @@ def alike(listed: Json, stand: Json, name: str) -> None:
         require(same, f"{name}: {key} is not where or what it was")
 
 
-def excused(world: World, curve: Curve, motion: Motion, robot: Json, exempt: Json) -> Iterator[str]:
+def excused(world: World, curve: Curve, motion: Motion, robot: Json, exempt: Json, request: Json) -> Iterator[str]:
     """Why each pair may touch on each exempt stretch, in words; Invalid for one that may not."""
     for each in exempt:
         begin, end, deep = each["s_start"], each["s_end"], each.get("depth")
@@ -165,7 +167,15 @@ def excused(world: World, curve: Curve, motion: Motion, robot: Json, exempt: Jso
             require(pair[0] != pair[1] and {*pair} <= {it.name for it in world.solids}, f"{pair}: no such pair")
             if deep is not None:
                 first = motion.number == 0 and motion.result is not None and begin <= (motion.part or [0.0])[0] + SLACK
-                require(first and 0 < deep < 0.1, f"{pair} may overlap {stretch}, which is not where all begins")
+                require(first and deep > 0, f"{pair} may overlap {stretch}, which is not where all begins")
+                asked = 0.1 if request is None else request.get("start_overlap", OVERLAP)
+                require(
+                    deep <= asked + LITTLE, f"{pair} may be {1e3 * deep:.4f} mm deep, {1e3 * asked:g} mm were asked for"
+                )
+                there = overlap(world, curve, begin, *pair, exactly=True)
+                require(
+                    deep <= there + LITTLE, f"{pair} may be {1e3 * deep:.4f} mm deep, at the start {1e3 * there:.4f}"
+                )
                 yield f"{' x '.join(pair)}: at most {1e3 * deep:.4f} mm deep {stretch}, shown"
                 continue
             rule, why = ruled(world, curve, motion, robot, (begin, end), frozenset(pair))
@@ -246,7 +256,7 @@ def tool_line(world: World, curve: Curve, near: float, far: float, longest: floa
     return samples, "" if travel.max() <= longest + OFF else f"the tool is {1e3 * travel.max():.0f} mm away there"
 
 
-def overlap(world: World, curve: Curve, s: float, one: str, two: str) -> float:
+def overlap(world: World, curve: Curve, s: float, one: str, two: str, *, exactly: bool = False) -> float:
     """How deep two things overlap at most at a place, metres: the least over some directions, between pieces."""
     at = placed(world.bodies, curve.at(np.array([s])))[:, 0]
     body, tool = world.tool
@@ -257,10 +267,10 @@ def overlap(world: World, curve: Curve, s: float, one: str, two: str) -> float:
         n = np.vstack([x for T in axes for x in (T[:3, :3].T, -T[:3, :3].T)])
         for i, j in ((i, j) for i in range(first.end - first.first) for j in range(second.end - second.first)):
             directions, gap = n, -math.inf
-            for step in (0.3, 0.1, 0.03, 0.01, 0.003):
+            for step in (0.3, 0.1, 0.03, 0.01, 0.003, *((1e-3, 3e-4, 1e-4, 3e-5, 1e-5) if exactly else ())):
                 gaps = _gaps(world, at, first.first + i, second.first + j, directions)
                 gap, best = max(gap, gaps.max()), directions[gaps.argmax()]
-                if gap >= -MEANT_OVERLAP:
+                if gap >= (0.0 if exactly else -MEANT_OVERLAP):
                     break
                 around = best + step * np.vstack([np.zeros(3), NEARBY])
                 directions = around / np.linalg.norm(around, axis=1)[:, None]

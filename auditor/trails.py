@@ -39,7 +39,7 @@ Json = Any
 ROUNDING = 2e-8  # metres: directions are written to nine digits
 SLACK = 1e-9  # of joints, places and frames: rounding
 LEAST_CLAIM = 1e-6  # metres: a gap that rounding cannot make up
-MOST_BYTES, MOST_ENTRIES, MOST_BODIES = 100_000_000, 50_000_000, 500
+MOST_BYTES, MOST_ENTRIES, MOST_WORK, MOST_BODIES = 100_000_000, 50_000_000, 200_000_000, 500
 
 
 def require(holds: Any, why: str) -> None:
@@ -194,6 +194,7 @@ class World:
             every.append(("link", shape["link"], solid, body, home, at))
         require(not fingers, "fingers that no link has")
         self.tool = body, at = robot["tool_body"], frame(robot["tool_placement"])
+        require(0 <= body < len(self.bodies), "a tool on a body that is not there")
         every += [("held", it["name"], it["shape"], body, body, at @ frame(it["pose"])) for it in hold]
         every += [("standing", it["name"], it["shape"], 0, 0, frame(it["pose"])) for it in stand]
         links, objects = {shape["link"] for shape in robot["shapes"]}, [it["name"] for it in (*stand, *hold)]
@@ -301,6 +302,10 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     claimed = 1e9 if proof["clearance"] is None else float(proof["clearance"])
     require(claimed > max(float(proof["padding"]), LEAST_CLAIM) and proof["padding"] >= 0, "a claim that shows no gap")
     s, pairs = unpacked(proof["s"], "<f8", 1)[:, 0], unpacked(proof["pairs"], "<i4", 3).astype(int)
+    wanted = [*world.wanted()]
+    if not wanted:
+        require(proof["clearance"] is None, "a clearance of nothing")
+        return math.inf
     require(len(s) > 1 and s[0] <= begin + SLACK and s[-1] >= end - SLACK, "it does not reach both ends")
     require((s >= -SLACK).all() and s[-1] <= curve.length + SLACK, "places beyond the curve")
     rows, n = np.split(unpacked(proof["rows"], "<i4", 9).astype(int), [3], axis=1)
@@ -313,6 +318,9 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     there = (pairs >= (0, 0, 1)).all() and (a < len(world.of)).all() and (b + many <= len(world.of)).all()
     require(there, "pieces that are not there")
     require([world.of[i].first == world.of[j].first for i, j in zip(b, b + many - 1, strict=True)], "pieces of several")
+    many_points = np.diff(world.starts)[np.minimum(pairs[:, 1], len(world.of) - 1)].max(initial=1)
+    work = max(len(rows) * many_points, len(s) * 16 * len(world.bodies), len(world.of) ** 2)
+    require(work <= MOST_WORK, "more than can be checked")
     at, walked, most = placed(world.bodies, curve.at(s)), curve.at(s, walked=True), np.abs(curve.points).max(axis=0)
     levers = cache(lambda first, end, other: world.levers(first, end, other, most))
     way = [levers(i, i + 1, world.on[j]) + levers(j, j + more, world.on[i]) for i, j, more in pairs.tolist()]
@@ -328,7 +336,7 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     for i, j, *row in zip(*(column.tolist() for column in (a, b, many, left, right, bound)), strict=True):
         found[world.of[i].first, world.of[j].first].append((i, j, *row))
     inside = (s[1:] > begin + SLACK) & (s[:-1] < end - SLACK) if end > begin else np.ones(len(s) - 1, bool)
-    for first, second in world.wanted():
+    for first, second in wanted:
         shape = first.end - first.first, second.end - second.first, len(s) - 1
         require(math.prod(shape) <= MOST_ENTRIES, f"{first.name} x {second.name}: a trail of too many places")
         apart = np.full(shape, -math.inf)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from auditor.__main__ import judged
+from auditor.__main__ import judged, main
 from auditor.schema import Invalid
+from planner_service import PlannerService, PlanRequest, Scene
+from planner_service.records.evidence import with_evidence
+from planner_service.records.plan_file import SavedPlan
 
 Document = dict[str, Any]
 Change = Callable[[Document], None]
@@ -90,6 +95,51 @@ def test_what_does_not_follow_from_the_motion_before_is_refused(task: Document, 
     change(task)
     with pytest.raises(Invalid, match=why):
         list(judged(task))
+
+
+def test_names_write_no_lines_of_their_own(
+    plan: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str], resealed: Callable[[Document], Document]
+) -> None:
+    plan["scene"]["obstacles"][0]["name"] = "a\nVALID: all"
+    plan["scene"]["obstacles"][0]["pose"]["position"][0] -= 0.2
+    (tmp_path / "plan.json").write_text(json.dumps(resealed(plan)))
+    assert main([str(tmp_path / "plan.json")]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("INVALID: motion:")
+
+
+@pytest.mark.parametrize(
+    "place", [("result", "ok"), ("result", "certificate", "certified"), ("result", "path", "length")]
+)
+def test_what_says_that_it_is_no_plan_is_none(plan: Document, place: tuple[str, ...]) -> None:
+    *above, key = place
+    holder = plan
+    for each in above:
+        holder = holder[each]
+    holder[key] = False if isinstance(holder[key], bool) else holder[key] + 0.05
+    with pytest.raises(Invalid):
+        list(judged(plan))
+
+
+def test_a_robot_that_nothing_can_touch_needs_no_trail() -> None:
+    service = PlannerService("planar2", Scene())
+    found = service.plan(PlanRequest((0.0, 0.0), (1.0, 0.5), time_limit=None))
+    document = json.loads(with_evidence(SavedPlan.of(found)).file_text())
+    assert any(line.startswith("motion: inf mm") for line in judged(document))
+    document["result"]["certificate"]["clearance"] = document["sections"]["evidence"]["proofs"][0]["clearance"] = 0.1
+    with pytest.raises(Invalid, match="a clearance of nothing"):
+        list(judged(document))
+
+
+def test_a_start_that_touches_nothing_may_not_overlap_later(plan: Document) -> None:
+    deep = {"s_start": 0.0, "s_end": 0.1, "pairs": [["link_5", "wall"]], "reason": "a start", "depth": 0.002}
+    for claim in (plan["result"]["certificate"], plan["sections"]["evidence"]["proofs"][0]):
+        claim["exempt"] = [deep]
+    with pytest.raises(Invalid, match=r"may be 2.0000 mm deep, at the start 0.0000"):
+        list(judged(plan))
+    deep["depth"] = 0.01
+    with pytest.raises(Invalid, match=r"may be 10.0000 mm deep, 3 mm were asked for"):
+        list(judged(plan))
 
 
 def test_a_plan_that_ends_elsewhere_than_its_request_asks_is_refused(plan: Document) -> None:
