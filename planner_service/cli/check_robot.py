@@ -31,7 +31,7 @@ def _of_its_own() -> None:
     epilog="\b\nExample:\n  planner-service robot check arm.urdf --png arm.png",
 )
 def check(
-    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description.")],
+    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description: URDF, xacro or MJCF.")],
     package_dir: Annotated[
         list[str] | None, typer.Option(metavar="DIR", help="A folder to search for meshes. May be repeated.")
     ] = None,

@@ -317,7 +317,7 @@ def doctor(
 
 
 def import_robot_(
-    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description.")],
+    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description: URDF, xacro or MJCF.")],
     out: Annotated[
         str, typer.Option(metavar="DIR", help="Folder for robot.toml and for copies of the URDF and meshes.")
     ],

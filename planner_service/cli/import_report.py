@@ -81,6 +81,7 @@ def to_check(imported: ImportedRobot, source: Source) -> list[str]:
         locked = ", ".join(f"{name} = {position:g}" for name, position in robot.locked_joints)
         lines.append(f"locked: {locked}")
     lines.append("acceleration and jerk limits are conventions: URDF has none")
+    lines += [f"not understood: {note}" for note in imported.notes]
     given = [f for f in table.of(ContactKind.GIVEN) if f.share > 0.0]
     lines += [f"the SRDF allows pairs that can collide: {_named(given)}"] if given else []
     always = table.of(ContactKind.ALWAYS)
@@ -119,7 +120,9 @@ def import_record(imported: ImportedRobot) -> dict[str, Any]:
     files = {"robot_toml": str(imported.path), "urdf": str(imported.urdf), "meshes": meshes}
     agreement = {"reader": "yourdfpy", **asdict(imported.agreement)}
     robot = robot_record(imported.robot)
-    return {**files, "second_reader": agreement, "robot": robot, "samples": imported.table.samples, "pairs": pairs}
+    return {**files, "second_reader": agreement, "robot": robot, "samples": imported.table.samples, "pairs": pairs} | {
+        "notes": list(imported.notes)
+    }
 
 
 def _named(findings: Iterable[PairFinding]) -> str:

@@ -1,4 +1,4 @@
-"""A robot.toml worked out from a URDF: limits with sources, allowed contacts with reasons, ready to edit."""
+"""A robot.toml worked out from a URDF or an MJCF file: limits with sources, allowed contacts with reasons."""
 
 from __future__ import annotations
 
@@ -22,8 +22,20 @@ from planner_service.geometry.mesh_formats import MAX_BYTES
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.validation import copied_in, flag, instance, items
 from planner_service.parallel.engine import Engine
-from planner_service.robot.loading import ACCELERATION, JERK, VELOCITY, Selection, robot_of, standing_joints
+from planner_service.robot.end_effector.finger_loading import finger_joints
+from planner_service.robot.loading import (
+    ACCELERATION,
+    JERK,
+    VELOCITY,
+    Selection,
+    is_mjcf,
+    robot_of,
+    standing_joints,
+    unit_notes,
+    without_passive,
+)
 from planner_service.robot.macros.expansion import expanded_xml, package_folders, robot_folders
+from planner_service.robot.mjcf.mjcf_reader import read_mjcf
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
@@ -37,6 +49,7 @@ from planner_service.robot_setup.self_collision_matrix import (
     contact_table,
     quick_table,
 )
+from planner_service.robot_setup.urdf_writer import write_urdf
 from planner_service.scene.scene import Scene
 
 __all__ = ["ImportedRobot", "Source", "import_robot"]
@@ -50,7 +63,8 @@ MESHES = "meshes"
 class Source:
     """Where a robot comes from; as ``Robot.from_urdf`` takes it.
 
-    With ``visual_as_collision`` the copy of the URDF has collision elements where only visual ones were.
+    With ``visual_as_collision`` the copy of the URDF has collision elements where only visual ones were. ``urdf`` may
+    be MJCF, too, which brings what an SRDF says itself: the copy is then a URDF worked out from it.
 
     Raises:
         InvalidRequest: a path is none.
@@ -109,6 +123,7 @@ class ImportedRobot:
         agreement: How closely yourdfpy, which read the URDF as well, agrees.
         proven: Whether each pair of links was looked at; else only those that always overlap were.
         seconds: What it took.
+        notes: What was not understood of the files, or is not used, a line each.
     """
 
     robot: Robot
@@ -120,6 +135,7 @@ class ImportedRobot:
     table: ContactTable
     proven: bool
     seconds: float
+    notes: tuple[str, ...] = ()
 
 
 def import_robot(
@@ -154,21 +170,61 @@ def import_robot(
     flag("force", force)
     flag("prove", prove)
     folder = as_path("out", out)
+    if not is_mjcf(source.urdf):
+        return _imported(source, folder, begun, force=force, prove=prove, engine=engine, progress=progress)
+    if source.srdf is not None or source.visual_as_collision:
+        field = "visual_as_collision" if source.srdf is None else "srdf"
+        raise InvalidRequest(field, getattr(source, field), "none: MJCF says itself what collides and what may touch")
+    urdf, srdf = read_mjcf(source.urdf, source.folders)
+    with tempfile.TemporaryDirectory() as place:
+        copy = Path(place, f"{source.urdf.stem}.urdf")
+        write_urdf(urdf, copy)
+        of_it = replace(source, urdf=copy, package_dirs=())
+        described = _Described(source.urdf, srdf, urdf.notes)
+        return _imported(of_it, folder, begun, described, force=force, prove=prove, engine=engine, progress=progress)
+
+
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """The file that a URDF was worked out from, what it says beyond that, and what is not used of it."""
+
+    path: Path
+    srdf: Srdf
+    notes: tuple[str, ...]
+
+
+def _imported(
+    source: Source,
+    folder: Path,
+    begun: float,
+    described: _Described | None = None,
+    *,
+    force: bool,
+    prove: bool,
+    engine: Engine | None,
+    progress: bool | None,
+) -> ImportedRobot:
+    """As ``import_robot``, of a URDF."""
+    original = source.urdf if described is None else described.path
     text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
     root = expanded_xml(source.urdf, source.folders)
     if source.visual_as_collision:
         _check_as_seen(root)
     if _serialised(root) != _serialised(read_xml(source.urdf, "robot")):
-        text = f"<!-- worked out from {source.urdf.name} -->\n{_serialised(root)}\n"
+        text = f"<!-- worked out from {original.name} -->\n{_serialised(root)}\n"
     toml, copy = folder / ROBOT_FILE, folder / source.copy_name
     urdf = read_urdf(source.urdf, source.folders, visual_as_collision=source.visual_as_collision)
-    srdf = Srdf() if source.srdf is None else read_srdf(source.srdf, urdf)
+    srdf = _given_srdf(source, urdf) if described is None else described.srdf
+    notes = (*urdf.notes, *(() if described is None else described.notes), *srdf.notes, *unit_notes(urdf))
     hand = find_gripper(urdf, srdf, source.tool_frame) if source.joints is None else None
     if hand is not None and not source.locked_joints.keys().isdisjoint(hand.table.joints):
         hand = None
+    fingers = () if hand is None else finger_joints(hand.table, urdf)
+    locked = without_passive(source.selection, urdf, srdf, fingers).locked_joints
+    source = replace(source, locked_joints=locked)
     selection = source.selection if hand is None else replace(source.selection, tool_frame=hand.tool_frame)
     robot = robot_of(source.urdf, urdf, selection, srdf)  # its fingers are joints, so that pairs with them are known
-    agreement = compare_with_yourdfpy(robot, source.urdf, root, standing_joints(urdf, source.selection))
+    agreement = compare_with_yourdfpy(robot, original, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
     if in_place and source.visual_as_collision:
         raise InvalidRequest("out", str(folder), "another folder than the URDF's own, which is left as it is")
@@ -182,12 +238,16 @@ def import_robot(
         robot = robot_of(source.urdf, urdf, selection, srdf, hand.table)
         table = replace(table, findings=tuple(_standing_open(finding, robot) for finding in table.findings))
     robot = replace(robot, allowed_contacts=table.allowed)
-    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf), table, hand).encode()
+    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf, original.name), table, hand).encode()
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
     seconds = time.perf_counter() - begun
-    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, prove, seconds)
+    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, prove, seconds, notes)
+
+
+def _given_srdf(source: Source, urdf: Urdf) -> Srdf:
+    return Srdf() if source.srdf is None else read_srdf(source.srdf, urdf)
 
 
 def _standing_open(finding: PairFinding, robot: Robot) -> PairFinding:
@@ -288,17 +348,18 @@ def _require_same(robot: Robot, files: Mapping[str, bytes], path: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """A URDF as it is, and as it was understood."""
+    """A URDF as it is, and as it was understood, and the name of the file that was imported."""
 
     root: ElementTree.Element
     urdf: Urdf
+    name: str
 
 
 def _text(robot: Robot, source: Source, read: _Read, table: ContactTable, hand: FoundGripper | None) -> str:
     """The whole robot.toml."""
     limits = robot.limits
     lines = [
-        f"# {robot.name}, imported from {source.urdf.name}. Please review and edit.",
+        f"# {robot.name}, imported from {read.name}. Please review and edit.",
         "# Angles in rad, lengths in m, times in s.",
         f"name = {_quoted(robot.name)}",
         f"urdf = {_quoted(source.copy_name)}",
@@ -319,8 +380,8 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable, hand: 
     lines += [f"upper = {_numbers(limits.upper.tolist())}", f"source = {_quoted(position)}"]
     for kind, values, words in (
         ("velocity", limits.velocity, velocity),
-        ("acceleration", limits.acceleration, _convention(ACCELERATION, "^2", "usual in MoveIt configurations")),
-        ("jerk", limits.jerk, _convention(JERK, "^3", "full acceleration within about 60 ms")),
+        ("acceleration", limits.acceleration, _rates_source(robot, read, "acceleration")),
+        ("jerk", limits.jerk, _rates_source(robot, read, "jerk")),
     ):
         lines += ["", f"[limits.{kind}]", f"values = {_numbers(values.tolist())}", f"source = {_quoted(words)}"]
     return "\n".join(map(_printable, [*lines, "", *_contacts(robot, table)])) + "\n"
@@ -385,6 +446,9 @@ def _urdf_sources(robot: Robot, read: _Read) -> tuple[str, str]:
     turning = [joint.get("name", "") for joint in endless if joint.get("name") in robot.joint_names]
     silent = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and not joint.velocity]
     position = velocity = "URDF <limit>"
+    soft = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and joint.hard is not None]
+    if soft:
+        position += f"; soft limits of <safety_controller> for {', '.join(soft)}"
     if turning:
         position += f"; convention: {', '.join(turning)} continuous, {CONTINUOUS_RANGE:.4f} rad (a turn) either way"
     if silent:
@@ -393,9 +457,20 @@ def _urdf_sources(robot: Robot, read: _Read) -> tuple[str, str]:
     return position, velocity
 
 
-def _convention(values: Mapping[str, float], power: str, why: str) -> str:
+def _rates_source(robot: Robot, read: _Read, kind: str) -> str:
+    """Where acceleration or jerk limits come from."""
+    silent = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and not getattr(joint, kind)]
+    if not silent:
+        return "URDF <limit>"
+    values, power, why = {
+        "acceleration": (ACCELERATION, "^2", "usual in MoveIt configurations"),
+        "jerk": (JERK, "^3", "full acceleration within about 60 ms"),
+    }[kind]
     turning, sliding = values["revolute"], values["prismatic"]
-    return f"convention: {turning!r} rad/s{power} ({sliding!r} m/s{power} sliding), {why}; URDF states none"
+    convention = f"convention: {turning!r} rad/s{power} ({sliding!r} m/s{power} sliding), {why}"
+    if len(silent) == robot.n:
+        return f"{convention}; URDF states none"
+    return f"URDF <limit>; {convention}, for {', '.join(silent)}, which has none"
 
 
 _HEADS = {

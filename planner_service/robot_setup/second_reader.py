@@ -7,7 +7,9 @@ would notice. It is looked for where a URDF becomes a robot of ours.
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -85,10 +87,20 @@ def compare_with_yourdfpy(
 
 
 def _geometry_of(root: ElementTree.Element) -> io.BytesIO:
-    """A URDF of the links with their collision shapes, and of the joints."""
+    """A URDF 1.0 of the links with their collision shapes, and of the joints."""
+    from scipy.spatial.transform import Rotation  # as slow to import as the reader
+
     robot = ElementTree.Element("robot", root.attrib)
     for element in root:
         if element.tag in ("link", "joint"):
             copy = ElementTree.SubElement(robot, element.tag, element.attrib)
-            copy.extend(child for child in element if child.tag not in NO_GEOMETRY)
+            copy.extend(deepcopy(child) for child in element if child.tag not in NO_GEOMETRY)
+    for capsule in robot.iter("capsule"):  # of URDF 1.2; where the shape is, not what, is compared
+        capsule.tag = "cylinder"
+    for origin in robot.iter("origin"):
+        if "quat_xyzw" in origin.attrib:  # of URDF 1.1, which yourdfpy does not read
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # about angles that are not unique, which is no matter
+                turn = Rotation.from_quat([*map(float, origin.attrib.pop("quat_xyzw").split())])
+                origin.set("rpy", " ".join(map(repr, turn.as_euler("xyz").tolist())))
     return io.BytesIO(ElementTree.tostring(robot))

@@ -49,7 +49,7 @@ _GEOM = rule(
     (NONE, "hfield", "height fields are refused"),
     (NONE, "condim friction priority gap margin adhesion surfacevel", "how contacts feel; here nothing may touch"),
     (NONE, "solref solimp solmix fluidcoef fluidshape group material rgba user", USER),
-    children={"plugin": rule(READ, "a shape by a plugin (sdf) is refused")},
+    children={"plugin": rule(READ, "a shape by a plugin (sdf) is refused", whole=True)},
 )
 _SITE = rule(
     READ,
@@ -94,6 +94,19 @@ _BODY = rule(
 for _tag in ("body", "frame", "replicate"):
     _BODY.children[_tag] = _BODY  # type: ignore[index]
 
+_TENDON = rule(
+    NONE,
+    DYNAMICS,
+    (WARNED, "range", "joints whose sum a tendon limits are planned for as if each were free"),
+    (
+        NONE,
+        "name class limited group margin material rgba width user springlength stiffness damping frictionloss armature"
+        " actuatorfrclimited actuatorfrcrange solreflimit solimplimit solreffriction solimpfriction",
+        DYNAMICS,
+    ),
+    children={tag: rule(NONE, "of a tendon") for tag in ("site", "geom", "pulley", "joint")},
+)
+
 _DEFAULT = rule(
     READ,
     "mujoco puts them in their places",
@@ -103,7 +116,7 @@ _DEFAULT = rule(
         "mesh": rule(READ, "", (READ, "scale", ""), (NONE, "inertia maxhullvert", "the whole hull is checked")),
         "pair": rule(NONE, "how contacts feel"),
         "equality": rule(READ, "", (READ, "active", ""), (NONE, "solref solimp", DYNAMICS)),
-        "tendon": _FORCES,
+        "tendon": _TENDON,
     }
     | dict.fromkeys(("texture", "material", "camera", "light"), _SEEN)
     | dict.fromkeys(
@@ -116,29 +129,14 @@ _DEFAULT = rule(
 )
 _DEFAULT.children["default"] = _DEFAULT  # type: ignore[index]
 
-_TENDON = rule(
-    NONE,
-    DYNAMICS,
-    (WARNED, "range limited", "joints whose sum a tendon limits are planned for as if each were free"),
-    (
-        NONE,
-        "name class group margin material rgba width user springlength stiffness damping frictionloss armature"
-        " actuatorfrclimited actuatorfrcrange solreflimit solimplimit solreffriction solimpfriction",
-        DYNAMICS,
-    ),
-    children={tag: rule(NONE, "of a tendon") for tag in ("site", "geom", "pulley", "joint")},
-)
-
-_EQUALITY = rule(
-    READ, "an active one closes a loop and is refused", (READ, "active", ""), (NONE, "name class solref solimp", USER)
-)
+_EQUALITY = rule(READ, "an active one closes a loop and is refused", whole=True)
 
 MJCF = rule(
     READ,
     "",
     (READ, "model", "the robot's name"),
     children={
-        "compiler": rule(READ, "units, Euler angles and folders, as mujoco reads them"),
+        "compiler": rule(READ, "units, Euler angles and folders, as mujoco reads them", whole=True),
         "option": _FORCES,
         "size": rule(NONE, "memory of the simulator"),
         "statistic": _SEEN,
@@ -157,10 +155,10 @@ MJCF = rule(
                     _CLASS,
                     (READ, "file vertex face scale refpos refquat builtin params content_type", ""),
                     (NONE, "inertia maxhullvert smoothnormal normal texcoord material", "the whole hull is checked"),
-                    children={"plugin": rule(READ, "mujoco makes the mesh")},
+                    children={"plugin": rule(READ, "mujoco makes the mesh", whole=True)},
                 ),
-                "hfield": rule(READ, "refused where a geom uses it"),
-                "model": rule(READ, "another model, for <attach>"),
+                "hfield": rule(READ, "refused where a geom uses it", whole=True),
+                "model": rule(READ, "another model, for <attach>", whole=True),
                 "skin": _SEEN,
                 "texture": _SEEN,
                 "material": _SEEN,

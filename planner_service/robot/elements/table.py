@@ -68,11 +68,16 @@ def rule(
     looks: bool = False,
     has_text: bool = False,
     one_child: bool = False,
+    whole: bool = False,
 ) -> Rule:
-    """A rule; one without an effect on planning, and without anything listed inside, may hold what it will."""
+    """A rule; one without an effect on planning, and without anything listed inside, may hold what it will.
+
+    Args:
+        whole: The same of an element that something else reads and judges.
+    """
     given = {name: (what, reason) for what, names, reason in attributes for name in names.split()}
     inside = children or {}
-    closed = effect is Effect.READ or bool(given or inside)
+    closed = not whole and (effect is Effect.READ or bool(given or inside))
     return Rule(effect, why, given, inside, closed, extensible, looks, has_text, one_child)
 
 

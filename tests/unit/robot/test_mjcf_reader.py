@@ -5,14 +5,19 @@ from __future__ import annotations
 import logging
 import re
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
+from planner_service.robot.elements.mjcf import MJCF
+from planner_service.robot.elements.table import unlisted_words
 from planner_service.robot.model import Robot, load_robot
+from planner_service.robot_setup.check_robot import FindingKind, check_robot
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -146,3 +151,84 @@ def test_what_cannot_be_shown_is_refused_with_what_to_do(tmp_path: Path, old: st
     path = written(tmp_path, text)
     with pytest.raises(InvalidFile, match=problem):
         load_robot(path)
+
+
+def test_sites_are_frames_and_the_tool_frame_may_be_one(tmp_path: Path) -> None:
+    site = '<site name="tcp" pos="0 0 0.1" euler="0.3 0 0"/><site name="tip" pos="1 0 0"/><site pos="2 0 0"/>'
+    path = written(tmp_path, ARM.replace('range="-1 1"/>', f'range="-1 1"/>{site}'))
+    robot = load_robot(path)
+    assert robot.tool_frame == "tcp"
+    assert [frame.link for frame in robot.link_frames if "t" in frame.link][-2:] == ["tcp", "site/tip"]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, q = mujoco.MjData(model), [0.4, 0.1, -0.6, 0.3]
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    for name in ("tcp", "site/tip"):
+        T = Robot.from_urdf(path, tool_frame=name).tool_pose(q)
+        k = model.site(name.removeprefix("site/")).id
+        assert np.abs(T[:3, :3] - data.site_xmat[k].reshape(3, 3)).max() < 1e-12
+        assert np.abs(T[:3, 3] - data.site_xpos[k]).max() < 1e-12
+
+
+def test_a_hinge_without_a_range_turns_without_end(tmp_path: Path) -> None:
+    assert load_robot(written(tmp_path)).continuous == (False, False, True, False)
+    limited = ARM.replace('<joint name="swing"', '<joint name="swing" range="-1 1" limited="false"')
+    assert load_robot(written(tmp_path, limited)).continuous == (False, False, True, False)
+
+
+def test_a_geom_that_a_pair_names_is_a_shape(tmp_path: Path) -> None:
+    ghost = '<geom name="ghost" type="sphere" size="0.02" contype="0" conaffinity="0"/>'
+    path = written(tmp_path, ARM.replace('<geom type="capsule"', f'{ghost}<geom name="trunk" type="capsule"'))
+    assert sum(item.link == "column" for item in load_robot(path).shapes) == 1
+    pair = '<contact><pair geom1="ghost" geom2="trunk"/>'
+    path.write_text(path.read_text().replace("<contact>", pair))
+    assert sum(item.link == "column" for item in load_robot(path).shapes) == 2
+
+
+TENDON = '<tendon><fixed name="both" range="0 1"><joint joint="turn" coef="1"/><joint joint="wrist" coef="1"/></fixed>'
+
+
+def test_what_of_a_model_is_not_planned_for_is_told_of_by_load_and_check(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    part = '<mujoco><tendon><fixed name="more" range="0 1"><joint joint="turn" coef="1"/></fixed></tendon></mujoco>'
+    (tmp_path / "part.xml").write_text(part)
+    path = written(tmp_path, ARM.replace("<contact>", f'{TENDON}</tendon><include file="part.xml"/><contact>'))
+    with caplog.at_level(logging.WARNING):
+        load_robot(path)
+    found = [f.text for f in check_robot(path).findings if f.kind is FindingKind.NOT_UNDERSTOOD]
+    text = "range='0 1' has no effect: joints whose sum a tendon limits are planned for as if each were free"
+    assert found[0] == f"fixed 'both': {text} (and in 1 more places)"
+    assert found[1] == "geom 'floor': a plane is no part of a robot; put it into the scene"
+    assert all(each in caplog.text for each in found)
+
+
+def test_each_word_that_mujoco_knows_is_in_the_table() -> None:
+    words = re.sub(r"\n {20,}", " ", mujoco.mj_printSchema(False, False)).splitlines()
+    open_elements = [ElementTree.Element("mujoco", {"model": ""})]
+    for line in filter(str.strip, words[1:]):
+        depth = (len(line) - len(line.lstrip())) // 3
+        tag, _, names = re.split(r"(\([?*!R]\))", line.strip(), maxsplit=1)
+        tag = tag.strip().replace("(world)body", "worldbody")
+        child = ElementTree.SubElement(open_elements[depth - 1], tag, dict.fromkeys(names.split(), ""))
+        del open_elements[depth:]
+        open_elements.append(child)
+    told = unlisted_words(open_elements[0], MJCF).told
+    assert [text for text in told if "unknown" in text or "not known" in text] == []
+
+
+@pytest.mark.parametrize("given", [{"decompose": {"tip": 2}}, {"visual_as_collision": True}, {"srdf": "arm.srdf"}])
+def test_what_only_a_urdf_takes_is_refused_for_mjcf(tmp_path: Path, given: dict[str, Any]) -> None:
+    path = written(tmp_path)
+    with pytest.raises(InvalidRequest, match="MJCF"):
+        Robot.from_urdf(path, **given)
+
+
+def test_an_mjcf_file_with_problems_is_checked_with_all_of_them(tmp_path: Path) -> None:
+    path = written(tmp_path, ARM.replace('type="slide" axis="1 0 0" range="0 0.2"', 'type="slide" axis="1 0 0"'))
+    found = check_robot(path)
+    assert not found.ok
+    assert [f.text for f in found.findings if f.is_error] == ["joint 'slide': slides without a range; expected one"]
+    assert found.robot is not None
+    path.write_text("<mujoco><worldbody><boody/></worldbody></mujoco>")
+    assert "mujoco cannot compile it" in check_robot(path).findings[0].text
