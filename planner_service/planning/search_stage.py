@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, cycle, pairwise, repeat
+from itertools import count, cycle, islice, pairwise, repeat
 
 import numpy as np
 
@@ -62,6 +62,9 @@ requested. Edges are then sampled as closely: between two samples nothing comes 
 
 ROOMIER_STATES = 40_000
 """States that a search may check for a path with more padding than a line that is free keeps: four short tries."""
+
+MAX_WAYS = 16
+"""Free lines away from an end that are tried for one on which only what is close comes closer than the padding."""
 
 FIRST_TRIES, FIRST_STATES = 4, 10_000
 """Tries before they become longer, and the states of each; a fourth of the states where there are few."""
@@ -231,19 +234,23 @@ def _leads(context: PlanContext, ends: Ends, searching: SearchRound) -> list[Flo
         tight = SearchOracle(searching.checker(context, padding), [q], ())
         roomy_places = (p for p in near(q, roomy.robot.limits, rng) if roomy.state_is_free(p))
         close = [(contact.a, contact.b) for contact in roomy.contacts(q)]
-        lead = next((p for p in roomy_places if _leaves(q, p, tight, close, roomy)), None)
+        ways = (p for p in roomy_places if tight.edge_is_free(q, p, known=Known.BOTH))
+        lead: FloatArray | None = None
+        for p in islice(ways, MAX_WAYS):
+            if _leaves(q, p, close, roomy):
+                lead = p
+                break
+            lead = p if lead is None else lead
         if lead is None:
             return None
         leads.append(lead)
     return leads
 
 
-def _leaves(
-    q: FloatArray, p: FloatArray, tight: SearchOracle, close: Sequence[tuple[str, str]], roomy: CollisionChecker
-) -> bool:
-    """Whether an end is left on a free line on which only what is close to it comes closer than the padding."""
+def _leaves(q: FloatArray, p: FloatArray, close: Sequence[tuple[str, str]], roomy: CollisionChecker) -> bool:
+    """Whether an end is left on a line on which only what is close to it comes closer than the padding."""
     line = JointPath(np.array([q, p]))
-    return tight.edge_is_free(q, p, known=Known.BOTH) and free_but_for(close, line, (0.0, line.length), roomy)
+    return free_but_for(close, line, (0.0, line.length), roomy)
 
 
 def _in_vain(ends: Ends, leads: list[FloatArray], narrow: Candidates) -> bool:
