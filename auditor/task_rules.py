@@ -307,7 +307,9 @@ def reached(document: Json, last: Motion) -> Iterator[str]:
     require(len(request["start"]) == len(turns), "a start of other joints")
     begins = last.part is not None or away(request["start"], last.points[0]) <= near
     require(begins, "it does not begin at the start that was asked for")
+    begun = "it begins where the request asks" if last.part is None else "it begins on its way"
     if index is None:
+        yield f"{begun}; it ends at no goal"
         return
     require(0 <= index < len(request["goals"]), "a goal that is not there")
     goal = request["goals"][index]
@@ -317,5 +319,6 @@ def reached(document: Json, last: Motion) -> Iterator[str]:
     elif goal["room"] is None:
         require(close(tool_at(robot, last.points[-1:])[0], frame(goal["pose"])), f"it does not end at goal {index}")
     else:
+        yield f"{begun}; not verified: that it ends within the tolerances of goal {index}"
         return
-    yield "it begins and ends where the request asks"
+    yield f"{begun} and ends at goal {index}"

@@ -25,6 +25,10 @@ Json = Any
 OVER = 1e-5  # share by which a limit may be exceeded: rounding, and where halving ends
 HALVINGS = 12
 SHARP = 1e-6  # radians of a blend that no joint can follow at speed
+DIGITS, FLAT = (
+    2e-15,
+    1e-6,
+)  # rounding turns the tangent of a short piece, by its share of the length; at most by so much
 
 
 def in_time(robot: Json, result: Json, request: Json, curve: Curve) -> list[str]:
@@ -54,15 +58,20 @@ def in_time(robot: Json, result: Json, request: Json, curve: Curve) -> list[str]
     slowest = np.minimum(np.minimum(c[:, 1], speed), c[:, 1] + 2 * c[:, 2] * turn + 3 * c[:, 3] * turn**2)
     require(slowest.min() >= -1e-8 * fast, "s(t) turns back")
     rests = np.append(c[c[:, 1] <= 1e-8 * fast, 0], end)
-    bends = np.abs(np.diff(curve.tangents, axis=0)).max(axis=1, initial=0.0) > SLACK
-    for s in curve.corners[(curve.d <= SHARP) & bends]:
+    turns = np.abs(np.diff(curve.tangents, axis=0)).max(axis=1, initial=0.0)
+    short = np.maximum(curve.steps, 1e-300)
+    straight = turns <= np.minimum(SLACK + DIGITS * np.abs(curve.points).max() * (1 / short[1:] + 1 / short[:-1]), FLAT)
+    require(turns[straight].sum() <= 100 * FLAT, "a turn in many small ones")
+    for s in curve.corners[(curve.d <= SHARP) & ~straight]:
         stops = not begin + SLACK < s < end - SLACK or np.abs(rests - s).min() <= 1e-8
         require(stops, f"s(t) does not rest at the corner at s = {s:.9g}")
     scales, moving = (1.0, 1.0), law["part"] is not None and c[0, 1] > 0
     if request is not None and not moving:  # who begins at speed may need all that the robot has to stop
         scales = request["velocity_scale"], request["acceleration_scale"]
         require(min(scales) > 0 and max(scales) <= 1, "shares of the limits that are none")
-    for name, scale, over in zip(("velocity", "acceleration"), scales, peaks(curve, h, c, reached), strict=True):
+    for name, scale, over in zip(
+        ("velocity", "acceleration"), scales, peaks(curve, h, c, reached, straight), strict=True
+    ):
         most = scale * np.array(limits[name], float)
         require(len(most) == curve.points.shape[1] and (most > 0).all(), f"no limits of {name}")
         joint = exceeded(over, most * (1 + OVER))
@@ -72,10 +81,11 @@ def in_time(robot: Json, result: Json, request: Json, curve: Curve) -> list[str]
     return [f"s(t): {total:.4f} s, {rest}; velocities and accelerations {share}"]
 
 
-def peaks(curve: Curve, h: Array, c: Array, reached: Array) -> tuple[list[Array], list[Array]]:
+def peaks(curve: Curve, h: Array, c: Array, reached: Array, straight: Array) -> tuple[list[Array], list[Array]]:
     """Velocities and accelerations of the joints in each piece of s(t), as coefficients of Bernstein (k, n)."""
     found = list[Array](), list[Array]()
     starts, ends = curve.corners - curve.d, curve.corners + curve.d
+    joints = np.concatenate([edges[~straight | (curve.d > 0)] for edges in (curve.corners, starts, ends)])
     for seconds, row, stop in zip(h, c, reached, strict=True):
         a, b = row[0], max(stop, row[0])
         middle = (a + b) / 2
@@ -83,8 +93,8 @@ def peaks(curve: Curve, h: Array, c: Array, reached: Array) -> tuple[list[Array]
         scaled = row * seconds ** np.arange(4)
         s = bernstein(scaled)
         ds, dds = bernstein(scaled[1:] * [1, 2, 3]) / seconds, bernstein(scaled[2:] * [2, 6]) / seconds**2
-        edges = [curve.corners, starts, ends] if not len(on) else [starts[on], ends[on]]
-        torn = any(((e > a + 1e-8) & (e < b - 1e-8)).any() for e in edges)
+        edges = joints if not len(on) else np.append(starts[on], ends[on])
+        torn = ((edges > a + 1e-8) & (edges < b - 1e-8)).any()
         require(not torn, f"a piece of s(t) from {a:.9g} to {b:.9g} that crosses a corner or the edge of a blend")
         k = int(np.searchsorted(curve.corners, middle))
         u = curve.tangents[min(k, len(curve.tangents) - 1)]

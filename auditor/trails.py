@@ -40,6 +40,7 @@ ROUNDING = 2e-8  # metres: directions are written to nine digits
 SLACK = 1e-9  # of joints, places and frames: rounding
 LEAST_CLAIM = 1e-6  # metres: a gap that rounding cannot make up
 MOST_BYTES, MOST_ENTRIES, MOST_WORK, MOST_BODIES = 100_000_000, 50_000_000, 200_000_000, 500
+AT_ONCE = 2_000_000  # products of directions and points that are held at a time
 
 
 def require(holds: Any, why: str) -> None:
@@ -275,10 +276,13 @@ class World:
     def reach(self, first: Array, end: Array, n: Array, T: Array) -> Array:
         """How far pieces ``first`` to ``end - 1`` reach along unit vectors n (m, 3), their body being at T, (m,)."""
         own, out = (n[:, None] @ T[:, :3, :3])[:, 0], (n * T[:, :3, 3]).sum(1)
-        for begin, stop in {*zip(first.tolist(), end.tolist(), strict=True)}:
-            on, k = (first == begin) & (end == stop), slice(self.starts[begin], self.starts[stop])
-            across = np.sqrt(np.maximum(1 - (own[on] @ self.axes[k].T) ** 2, 0))
-            out[on] += (own[on] @ self.points[k].T + self.balls[k] + self.discs[k] * across).max(axis=1)
+        order = np.lexsort((end, first))
+        cuts = np.flatnonzero(np.diff(first[order]) | np.diff(end[order])) + 1
+        for on in np.split(order, cuts) if len(order) else ():
+            k = slice(self.starts[first[on[0]]], self.starts[end[on[0]]])
+            for some in np.array_split(on, 1 + len(on) * (k.stop - k.start) // AT_ONCE):
+                across = np.sqrt(np.maximum(1 - (own[some] @ self.axes[k].T) ** 2, 0))
+                out[some] += (own[some] @ self.points[k].T + self.balls[k] + self.discs[k] * across).max(axis=1)
         return out
 
     def stands(self, width: float) -> bool:
@@ -318,8 +322,7 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     there = (pairs >= (0, 0, 1)).all() and (a < len(world.of)).all() and (b + many <= len(world.of)).all()
     require(there, "pieces that are not there")
     require([world.of[i].first == world.of[j].first for i, j in zip(b, b + many - 1, strict=True)], "pieces of several")
-    many_points = np.diff(world.starts)[np.minimum(pairs[:, 1], len(world.of) - 1)].max(initial=1)
-    work = max(len(rows) * many_points, len(s) * 16 * len(world.bodies), len(world.of) ** 2)
+    work = max(len(s) * 16 * len(world.bodies), len(world.solids) ** 2)
     require(work <= MOST_WORK, "more than can be checked")
     at, walked, most = placed(world.bodies, curve.at(s)), curve.at(s, walked=True), np.abs(curve.points).max(axis=0)
     levers = cache(lambda first, end, other: world.levers(first, end, other, most))

@@ -11,6 +11,7 @@ digests.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
@@ -51,7 +52,9 @@ def verify(document: Json, named: Json = ()) -> Iterator[str]:
     for pair in allowed:
         words = "the file lets them touch everywhere; if they may, name them: --allow A B"
         require(set(pair) in map(set, named), f"{' x '.join(pair)}: {words}")
-    every, endless = [*motions(document)], np.array(robot.get("continuous") or [False] * len(robot["joint_names"]))
+    n = len(robot["joint_names"])
+    every, endless = [*motions(document)], np.array(robot.get("continuous") or [False] * n)
+    require([len(row) == n for row in (endless, *robot["limits"].values())], "limits of other joints")
     require(len(every) == len(section["proofs"]), "other motions than the evidence is for")
     lower, upper = (np.array(robot["limits"][side], float) for side in ("lower", "upper"))
     lower, upper = np.where(endless, -MOST_TURNED, lower), np.where(endless, MOST_TURNED, upper)
@@ -86,7 +89,8 @@ def verify(document: Json, named: Json = ()) -> Iterator[str]:
         except (Invalid, LookupError, ValueError) as why:
             raise Invalid(f"{name}: {why.args[0]}") from why
         part = f" from s = {low:.6g} to {high:.6g}" if proof["part"] else ""
-        yield f"{name}: {1e3 * least:.4f} mm{part}" + f", {len(constraints)} constraints kept" * bool(constraints)
+        free = f"{1e3 * least:.4f} mm{part}" if least < math.inf else "nothing can collide"
+        yield f"{name}: {free}" + f", {len(constraints)} constraints kept" * bool(constraints)
         yield from (f"  {line}" for line in (*paced, *rules))
         yield from (f"  not judged: {it['name']}, which is held, with {it['touch_links']}" for it in motion.hold)
         yield from (f"  not judged: {a['name']} x {b['name']}, held together" for a, b in combinations(motion.hold, 2))
