@@ -1,4 +1,4 @@
-"""What the page tells of results: rows grouped by suite and contender, and what peers are compared by."""
+"""What a report says of results: rows grouped by suite and contender, and what peers are compared by."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Group:
     """The rows of one contender on one suite.
 
     Attributes:
-        name: What it is called on the page.
+        name: What it is called in reports.
         tool, planner: As in its rows.
     """
 
