@@ -11,6 +11,7 @@ digests.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from itertools import combinations
@@ -31,8 +32,8 @@ Json = Any
 MOST_TURNED = 1000.0  # radians from zero that a joint without end may be at
 SEEN = "clearance, limits of joints, their speeds and accelerations, s(t), scenes, loads and the gripper, constraints"
 UNSEEN = (
-    "padding away from the ends, torques, jerk, the speed of the tool, whether a grasp holds, hashes, "
-    "start and goals of a task, which goal, dilation, the gripper's seconds, reports of counts, times and peaks"
+    "padding away from the ends, torques, jerk, the speed of the tool, whether a grasp holds, hashes, start and goals "
+    "of a task, which goal, dilation, the gripper's seconds, reports of counts, times, peaks and margins"
 )
 
 
@@ -92,6 +93,7 @@ def verify(document: Json, named: Json = ()) -> Iterator[str]:
         free = f"{1e3 * least:.4f} mm{part}" if least < math.inf else "nothing can collide"
         yield f"{name}: {free}" + f", {len(constraints)} constraints kept" * bool(constraints)
         yield from (f"  {line}" for line in (*paced, *rules))
+        yield from (f"  kept: {json.dumps(constraint)}" for constraint in constraints)
         yield from (f"  not judged: {it['name']}, which is held, with {it['touch_links']}" for it in motion.hold)
         yield from (f"  not judged: {a['name']} x {b['name']}, held together" for a, b in combinations(motion.hold, 2))
         stood = last

@@ -134,6 +134,7 @@ def test_a_constraint_of_the_request_is_judged_whether_the_result_lists_it_or_no
     asked = {"kind": "joint range", "joint": "joint_0", "lower": -3.0, "upper": 3.0}
     kept = {**plain, "request": {**plain["request"], "constraints": [asked]}}
     assert any("1 constraints kept" in line for line in shown(kept))
+    assert f"  kept: {json.dumps(asked)}" in shown(kept)
     asked["upper"] = -3.0
     with pytest.raises(Invalid, match="joint_0 is not kept"):
         shown(kept)
