@@ -16,13 +16,15 @@ from tempfile import TemporaryDirectory
 from rich.table import Table
 
 from benchmarks.harness.environment import ROOT
-from benchmarks.harness.report import Promise, Report, Row, p50, spread, table, table_of
+from benchmarks.harness.report import Promise, Report, Row, merged, p50, spread, table, table_of
+from benchmarks.studies import readings
 from benchmarks.worlds.foreign import ROBOTS, ForeignRobot
 from planner_service.errors import InvalidRequest
 from planner_service.files.disk_cache import CACHE_VARIABLE
 
-__all__ = ["run"]
+__all__ = ["PARTS", "run"]
 
+PARTS = ("plans", "readings")
 QUERIES, STATES = 20, 10_000
 AT_MOST = 1800.0
 """Seconds for a robot, its judgement included."""
@@ -34,11 +36,22 @@ CONTACT = 1e-6
 """Metres from contact within which two judges may differ."""
 
 
-def run(queries: int = QUERIES, states: int = STATES, seed: int = 0, robot: str | None = None) -> Report:
-    """Meet all robots, or the one of that name; half an hour."""
+def run(
+    queries: int = QUERIES, states: int = STATES, seed: int = 0, robot: str | None = None, part: str | None = None
+) -> Report:
+    """Meet all robots, or the one of that name; half an hour, of which the readings of their files take minutes.
+
+    Args:
+        part: One of ``PARTS``.
+    """
     chosen = [one for one in ROBOTS if robot in (None, one.name)]
-    rows = tuple(_rows(chosen, queries, states, seed))
-    return Report("robots", rows, tuple(_tables(rows)), tuple(_promises(rows)))
+    reports = []
+    if part != "readings":
+        rows = tuple(_rows(chosen, queries, states, seed))
+        reports.append(Report("robots", rows, tuple(_tables(rows)), tuple(_promises(rows))))
+    if part != "plans":
+        reports.append(readings.run(seed=seed, robot=robot))
+    return merged("robots", reports)
 
 
 def _rows(chosen: Sequence[ForeignRobot], queries: int, states: int, seed: int) -> Iterator[Row]:

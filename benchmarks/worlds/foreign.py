@@ -24,7 +24,7 @@ from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.gripper_detection import find_gripper
 
-__all__ = ["FOLDER_VARIABLE", "ROBOTS", "ForeignRobot", "folder_of", "table_of_robot"]
+__all__ = ["FOLDER_VARIABLE", "READINGS", "ROBOTS", "ForeignRobot", "described_file", "folder_of", "table_of_robot"]
 
 FOLDER_VARIABLE = "PLANNER_SERVICE_ROBOTS"
 """The environment variable that names the folder of unpacked wheels."""
@@ -97,19 +97,36 @@ ROBOTS = (
 )
 
 
+READ_ALONE = (
+    *("a1", "alex_psyonic_hands", "allegro_left_hand", "anymal-kinova", "b1-z1", "bolt", "centauro", "TwoDofs"),
+    *("double_pendulum", "finger_edu", "g1_29dof_rev_1_0", "go2", "hyq_no_sensors", "icub", "laikago", "panda"),
+    *("quadruped", "romeo", "simple_humanoid", "solo12", "talos_full_v2", "tiago_dual", "ur3_gripper", "ur5_gripper"),
+    *("ur10_joint_limited_robot", "human", "hextilt_flying_arm_5"),
+)
+"""Robots of example-robot-data that are read next to others, and not planned for."""
+
+READINGS = (*ROBOTS, *(ForeignRobot(name, EXAMPLES, name) for name in READ_ALONE))
+"""Robot files of which readings are compared."""
+
+
+def described_file(source: str, place: Path | None) -> Path:
+    """The file of a robot's source; with a folder for files that have to be made, as others can read it."""
+    scheme, _, name = source.partition(":")
+    path = example_urdf(name) if scheme == EXAMPLES else Path(source)
+    if place is None:
+        return path
+    if "xmlns:xacro" in path.read_text("utf-8"):
+        return _expanded(path, place)
+    return _flattened(path, place) if path.suffix == ".xml" else path
+
+
 def table_of_robot(robot: Robot, source: str, place: Path) -> dict[str, Any]:
     """What the independent checker is told of a robot of ``source``: where its file is, and what was chosen of it.
 
     Args:
         place: A folder for files that have to be made.
     """
-    scheme, _, name = source.partition(":")
-    urdf = example_urdf(name) if scheme == EXAMPLES else Path(source)
-    examples = package_folder(EXAMPLES)
-    if "xmlns:xacro" in urdf.read_text("utf-8"):
-        urdf = _expanded(urdf, place)
-    elif urdf.suffix == ".xml":
-        urdf = _flattened(urdf, place)
+    urdf, examples = described_file(source, place), package_folder(EXAMPLES)
     folders = [*list(Path(source).parents)[:5], *list(urdf.parents)[:5], examples, examples.parent]
     values = {"lower": robot.bounds[0].tolist(), "upper": robot.bounds[1].tolist()}
     gripper = robot.gripper

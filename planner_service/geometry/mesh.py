@@ -92,7 +92,7 @@ class Mesh:
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
-        """The solid hull of the vertices in an STL, OBJ, PLY or COLLADA (.dae) file.
+        """The solid hull of the vertices in an STL, OBJ, PLY or COLLADA (.dae) file, without those that no face uses.
 
         A hull of more than 5,000 corners is replaced by a simpler one around it; see ``growth``.
 
@@ -104,7 +104,7 @@ class Mesh:
             InvalidRequest: a scale that is zero or not finite.
         """
         file = as_path("path", path)
-        points = read_vertices(file, checked_scale("scale", scale))
+        points = read_vertices(file, checked_scale("scale", scale), on_faces=True)
         return in_file(file, lambda: _simple(points))
 
     @cached_property

@@ -48,14 +48,35 @@ _Parsed = tuple[FloatArray, Callable[[], IntArray]]
 """The vertices of a file, repeated as in the file, and a function that reads its triangles: a hull needs none."""
 
 
-def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> FloatArray:
+def read_vertices(
+    path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), *, on_faces: bool = False
+) -> FloatArray:
     """The vertices (n, 3) in an STL, OBJ, PLY or COLLADA file, each once, times ``scale``; the suffix says which.
+
+    Args:
+        on_faces: Leave out vertices that no face uses: they are no part of the surface, and other readers drop them
+            too. All are kept if the file has no faces, or if these cannot be read: more vertices make a larger hull.
 
     Raises:
         InvalidFile: another suffix, larger than 50 MB, not what the suffix says, malformed, no vertices or too many,
             or a coordinate that is not finite or beyond 1 km.
     """
-    return in_file(path, lambda: _scaled(_unique(_parsed(path)[0])[0], scale))
+    return in_file(
+        path, lambda: _scaled(_unique(_on_faces(*_parsed(path)) if on_faces else _parsed(path)[0])[0], scale)
+    )
+
+
+def _on_faces(rows: FloatArray, read_corners: Callable[[], IntArray]) -> FloatArray:
+    try:
+        with np.errstate(all="ignore"):  # what is no number is found among the vertices
+            corners = read_corners()
+    except Malformed:
+        return rows
+    if corners.size == 0 or int(corners.min()) < 0 or int(corners.max()) >= len(rows):
+        return rows
+    used = np.zeros(len(rows), dtype=np.bool_)
+    used[corners.reshape(-1)] = True
+    return rows if used.all() else rows[used]
 
 
 def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[FloatArray, IntArray]:

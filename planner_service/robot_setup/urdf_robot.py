@@ -125,7 +125,7 @@ def srdf_of(path: Path, urdf: Urdf) -> FoundSrdf:
     chosen = [file for file in files if file.stem == path.stem]
     chosen = chosen[:1] or [file for file in files if _robot_name(file) == urdf.name]
     if len(chosen) > 1:
-        return FoundSrdf(problems=(f"no SRDF is used: {', '.join(map(str, chosen))} are all of robot {urdf.name!r}",))
+        return FoundSrdf(problems=(f"no SRDF is used: {len(chosen)} are of robot {urdf.name!r}",))
     if not chosen:
         return FoundSrdf()
     try:

@@ -34,7 +34,7 @@ _GEOMETRY = rule(
         "capsule": rule(READ, "URDF 1.2", (READ, "radius length", "metres; the length is without the two caps")),
         "mesh": rule(
             READ,
-            "the solid convex hull of all of its vertices, or pieces (decompose)",
+            "the solid convex hull of the vertices that its faces use, or pieces (decompose)",
             (READ, "filename", "STL, OBJ, PLY or COLLADA"),
             (READ, "scale", "three factors; 1 if not given, and a negative one mirrors"),
         ),

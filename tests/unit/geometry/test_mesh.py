@@ -304,7 +304,7 @@ def test_a_large_hull_of_a_file_is_replaced_by_one_that_holds_it_and_is_little_l
 
 
 def test_a_hull_of_a_file_that_is_not_large_is_not_grown(tmp_path: Path) -> None:
-    (tmp_path / "cube.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3\n")
+    (tmp_path / "cube.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3 4 5 6 7 8\n")
     found = Mesh.from_file(tmp_path / "cube.obj")
     assert (found, found.growth) == (Mesh(CUBE), 0.0)
 
@@ -455,3 +455,26 @@ def test_a_ball_at_the_centre_of_the_box_around_a_hull_is_not_parted_from_it() -
         ball = turned_and_placed(Sphere(0.35), np.eye(3), np.zeros(3))
         hull = turned_and_placed(Mesh(TETRA), np.eye(3), away * length)  # 0.29 m from the centre of its box
         assert not parted(ball, hull, 2e-6).any()
+
+
+STRAY = "".join(f"v {x} {y} {z}\n" for x, y, z in (*CUBE, (9.0, 0.0, 0.0)))
+PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\n"
+PLY_FACE = "element face 1\nproperty list uchar int vertex_indices\n"
+PLY_ROWS = STRAY.replace("v ", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("stray.obj", STRAY + "f 1 2 3 4 5 6 7 8\n"),
+        ("stray.ply", f"{PLY_HEAD}{PLY_FACE}end_header\n{PLY_ROWS}8 0 1 2 3 4 5 6 7\n"),
+    ],
+)
+def test_a_vertex_that_no_face_uses_is_no_part_of_a_mesh(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    assert Mesh.from_file(tmp_path / name) == Mesh(CUBE)
+
+
+def test_points_without_faces_are_all_of_a_mesh(tmp_path: Path) -> None:
+    (tmp_path / "points.ply").write_text(f"{PLY_HEAD}end_header\n{PLY_ROWS}")
+    assert Mesh.from_file(tmp_path / "points.ply") == Mesh(np.array([*CUBE, (9.0, 0.0, 0.0)]))

@@ -180,7 +180,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Meshes that the files name: a bar in millimetres, and a ball of many corners."""
     folder = tmp_path_factory.mktemp("faults")
     corners = [f"v {x} {y} {z}" for x in (-110, 110) for y in (-15, 15) for z in (-15, 15)]
-    (folder / "large.obj").write_text("\n".join([*corners, "f 1 2 3", ""]))
+    (folder / "large.obj").write_text("\n".join([*corners, "f 1 2 3 4 5 6 7 8", ""]))
     rows = [" ".join(map(repr, row)) for row in (0.02 * sphere(6000)).tolist()]
     head = "ply\nformat ascii 1.0\nelement vertex 6000\nproperty double x\nproperty double y\nproperty double z\n"
     (folder / "ball.ply").write_text("\n".join([head + "end_header", *rows, ""]))
