@@ -136,6 +136,8 @@ class Curve:
     ``u + (v - u) f(y)``, ``f(y) = 1/2 + (5 y - y^5) / 8``, y from -1 to 1."""
 
     def __init__(self, waypoints: Array, blends: Json):
+        if len(waypoints) == 1:  # an arm that stays where it is
+            waypoints, blends = np.vstack([waypoints, waypoints]), [*blends, 0.0]
         self.points, self.steps = waypoints, np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
         steps = self.steps
         knots, d = np.cumsum([0.0, *steps]), np.array([*blends] or [0.0] * len(waypoints), float)

@@ -121,6 +121,17 @@ def test_what_says_that_it_is_no_plan_is_none(plan: Document, place: tuple[str, 
         list(judged(plan))
 
 
+def test_an_arm_that_stays_where_it_is_is_shown_apart_there() -> None:
+    service = PlannerService("wxai", "table")
+    found = service.plan(PlanRequest(service.robot.home, service.robot.home, time_limit=None))
+    document = json.loads(with_evidence(SavedPlan.of(found)).file_text())
+    lines = list(judged(document))
+    assert "  s(t): it stays where it is" in lines
+    document["result"]["path"]["waypoints"][0][1] += 0.3
+    with pytest.raises(Invalid):
+        list(judged(document))
+
+
 def test_a_robot_that_nothing_can_touch_needs_no_trail() -> None:
     service = PlannerService("planar2", Scene())
     found = service.plan(PlanRequest((0.0, 0.0), (1.0, 0.5), time_limit=None))
