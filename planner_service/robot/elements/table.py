@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from enum import Enum
 from xml.etree.ElementTree import Element
 
-__all__ = ["Effect", "Row", "Rule", "Unlisted", "rows_of", "rule", "unlisted_words"]
+__all__ = ["Effect", "Row", "Rule", "Unlisted", "markdown_table", "rows_of", "rule", "unlisted_words"]
 
 MAX_SHOWN = 40
 """Characters of a value or a text in a message."""
@@ -118,6 +118,16 @@ def rows_of(tag: str, root: Rule) -> list[Row]:
         holder = ", ".join(f"<{each}>" for each in tags)
         out += [Row(", ".join(names), holder, effect, why) for (effect, why), names in grouped.items()]
     return out
+
+
+def markdown_table(tag: str, root: Rule) -> str:
+    """The table as Markdown, for the documentation."""
+    lines = ["| element or attribute | inside | effect | why |", "| --- | --- | --- | --- |"]
+    for row in rows_of(tag, root):
+        word = ", ".join(f"`{each}`" for each in row.word.split(", "))
+        inside = ", ".join(f"`{each}`" for each in row.inside.split(", ") if each)
+        lines.append(f"| {word} | {inside} | {row.effect.value} | {row.why.replace('<', '&lt;')} |")
+    return "\n".join(lines) + "\n"
 
 
 def _tags(item: Rule, order: Iterable[tuple[str, Rule]]) -> list[str]:

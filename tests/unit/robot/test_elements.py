@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,10 @@ import pytest
 from planner_service.errors import InvalidFile
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Capsule
+from planner_service.robot.elements.mjcf import MJCF
+from planner_service.robot.elements.srdf import SRDF
+from planner_service.robot.elements.table import Rule, markdown_table
+from planner_service.robot.elements.urdf import URDF
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.srdf import usable_srdf
 from planner_service.robot.urdf_model import Urdf
@@ -371,3 +376,19 @@ def test_a_group_may_hold_the_joint_that_fixes_the_robot_in_the_world(tmp_path: 
     world = '<virtual_joint name="world" type="fixed" parent_frame="map" child_link="foot"/>'
     robot = load_robot(srdf(tmp_path, f'{world}<group name="g"><joint name="world"/><joint name="swing"/></group>'))
     assert [(group.name, group.joints) for group in robot.groups] == [("g", ("swing",))]
+
+
+TABLES = [("URDF", "robot", URDF), ("SRDF", "robot", SRDF), ("MJCF", "mujoco", MJCF)]
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "robot-words.md"
+
+
+@pytest.mark.parametrize(("name", "tag", "table"), TABLES)
+def test_the_documentation_has_the_tables_as_they_are(name: str, tag: str, table: Rule) -> None:
+    text = PAGE.read_text("utf-8")
+    before, _, rest = text.partition(f"<!-- begin {name} -->\n")
+    listed, _, after = rest.partition(f"<!-- end {name} -->\n")
+    wanted = markdown_table(tag, table)
+    if os.environ.get("WRITE_OUTPUTS"):
+        PAGE.write_text(f"{before}<!-- begin {name} -->\n{wanted}<!-- end {name} -->\n{after}", "utf-8")
+        listed = wanted
+    assert listed == wanted
