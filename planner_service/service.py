@@ -33,7 +33,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
 from planner_service.infeasibility.reached import how_far
-from planner_service.infeasibility.remedies import SEARCHED, Explanation, find_remedies
+from planner_service.infeasibility.remedies import SEARCHED, Clock, Explanation, find_remedies
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
@@ -43,7 +43,7 @@ from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_w
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import plan, require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
-from planner_service.planning.result import Origin, PlanResult
+from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.planning.torque import torque_limits
 from planner_service.planning.world import World
@@ -186,49 +186,77 @@ class PlannerService:
         return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
 
     def explain(
-        self, request: PlanRequest, *, plans: int = 60, remedies: int = 3, cancel: CancelToken | None = None
+        self,
+        request: PlanRequest,
+        *,
+        plans: int = 60,
+        remedies: int = 3,
+        time_limit: float | None = None,
+        progress: bool | None = None,
+        cancel: CancelToken | None = None,
     ) -> Explanation:
         """Why a request has no plan, whether that is proven, and which small changes would give one.
 
-        Each change that is suggested was planned, with its proof. It takes as long as so many plans; how many are
-        tried does not depend on a clock.
+        The plan and the proof that there is none come first. Each change that is suggested was planned, with its proof.
+        It takes as long as so many plans; how many are tried does not depend on a clock, unless there is a time limit.
 
         Args:
             request: As for ``plan``.
             plans: Plans that may be tried.
             remedies: How many are looked for.
+            time_limit: Wall seconds for all of it, after which what is known is returned; None for no limit.
+            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
             cancel: Ends the call when cancelled from another thread.
 
         Raises:
-            InvalidRequest: As ``plan``, or a number is none from 1 to 1,000.
+            InvalidRequest: As ``plan``, or a number is none from 1 to 1,000, or ``time_limit`` none from 0 to 86,400.
             Cancelled: by ``cancel``.
         """
         plans, remedies = whole("plans", plans, 1, 1000), whole("remedies", remedies, 1, 1000)
+        clock = Clock(None if time_limit is None else number("time_limit", time_limit, "seconds", 0.0, 86_400.0))
+        instance("request", request, PlanRequest, "a PlanRequest")
+        with bar("plans", progress) as tell:
+            return self._explained(request, (plans, remedies), clock, tell, cancel)
+
+    def _explained(
+        self,
+        request: PlanRequest,
+        most: tuple[int, int],
+        clock: Clock,
+        tell: Callable[[int, int], None] | None,
+        cancel: CancelToken | None,
+    ) -> Explanation:
+        """See ``explain``; ``most`` are the plans that may be tried, and the remedies that are looked for."""
         charge = _polling(cancel)
-        traced = self.plan(request, trace=True, cancel=cancel)
+        traced = self.plan(clock.hurried(request), trace=True, cancel=cancel)
         charge(0)
         result, grown = replace(traced, trace=None), None if traced.trace is None else traced.trace.graph
+        result = replace(result, origin=Origin(self.world, request))
         failure = result.failure
         if failure is None:
             return Explanation(result, None, (), 0)
-        no_path = reached = way = None
+        no_path, reached, way = result.no_path, None, None
         goals = [goal for goal in request.goals(self.robot) if not isinstance(goal, Pose | PoseGoal)]
-        if failure.reason in SEARCHED and len(goals) == len(request.goals(self.robot)):
+        start = np.clip(np.asarray(request.start), *self.robot.bounds)
+        every = len(goals) == len(request.goals(self.robot))
+        if failure.reason in SEARCHED and every and self.checker.state_is_free(start):  # no way out of a wall
             ends = [np.asarray(goal) for goal in goals]
-            found = divide(self.robot, self.scene, np.asarray(request.start), ends, self._allowed, charge=charge)
+            found = clock.unless_over(
+                lambda polled: divide(self.robot, self.scene, start, ends, self._allowed, charge=polled), charge
+            )
             no_path = found if isinstance(found, NoPath) else None
             way = self._along(found, request, cancel) if isinstance(found, OpenWay) else None
-        if no_path is not None:
+        if no_path is not None and not failure.proven:
             failure = replace(failure, proven=True)
             result = replace(result, failure=failure)
-        if failure.reason in SEARCHED and grown is not None:
+        if failure.reason in (*SEARCHED, Reason.NO_PATH) and grown is not None:
             ends = [np.asarray(goal) for goal in goals]
             reached = how_far(self.robot, grown, np.asarray(request.start), ends, self._new_certifier().clearances)
 
         def planned(changed: PlanRequest, scene: Scene) -> PlanResult:
-            result = self.with_scene(scene).plan(changed, cancel=cancel)
+            result = self.with_scene(scene).plan(clock.hurried(changed), cancel=cancel)
             charge(0)
-            return result
+            return replace(result, origin=Origin(replace(self.world, scene=scene), changed))
 
         helpful, tried = find_remedies(
             self.robot,
@@ -236,11 +264,13 @@ class PlannerService:
             self.scene,
             failure,
             planned,
-            plans=plans,
-            enough=remedies,
+            plans=most[0],
+            enough=most[1],
             hopeless=no_path is not None,
+            clock=clock,
+            tell=tell,
         )
-        return Explanation(result, no_path, helpful, tried, reached, way)
+        return Explanation(result, no_path, helpful, tried, reached, way, clock.in_time)
 
     def _along(self, way: OpenWay, request: PlanRequest, cancel: CancelToken | None) -> PlanResult | None:
         """The plan along a way, shorter if that keeps half of its clearance; None if the way is not proven free."""

@@ -15,7 +15,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 
-__all__ = ["COUNT", "PER_SCENE", "blocked_ends", "draw_objects", "draw_queries", "draw_scene", "turned"]
+__all__ = ["COUNT", "PER_SCENE", "blocked_ends", "draw_crowd", "draw_objects", "draw_queries", "draw_scene", "turned"]
 
 COUNT, PER_SCENE = 20, 10
 """Scenes, and queries in each."""
@@ -49,6 +49,27 @@ def draw_objects(chance: random.Random, count: int) -> Iterator[Obstacle]:
         quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)) if standing else turned(chance)
         position = (distance * math.cos(azimuth), distance * math.sin(azimuth), z)
         yield Obstacle(f"object_{k}", shape, Pose(position, quaternion))
+
+
+def draw_crowd(chance: random.Random) -> Scene:
+    """One to eight boxes, spheres and cylinders as large as the arm, anywhere around its base and turned anyhow."""
+
+    def side(low: float, high: float) -> float:
+        return chance.uniform(low, high)
+
+    scene = Scene()
+    for k in range(chance.randint(1, OBJECTS[1])):
+        kind = chance.randrange(3)
+        shape: Shape
+        if kind == 0:
+            shape = Box((side(0.05, 0.4), side(0.05, 0.4), side(0.05, 0.4)))
+        elif kind == 1:
+            shape = Sphere(side(0.03, 0.15))
+        else:
+            shape = Cylinder(side(0.03, 0.12), side(0.1, 0.5))
+        pose = Pose((side(-0.5, 0.5), side(-0.5, 0.5), side(-0.1, 0.6)), turned(chance))
+        scene = scene.with_obstacle(Obstacle(f"object_{k}", shape, pose))
+    return scene
 
 
 def draw_queries(number: int, scene: Scene) -> Iterator[Query]:

@@ -134,7 +134,9 @@ def explain(
     robot: options.RobotName = "wxai",
     seed: options.Seed = options.DEFAULT.seed,
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
-    time_limit: options.TimeLimit = options.SECONDS,
+    time_limit: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Wall time of all of it; inf for no limit.")
+    ] = math.inf,
     padding: options.Padding = options.DEFAULT.padding,
     start_overlap: options.StartOverlap = options.DEFAULT.start_overlap,
     upright: options.Upright = None,
@@ -161,12 +163,11 @@ def explain(
             arguments.goals(goal, service.robot),
             seed=seed,
             max_checks=max_checks,
-            time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
             start_overlap=start_overlap,
             constraints=constraints,
         )
-        explained = service.explain(request, plans=plans)
+        explained = service.explain(request, plans=plans, time_limit=arguments.time_limit_of(time_limit))
         if evidence is not None and explained.no_path is not None:
             save_no_path(explained.no_path, service.world, q_start, request.goals(service.robot), evidence)
     failure = explained.result.failure
@@ -180,6 +181,7 @@ def explain(
             "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
             "remedies": [remedy.text for remedy in explained.remedies],
             "plans": explained.plans,
+            "complete": explained.complete,
         }
         emit(json_text(document))
     else:

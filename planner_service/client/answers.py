@@ -249,6 +249,7 @@ class HelpRecord(Record):
     way: PlanRecord | None
     remedies: Annotated[list[RemedyRecord], at_most(MAX_REMEDIES)]
     plans: Count
+    complete: bool = True
 
 
 def read_explanation(document: Mapping[str, Any], source: str, result: PlanResult) -> Explanation:

@@ -67,6 +67,7 @@ from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, require_grower
 from planner_service.planning.world import World
+from planner_service.presentation.progress import bar
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
 from planner_service.replanning.result import Replanned, request_for, underway
@@ -310,7 +311,14 @@ class Remote:
         return read_checked(answer.document(), answer.url, len(rows), len(pairs))
 
     def explain(
-        self, request: PlanRequest, *, plans: int = 60, remedies: int = 3, cancel: CancelToken | None = None
+        self,
+        request: PlanRequest,
+        *,
+        plans: int = 60,
+        remedies: int = 3,
+        time_limit: float | None = None,
+        progress: bool | None = None,
+        cancel: CancelToken | None = None,
     ) -> Explanation:
         """Why a request has no plan, and which small changes would give one; see ``PlannerService.explain``.
 
@@ -322,9 +330,10 @@ class Remote:
         instance("request", request, PlanRequest, "a PlanRequest")
         require_plannable(request, self.robot, self.scene)
         if _cancelled(cancel):
-            return self._here.explain(request, plans=plans, remedies=remedies, cancel=cancel)
-        body = {"request": request_body(request), "plans": plans, "remedies": remedies}
-        answer = self._work("explain", body, cancel)
+            return self._here.explain(request, plans=plans, remedies=remedies, time_limit=time_limit, cancel=cancel)
+        body = {"request": request_body(request), "plans": plans, "remedies": remedies, "time_limit": time_limit}
+        with bar("explaining", progress):
+            answer = self._work("explain", body, cancel)
         document = answer.document()
         plan = document.pop("result", None)
         read = self._reader.plan(plan if isinstance(plan, dict) else {}, answer.url)

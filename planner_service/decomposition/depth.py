@@ -5,7 +5,7 @@ overlap of at least r + s in every direction: so large is the sum of the support
 the other. Where no point of one moves by more than m against the other, they still overlap if r + s > m. ``s`` may be
 negative, minus the distance to the other solid; then the bound is the same. Of a mesh, s is what the balls inside of
 it say. In a box, a cylinder or a capsule the ball may be anywhere in its core, the points that are r inside, so it is
-put where the core is nearest to that of the other solid.
+put where the core is nearest to that of the other solid; a smaller one comes farther into a corner.
 
 All arithmetic is elementwise, in one fixed order: equal bits on every processor.
 """
@@ -35,6 +35,7 @@ APART = 0.5
 """Of the radius of a ball: how far the centre of another has to be outside of those before it."""
 
 Depth = Callable[[FloatArray], FloatArray]
+ToCore = Callable[[FloatArray, float], FloatArray]
 
 
 class Inside:
@@ -43,14 +44,21 @@ class Inside:
     Attributes:
         centres, radii: Balls inside of it, (b, 3) in its own frame and (b,).
         exact: Whether ``depth`` is the signed distance, not only a bound.
-        to_core: Moves points (3, ...) to the nearest of the core, the centres of the largest balls; None of a mesh.
+        to_core: Moves points (3, ...) to the nearest of the core, the centres of balls of a share of the largest
+            radius; None of a mesh.
         gap: Metres that a point of the core may be from the nearest of the centres, about; 0 if all are centres.
+        corner: Times a radius that a corner is away from a ball in it.
     """
 
     def __init__(
-        self, centres: FloatArray, radii: FloatArray, depth: Depth | None = None, to_core: Depth | None = None
+        self,
+        centres: FloatArray,
+        radii: FloatArray,
+        depth: Depth | None = None,
+        to_core: ToCore | None = None,
+        corner: float = 0.0,
     ) -> None:
-        self.centres, self.radii, self.to_core = centres, radii, to_core
+        self.centres, self.radii, self.to_core, self.corner = centres, radii, to_core, corner
         self.exact = depth is not None
         self.gap = _norm([float(np.diff(np.unique(row)).max(initial=0.0)) for row in centres.T])
         self._depth = depth
@@ -68,29 +76,38 @@ class Inside:
 def inside_of(shape: Shape) -> Inside:
     """Balls inside a shape, and how deep points are inside of it."""
     if isinstance(shape, Sphere):
-        return _of(np.zeros((1, 3)), shape.radius, lambda p: shape.radius - _length(p), lambda p: 0.0 * p)
+        return _of(np.zeros((1, 3)), shape.radius, lambda p: shape.radius - _length(p), lambda p, share: 0.0 * p)
     if isinstance(shape, Capsule):
         half = shape.length / 2.0
         line = _line(half, shape.radius)
-        return _of(line, shape.radius, lambda p: shape.radius - _to_segment(p, half), lambda p: _on_disc(p, 0.0, half))
+        return _of(
+            line, shape.radius, lambda p: shape.radius - _to_segment(p, half), lambda p, share: _on_disc(p, 0.0, half)
+        )
     if isinstance(shape, Cylinder):
         radius, half = shape.radius, shape.length / 2.0
         ball = min(radius, half)
         flat = _grid(np.array([radius - ball, radius - ball, half - ball]), ball)
         within = flat[_length((flat * (1.0, 1.0, 0.0)).T) <= radius - ball]
-        core = radius - ball, half - ball
-        return _of(within, ball, lambda p: _in_cylinder(p, radius, half), lambda p: _on_disc(p, *core))
+
+        def to_core(p: FloatArray, share: float) -> FloatArray:
+            return _on_disc(p, radius - share * ball, half - share * ball)
+
+        return _of(within, ball, lambda p: _in_cylinder(p, radius, half), to_core, math.sqrt(2.0) - 1.0)
     if isinstance(shape, Box):
         sides = np.array(shape.half)
         ball = float(sides.min())
-        return _of(_grid(sides - ball, ball), ball, lambda p: _in_box(p, sides), lambda p: _on_box(p, sides - ball))
+
+        def to_core(p: FloatArray, share: float) -> FloatArray:
+            return _on_box(p, sides - share * ball)
+
+        return _of(_grid(sides - ball, ball), ball, lambda p: _in_box(p, sides), to_core, math.sqrt(3.0) - 1.0)
     if isinstance(shape, Mesh):
         return _in_mesh(shape)
     raise BrokenInvariant(f"a {type(shape).__name__} has no inside here")
 
 
-def _of(centres: FloatArray, radius: float, depth: Depth, to_core: Depth) -> Inside:
-    return Inside(centres, np.full(len(centres), radius), depth, to_core)
+def _of(centres: FloatArray, radius: float, depth: Depth, to_core: ToCore, corner: float = 0.0) -> Inside:
+    return Inside(centres, np.full(len(centres), radius), depth, to_core, corner)
 
 
 def _line(half: float, step: float) -> FloatArray:

@@ -34,6 +34,9 @@ ROUNDING = 1e-9
 PROJECTIONS = 8
 """Of a ball's centre on both cores: each about halves how far it is from the deepest place."""
 
+SHARES = (1.0, 0.25, 0.05)
+"""Of the largest radius, of the balls that slide: a small one in a corner shows what barely overlaps."""
+
 CHORD = 2.0
 """Times the distance from an axis: no turn moves a point farther."""
 
@@ -391,9 +394,11 @@ def _balls(pair: SolidPair, free: _FreeMotion) -> tuple[_Overlap, ...]:
             balls = solid.centres[:, kept], solid.inside.radii[kept], by_own[kept]
             out.append(_Overlap(solid, other, own, against, *free.loose(against), *balls))
             gap = solid.inside.gap
-            if cores and gap > 0.0 and not free.loose(own)[0]:
-                one = solid.centres[:, :1], solid.inside.radii[:1], by_own[:1]
-                sliding.append(_Overlap(solid, other, own, against, *free.loose(against), *one, gap))
+            for share in SHARES if cores and not free.loose(own)[0] else ():
+                farther = gap + (1.0 - share) * solid.inside.corner * float(solid.inside.radii[0])
+                if farther > 0.0 and (share == 1.0 or solid.inside.corner > 0.0):
+                    one = solid.centres[:, :1], share * solid.inside.radii[:1], by_own[:1]
+                    sliding.append(_Overlap(solid, other, own, against, *free.loose(against), *one, farther, share))
     return (*out, *sliding)
 
 
@@ -469,8 +474,9 @@ class _Overlap:
         change: How much the depth less the motion by such joints can change at most while a ball moves by 1.
         centres, radii: Of the balls, (3, b) in the frame of their body and (b,).
         free: How far the bodies of ``own`` that boxes say nothing about move them, (b,).
-        gap: 0 for balls at fixed places. One ball of the same size slides: it is put in each configuration where it
-            reaches deep, so far from a fixed one at most, in metres.
+        gap: 0 for balls at fixed places. One ball slides: it is put in each configuration where it reaches deep, and
+            may reach so much deeper than a fixed one, about, in metres.
+        share: Its radius, as a share of that of the fixed ones.
     """
 
     solid: _Solid
@@ -483,6 +489,7 @@ class _Overlap:
     radii: FloatArray
     free: FloatArray
     gap: float = 0.0
+    share: float = 1.0
 
     def points(self, bodies: Frames) -> FloatArray:
         """The centres of the balls in the world, (3, m, b)."""
@@ -498,7 +505,7 @@ class _Overlap:
         shift = _turned_back(other_R, p - other_p)
         centre: FloatArray = np.zeros_like(shift)
         for _ in range(PROJECTIONS):
-            centre = own(_turned_back(turn, against(_turned(turn, centre) + shift) - shift))
+            centre = own(_turned_back(turn, against(_turned(turn, centre) + shift, self.share) - shift), self.share)
         return _turned(R, centre) + p
 
     def witness(self, bodies: Frames, ball: IntArray) -> Witness:

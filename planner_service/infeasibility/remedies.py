@@ -8,9 +8,11 @@ ends still collide is not planned. What is spent is a number of plans, so the an
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
-__all__ = ["SEARCHED", "Explanation", "Remedy", "find_remedies"]
+__all__ = ["SEARCHED", "Clock", "Explanation", "Remedy", "find_remedies"]
 
 MOVES = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 """Metres by which an object is moved; between the last that fails and the first that helps it is halved."""
@@ -62,7 +64,55 @@ TRY_CHECKS, MORE_CHECKS = 20_000, 200_000
 
 SEARCHED = (Reason.PLANNING_FAILED, Reason.TIMED_OUT, Reason.CHECK_BUDGET_EXHAUSTED)
 
+T = TypeVar("T")
+
 Planned = Callable[[PlanRequest, Scene], PlanResult]
+Tell = Callable[[int, int], None] | None
+
+
+class OutOfTime(Exception):
+    """The time limit of an explanation has passed."""
+
+
+class Clock:
+    """What is left of a time limit.
+
+    Attributes:
+        in_time: Whether nothing was ended by it so far.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        self._end = None if seconds is None else time.monotonic() + seconds
+        self.in_time = True
+
+    def require(self) -> None:
+        """Raise if it is over.
+
+        Raises:
+            OutOfTime: It is.
+        """
+        if self._end is not None and time.monotonic() >= self._end:
+            self.in_time = False
+            raise OutOfTime
+
+    def hurried(self, request: PlanRequest) -> PlanRequest:
+        """A request with no more time than is left."""
+        if self._end is None:
+            return request
+        left = max(0.0, self._end - time.monotonic())
+        return replace(request, time_limit=left if request.time_limit is None else min(left, request.time_limit))
+
+    def unless_over(self, act: Callable[[Callable[[int], None]], T], charge: Callable[[int], None]) -> T | None:
+        """What ``act`` returns, which charges all the while; None if the time is over before."""
+
+        def polled(number: int) -> None:
+            charge(number)
+            self.require()
+
+        try:
+            return act(polled)
+        except OutOfTime:
+            return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +147,7 @@ class Explanation:
         reached: How far the search came, if there was one and its planner says what it grew.
         way: A proven plan along a way that dividing joint space found and the search did not, for robots of up to four
             joints; it may keep less than the padding. Its ``goal_index`` says which goal it reaches.
+        complete: False if a time limit ended it.
     """
 
     result: PlanResult
@@ -105,6 +156,7 @@ class Explanation:
     plans: int
     reached: Reached | None = None
     way: PlanResult | None = None
+    complete: bool = True
 
     @property
     def proven(self) -> bool:
@@ -115,12 +167,14 @@ class Explanation:
         if self.result.failure is None:
             return "there is a plan"
         lines = [f"no plan: {self.result.failure}"]
-        lines += [] if self.no_path is None else [str(self.no_path)]
+        told = self.no_path is None or str(self.no_path) in lines[0]
+        lines += [] if told else [str(self.no_path)]
         lines += ["proven: no plan exists for this request"] if self.proven else []
         lines += [] if self.reached is None else [str(self.reached)]
         lines += [] if self.way is None else [f"yet a way was found by dividing joint space: {_told(self.way)}"]
         lines += [f"this helps: {remedy}" for remedy in self.remedies]
-        return "\n".join(lines if self.remedies else [*lines, f"nothing that was tried helps ({self.plans} plans)"])
+        lines += [] if self.remedies else [f"nothing that was tried helps ({self.plans} plans)"]
+        return "\n".join(lines if self.complete else [*lines, "the time limit passed before everything was tried"])
 
 
 def _told(way: PlanResult) -> str:
@@ -140,8 +194,9 @@ class _Enough(Exception):
 class _Trials:
     """Plans tried, without those saved for later steps, and what helped."""
 
-    def __init__(self, robot: Robot, planned: Planned, plans: int, enough: int) -> None:
+    def __init__(self, robot: Robot, planned: Planned, plans: int, enough: int, clock: Clock, tell: Tell) -> None:
         self.robot, self._planned, self._left, self._enough = robot, planned, plans, enough
+        self._clock, self._tell = clock, tell
         self.plans = self.saved = 0
         self.found: list[Remedy] = []
 
@@ -149,7 +204,10 @@ class _Trials:
         """The plan that a change gives, if it gives one."""
         if self.plans >= self._left - self.saved:
             raise _Spent
+        self._clock.require()
         self.plans += 1
+        if self._tell is not None:
+            self._tell(self.plans, self._left)
         checks = min(request.max_checks, checks)
         result = self._planned(replace(request, max_checks=checks, time_limit=None), scene)
         return result if result.ok else None
@@ -177,6 +235,8 @@ def find_remedies(
     plans: int,
     enough: int,
     hopeless: bool,
+    clock: Clock,
+    tell: Tell = None,
 ) -> tuple[tuple[Remedy, ...], int]:
     """Changes to a request or its scene that give a plan, and how many plans were tried.
 
@@ -185,8 +245,10 @@ def find_remedies(
         plans: How many plans may be tried.
         enough: How many remedies are looked for.
         hopeless: Whether it is proven that no path exists, so that searching on is no use.
+        clock: Ends it.
+        tell: Told before each plan how many there are with it, and how many may be tried.
     """
-    trials = _Trials(robot, planned, plans, enough)
+    trials = _Trials(robot, planned, plans, enough, clock, tell)
     steps = [_searched_longer] if failure.reason in SEARCHED and not hopeless else []
     steps += [_left_start, _moved_end, _turned, _relaxed]
     steps += [_moved_objects, _without_objects] if failure.reason is not Reason.NO_IK_SOLUTION else []
@@ -197,7 +259,7 @@ def find_remedies(
             step(request, scene, failure, trials)
         except _Spent:
             continue
-        except _Enough:
+        except (_Enough, OutOfTime):
             break
     return tuple(trials.found), trials.plans
 

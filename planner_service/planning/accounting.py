@@ -20,6 +20,7 @@ from planner_service.concurrency.polling import Prepared, ask_from_now_on
 from planner_service.constraints import Constraint
 from planner_service.constraints.projection import Projector, projector_of
 from planner_service.constraints.resolved import ConstraintSet, constraint_set
+from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -77,10 +78,11 @@ def told_of_stages(tell: Callable[[StageReport], object]) -> Iterator[None]:
 class NoPlan(Exception):
     """Ends the call from within any stage, with the reason."""
 
-    def __init__(self, failure: Failure, certificate: Certificate | None = None) -> None:
+    def __init__(self, failure: Failure, certificate: Certificate | None = None, no_path: NoPath | None = None) -> None:
         super().__init__(str(failure))
         self.failure = failure
         self.certificate = certificate
+        self.no_path = no_path
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,7 @@ class PlanAccounting:
         notes: As in the result; so are ``deterministic``, ``padding``, ``near_ends``, ``attempts``, ``roadmap`` and
             ``polish``.
         end_trouble: Which end the search could not leave, as the end of a sentence.
+        tried_in_vain: What else was tried after a search without progress; the same.
     """
 
     def __init__(self, checker: CollisionChecker, limits: Limits, roadmap: Roadmap | None = None) -> None:
@@ -156,6 +159,7 @@ class PlanAccounting:
         self.near_ends: tuple[NearEnd, ...] = ()
         self.attempts = 0
         self.end_trouble = ""
+        self.tried_in_vain = ""
         self.roadmap = roadmap
         self.polish: PolishReport | None = None
         self.constraints: ConstraintSet | None = None
@@ -230,6 +234,10 @@ class PlanAccounting:
             report = StageReport(report.stage, counts, seconds, report.length, report.note)
         self._reports[report.stage] = report
 
+    def back_to(self, stage: Stage, padding: float) -> None:
+        """Take it that ``stage`` goes on, with a padding, after others in between."""
+        self._stage, self.padding = stage, padding
+
     @contextmanager
     def improving(self, entry: StageEntry, what: str) -> Iterator[None]:
         """A block that improves a path which is a plan without it: a limit ends the block alone."""
@@ -289,6 +297,7 @@ class PlanAccounting:
         failure: Failure | None = None,
         goal_index: int | None = None,
         certificate: Certificate | None = None,
+        no_path: NoPath | None = None,
     ) -> PlanResult:
         """The result of the call."""
         return PlanResult(
@@ -307,6 +316,7 @@ class PlanAccounting:
             polish=self.polish,
             constraints=() if self.constraints is None else self.constraints.constraints,
             near_ends=() if path is None else self.near_ends,
+            no_path=no_path,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
@@ -344,16 +354,28 @@ class PlanAccounting:
             + (f", {self._limits.search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
         )
 
+    def impossible(self, proof: NoPath) -> NoPlan:
+        """That it is proven that no path exists."""
+        return NoPlan(
+            Failure(Stage.NO_PATH, Reason.NO_PATH, str(proof), blocked_by=self._blocked, proven=True), no_path=proof
+        )
+
     def _unknown(self, reason: Reason, what: str) -> Failure:
         """A failure that proves nothing, with what the search kept running into."""
+        blocked = self._blocked
+        if self.constraints is not None:
+            what += f" while keeping {self.constraints.names}"
+        detail = f"{what}; whether a path exists is unknown{self.tried_in_vain}"
+        detail += f"{_blocked_in_words(blocked)}{self.end_trouble}"
+        return Failure(self._stage, reason, detail, blocked_by=blocked)
+
+    @property
+    def _blocked(self) -> tuple[tuple[str, str, float], ...]:
+        """What the search ran into, most frequent first, with shares."""
         hits = self._tally.hits - self._hits
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
-        blocked = tuple((a, b, count / total) for (a, b), count in worst)
-        if self.constraints is not None:
-            what += f" while keeping {self.constraints.names}"
-        detail = f"{what}; whether a path exists is unknown{_blocked_in_words(blocked)}{self.end_trouble}"
-        return Failure(self._stage, reason, detail, blocked_by=blocked)
+        return tuple((a, b, count / total) for (a, b), count in worst)
 
 
 @dataclass(frozen=True, eq=False)

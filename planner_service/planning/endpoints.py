@@ -93,6 +93,16 @@ class Ends:
         """Metres that all of the ends keep from everything."""
         return min(self.start_padding, *(goal.padding for goal in self.goals))
 
+    def all_of(self, request: PlanRequest, robot: Robot) -> tuple[FloatArray, ...] | None:
+        """Every configuration that would do as an end of the motion; None if others may do, too."""
+        stated = list[FloatArray]()
+        for goal in request.goals(robot):
+            if not isinstance(goal, Pose | PoseGoal):
+                stated.append(goal)
+            elif not _all_known(robot, goal):
+                return None
+        return (*(goal.q for goal in self.goals), *stated)
+
 
 def require_ends(request: PlanRequest, robot: Robot) -> None:
     """Refuse a request whose start or goal is not one of a robot.

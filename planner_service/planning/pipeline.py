@@ -10,10 +10,12 @@ import numpy as np
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
+from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import Constraint
+from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise, Optimum
@@ -31,13 +33,13 @@ from planner_service.planning.accounting import (
     require_proven,
     unproven,
 )
-from planner_service.planning.endpoints import Ends, find_ends, require_ends
+from planner_service.planning.endpoints import Ends, find_ends, padded_ends, require_ends
 from planner_service.planning.kept_padding import line_keeps_padding, padding_kept
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
 from planner_service.planning.request import Pace, PlanRequest, kept_in
-from planner_service.planning.result import KeptPadding, MotionReport, PlanResult, Stage
+from planner_service.planning.result import KeptPadding, MotionReport, PlanResult, Reason, Stage
 from planner_service.planning.roadmap_work import require_robot
-from planner_service.planning.search_stage import Candidates, SearchRound
+from planner_service.planning.search_stage import Candidates, NoProgress, SearchRound, Tries
 from planner_service.planning.timing_stage import timed
 from planner_service.planning.torque import torques_of
 from planner_service.roadmap import Roadmap
@@ -49,6 +51,16 @@ from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import blended
 
 __all__ = ["plan", "require_plannable"]
+
+PAUSES = (search_stage.FIRST_TRIES, 6, 8, 10)
+"""Tries before which a search pauses for other things: after 40,000 states, 100,000, 340,000 and 1.3 million."""
+
+STATES_A_BOX = 5
+"""States that a search may check in the time of one box of the proof that there is no path, about."""
+
+NARROWER, FIRST_NARROW = ((0.5, 0.001), (0.1, 0.0005)), 8
+"""Parts of the padding that are searched with when nothing is found with all of it, and how closely edges are sampled,
+in metres; the first of their rounds, numbered as no other, so that they draw other samples."""
 
 POLISH_SHARE = 0.7
 """Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
@@ -98,7 +110,7 @@ def plan(
     try:
         return accounting.within_limits(lambda: _stages(context))
     except NoPlan as no_plan:
-        return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate)
+        return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate, no_path=no_plan.no_path)
 
 
 def _stages(context: PlanContext) -> PlanResult:
@@ -115,7 +127,7 @@ def _stages(context: PlanContext) -> PlanResult:
         candidates = narrow
     if candidates is None and narrow is not None:
         candidates = search_stage.roomier(context, ends, narrow)
-    proof = _prove(context, ends, candidates or search_stage.search(context, ends))
+    proof = _found(context, ends) if candidates is None else _prove(context, ends, candidates)
     for number, padding in enumerate(search_stage.retry_paddings(context.request), start=1):
         if proof.refused:
             searching = SearchRound(number, padding, padding)
@@ -200,6 +212,109 @@ def _straight_line(context: PlanContext, ends: Ends) -> tuple[Candidates | None,
             entry.note = entry.note or "free, but nearer to something than the padding"
             narrow = narrow or line
     return None, narrow
+
+
+# Where a search finds nothing: first a proof that there is no path, then less padding, then more of the same.
+
+
+def _found(context: PlanContext, ends: Ends) -> _Proof:
+    """A path that is searched, and proven or not; other things are tried in each pause of the search, and at its end.
+
+    Raises:
+        NoPlan: There is none, or the search was in vain.
+    """
+    ledger, before = context.checker.ledger, context.checker.ledger.own.counts.states
+    tries = Tries(pause=PAUSES[0])
+    for following in (*PAUSES[1:], None):
+        try:
+            return _prove(context, ends, search_stage.search(context, ends, tries=tries))
+        except NoProgress:
+            states = ledger.own.counts.states - before
+            narrow = _otherwise(context, ends, tries, states)
+            if narrow is not None:
+                return narrow
+            tries = Tries(tries.pause or 0, following, tries.states + states)
+            before = ledger.own.counts.states
+        except (CheckBudgetSpent, NoPlan) as over:
+            if isinstance(over, NoPlan) and over.failure.reason is not Reason.PLANNING_FAILED:
+                raise
+            narrow = _otherwise(context, ends, tries, ledger.own.counts.states - before)
+            if narrow is not None:
+                return narrow
+            raise
+    raise BrokenInvariant("a search without an end")
+
+
+def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _Proof | None:
+    """A proven path with less padding, if it is not proven that there is none at all; in half of the time left.
+
+    Args:
+        tries: Those that were made last.
+        states: That these have checked.
+
+    Raises:
+        NoPlan: It is proven that no path exists.
+    """
+    accounting, ledger = context.accounting, context.checker.ledger
+    left = ledger.time_left()
+    deadline = None if left is None else time.monotonic() + left / 2.0
+    accounting.tried_in_vain, padding_before, found = "", accounting.padding, None
+    try:
+        with context.checker.limited(deadline=deadline):
+            _refute(context, ends, min(MOST_BOXES, (tries.states + states) // STATES_A_BOX))
+            for number, (part, motion_step) in enumerate(NARROWER, start=FIRST_NARROW):
+                padding = part * context.request.padding
+                if padding > 0.0 and states > 0 and ledger.room() != 0:
+                    found = _narrower(context, ends, SearchRound(number, padding, motion_step), states // 2)
+                    if found is not None:
+                        return found
+                    accounting.tried_in_vain += f" (none with {padding * 1000:g} mm of padding either)"
+    except TimeBoxSpent as stopped:
+        ledger.poll()
+        accounting.stopped_by(stopped)
+    finally:
+        if found is None:
+            accounting.back_to(Stage.SEARCH, padding_before)
+    return None
+
+
+def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
+    """Look for a proof that no path exists, within so many boxes.
+
+    Raises:
+        NoPlan: There is one.
+    """
+    checker, accounting = context.checker, context.accounting
+    goals = ends.all_of(context.request, checker.robot)
+    if goals is None or ends.departure is not None or boxes == 0:  # of a way out a wall is no objection
+        return
+    with accounting.during(Stage.NO_PATH) as entry:
+        entry.note = f"not proven in {boxes:,} boxes"
+        proof = divide(checker.robot, checker.scene, ends.start, goals, checker.allowed, boxes, accounting.charge)
+        entry.note = "proven" if isinstance(proof, NoPath) else entry.note
+    if isinstance(proof, NoPath):
+        raise accounting.impossible(proof)
+    accounting.tried_in_vain = f" (no proof that there is none in {boxes:,} boxes)"
+
+
+def _narrower(context: PlanContext, ends: Ends, searching: SearchRound, states: int) -> _Proof | None:
+    """A proven path that keeps less padding, found by checking so many states."""
+    accounting, ledger, padding = context.accounting, context.checker.ledger, searching.padding
+    try:
+        with context.checker.limited(states=states):
+            candidates = search_stage.search(context, padded_ends(context, ends, padding), searching)
+            proof = _prove(context, ends, candidates)
+    except CheckBudgetSpent:
+        if ledger.room() == 0:
+            raise
+        return None
+    except NoPlan as no_plan:
+        if no_plan.failure.reason not in (Reason.PLANNING_FAILED, Reason.NOT_CERTIFIED):
+            raise
+        return None
+    if not proof.refused:
+        accounting.retry(f"searched with {padding * 1000:g} mm of padding: nothing was found with more")
+    return None if proof.refused else proof
 
 
 def _prove(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof:

@@ -12,6 +12,7 @@ from typing import Any
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.constraints import Constraint
+from planner_service.decomposition.no_path import NoPath
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
 from planner_service.geometry.arrays import FloatArray, as_sent
 from planner_service.geometry.validation import copied_in
@@ -61,6 +62,8 @@ class Stage(enum.Enum):
     """Growing one within the plan, on a budget of its own; only with ``PRM``, ``PRMstar`` and ``LazyPRM``."""
     SEARCH = "search"
     """The planner, or the query of a roadmap."""
+    NO_PATH = "no-path proof"
+    """Looking for a proof that there is none; only after searches that made no progress."""
     SHORTCUT = "shortcut"
     """Pieces replaced by straight edges that are free."""
     POLISH = "polish"
@@ -100,6 +103,8 @@ class Reason(enum.Enum):
     """The caller cancelled."""
     PLANNING_FAILED = "PLANNING_FAILED"
     """The planner gave up before its limits were reached; whether a path exists is unknown."""
+    NO_PATH = "NO_PATH"
+    """It is proven that no path exists; ``PlanResult.no_path`` is the proof."""
     NOT_CERTIFIED = "NOT_CERTIFIED"
     """A path was found, but there is no proof that it is free; ``PlanResult.certificate`` says where. Or an end is
     free, but so near to something that no path there could be proven."""
@@ -310,6 +315,7 @@ class PlanResult:
         constraints: What the motion keeps all along, those of what the robot carries among them; ``certificate.kept``
             is the proof of each, in the same order.
         near_ends: Where named pairs are closer than ``padding``, because they are so at an end.
+        no_path: With NO_PATH, the proof; ``save_no_path`` writes it. Not kept in plan files.
     """
 
     path: JointPath | None
@@ -330,6 +336,7 @@ class PlanResult:
     fraction: float | None = None
     constraints: tuple[Constraint, ...] = ()
     near_ends: tuple[NearEnd, ...] = ()
+    no_path: NoPath | None = None
 
     def __post_init__(self) -> None:
         copied_in(self, "stages", "notes", "constraints", "near_ends")

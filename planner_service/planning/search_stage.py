@@ -39,7 +39,9 @@ from planner_service.smoothing.smoothing import pulled_in, shortcut, without_sho
 __all__ = [
     "FIRST_TRIES",
     "Candidates",
+    "NoProgress",
     "SearchRound",
+    "Tries",
     "alternating",
     "fresh_seed",
     "fresh_tries",
@@ -92,6 +94,25 @@ class SearchRound:
     def fits(self, roadmap: Roadmap, padding: float, request: PlanRequest) -> bool:
         """Whether edges judged in this round are what a roadmap knows: same padding, same samples."""
         return self.number == 0 and padding == (request.padding if roadmap.terms is None else roadmap.terms.padding)
+
+
+@dataclass(frozen=True)
+class Tries:
+    """Which tries a search makes.
+
+    Attributes:
+        first: The number of the first; those before it found nothing.
+        pause: The number of the try before which ``NoProgress`` is raised; None for no pause.
+        states: States that those before the first have checked.
+    """
+
+    first: int = 0
+    pause: int | None = None
+    states: int = 0
+
+
+class NoProgress(Exception):
+    """Some tries found nothing; it is time for something else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,12 +178,15 @@ def roomier(context: PlanContext, ends: Ends, narrow: Candidates) -> Candidates:
     return narrow
 
 
-def search(context: PlanContext, ends: Ends, searching: SearchRound | None = None) -> Candidates:
+def search(
+    context: PlanContext, ends: Ends, searching: SearchRound | None = None, tries: Tries | None = None
+) -> Candidates:
     """A path with the full padding, and after it the same before its corners were pulled in, should that be easier to
     prove. An end that is closer to something is left on a short line first.
 
     Raises:
         NoPlan: There is none.
+        NoProgress: The tries come to a pause.
     """
     searching = SearchRound(0, context.request.padding) if searching is None else searching
     accounting = context.accounting
@@ -170,16 +194,22 @@ def search(context: PlanContext, ends: Ends, searching: SearchRound | None = Non
     if ends.padding != searching.padding and context.constraints is None:
         with accounting.during(Stage.SEARCH):
             leads = _leads(context, ends, searching)
-    return _searched(context, ends, searching, leads)
+    return _searched(context, ends, searching, leads, tries)
 
 
-def _searched(context: PlanContext, ends: Ends, searching: SearchRound, leads: list[FloatArray] | None) -> Candidates:
+def _searched(
+    context: PlanContext,
+    ends: Ends,
+    searching: SearchRound,
+    leads: list[FloatArray] | None,
+    tries: Tries | None = None,
+) -> Candidates:
     """The same between given ``leads``; without them, with what all of the ends keep."""
     accounting = context.accounting
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
     accounting.padding = ends.padding if leads is None else searching.padding
     oracle = oracle_of(context, searching.checker(context, accounting.padding), start, goals)
-    points = _search(context, searching, start, goals, oracle)
+    points = _search(context, searching, start, goals, oracle, Tries() if tries is None else tries)
     searched = _shortened(context, points, oracle)
     goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == searched[0][-1].tolist())
     polylines = tuple(_without_repeats([ends.start, *points, goal]) for points in searched)
@@ -270,6 +300,7 @@ class _Search:
     problem: SearchProblem
     padding: float
     entry: StageEntry
+    tries: Tries
 
 
 def _search(
@@ -278,11 +309,13 @@ def _search(
     start: FloatArray,
     goals: Sequence[FloatArray],
     oracle: SearchOracle | ConstrainedOracle,
+    tries: Tries,
 ) -> FloatArray:
     """A path from the start to one of the goals, as the planner of the request finds it.
 
     Raises:
         NoPlan: It finds none.
+        NoProgress: The tries come to a pause.
     """
     checker, accounting, tracer = context.checker, context.accounting, context.tracer
     planner = _planner(context, searching)
@@ -303,7 +336,7 @@ def _search(
         projector=context.projector,
     )
     with accounting.during(Stage.SEARCH) as entry:
-        running = _Search(context, searching, problem, accounting.padding, entry)
+        running = _Search(context, searching, problem, accounting.padding, entry, tries)
         try:
             if isinstance(planner, Roadmap):
                 points = _over_roadmap(running, planner)
@@ -337,7 +370,11 @@ def _planner(context: PlanContext, searching: SearchRound) -> Planner:
 
 
 def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
-    """The path of the first try that finds one; None after some that ended by themselves without one."""
+    """The path of the first try that finds one; None after some that ended by themselves without one.
+
+    Raises:
+        NoProgress: They come to a pause.
+    """
     context, entry = running.context, running.entry
     checker, request, accounting = context.checker, context.request, context.accounting
     most, given_up = search_states(request), 0
@@ -346,8 +383,12 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
         tries = fresh_tries(most, request.retries, planner.patience)
     searchers = alternating(planner) if context.constraints is None else repeat(planner)
     spent: CheckBudgetSpent | None = None
-    with checker.limited(states=most):
+    with checker.limited(states=max(0, most - running.tries.states)):
         for attempt, (states, searcher) in enumerate(zip(tries, searchers, strict=False)):
+            if attempt < running.tries.first:
+                continue
+            if attempt == running.tries.pause:
+                raise NoProgress
             entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
             accounting.attempt(entry.note)
             seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
@@ -374,7 +415,9 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
 def _over_roadmap(running: _Search, roadmap: Roadmap) -> FloatArray | None:
     """The path over a roadmap; without one, a search's, unless ``fallback`` is off."""
     points, entry = None, running.entry
-    if running.round.number == 0 or not roadmap.fallback:  # a roadmap knows nothing of edges sampled more closely
+    if (
+        running.round.number == 0 and not running.tries.first
+    ) or not roadmap.fallback:  # a roadmap knows nothing of edges sampled more closely
         points = _query(running, roadmap)
     if points is None and roadmap.fallback:
         note = f"{entry.note}; no path there: " if entry.note else ""

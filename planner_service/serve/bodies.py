@@ -486,6 +486,7 @@ class ExplainBody(InWorld):
     request: RequestBody
     plans: Annotated[Count, Field(ge=1, le=1_000)] = 60
     remedies: Annotated[Count, Field(ge=1, le=1_000)] = 3
+    time_limit: Annotated[float, Field(ge=0.0, le=86_400.0)] | None = None
 
 
 class RoadmapBody(InWorld):

@@ -484,7 +484,14 @@ def _previous(saved: SavedPlan) -> PlanResult | Replanned:
 
 def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
     request = call.request(body.request.value)
-    explained = call.service.explain(request, plans=body.plans, remedies=body.remedies, cancel=call.cancel)
+    explained = call.service.explain(
+        request,
+        plans=body.plans,
+        remedies=body.remedies,
+        time_limit=body.time_limit,
+        progress=False,
+        cancel=call.cancel,
+    )
     remedies = []
     for remedy in explained.remedies:
         plan = SavedPlan(replace(call.service.world, scene=remedy.scene), remedy.request, remedy.result)
@@ -496,6 +503,7 @@ def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
         "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
         "remedies": remedies,
         "plans": explained.plans,
+        "complete": explained.complete,
     }
     return _json_answer(document, counts=explained.result.counts)
 

@@ -111,6 +111,23 @@ def test_a_joint_without_end_goes_the_other_way_round(tmp_path: Path, shape: Box
         assert prove_no_path(robot, both, [0.0], [[0.2 + turn]]) is None
 
 
+def test_a_corner_that_barely_overlaps_is_a_wall() -> None:
+    """Where a link of flat boxes turns into the corner of a box by 4 mm, which no ball as thick as they are shows."""
+    pose = Pose((-0.0865, 0.2069, 0.1072), (-0.4188, -0.0827, -0.5662, 0.7051))
+    scene = Scene((Obstacle("box", Box((0.1725, 0.3444, 0.2878)), pose),))
+    start, goal = [0.068, 2.066, 1.526, 0.251, -0.449, 0.586], [-2.483, 1.71, 1.856, 0.876, -1.472, -3.071]
+    checker = CollisionChecker(load_robot("wxai"), scene)
+    assert checker.state_is_free(start)
+    assert checker.state_is_free(goal)
+    depths = [
+        c.depth for q in ([1.19, *start[1:]], [-0.26, *start[1:]]) for c in checker.contacts(q) if c.a == "link_1"
+    ]
+    assert 0.0 < min(depths) < max(depths) < 0.006
+    proof = prove_no_path(checker.robot, scene, start, [goal])
+    assert proof is not None
+    assert proof.joints == ("joint_0",)
+
+
 def test_pairs_that_may_touch_are_no_walls() -> None:
     scene = Scene((disc("left", 0.5, 0.5), disc("right", 0.5, -0.5)))
     links = sorted({item.link for item in ARM.shapes})

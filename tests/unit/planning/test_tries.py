@@ -133,7 +133,7 @@ BY_TURNS = ["balancedrrtconnect", "rrtconnect"] * 2
 def test_every_second_try_of_the_default_is_another_algorithm_and_every_other_planner_stays_alone(
     settings: dict[str, Any], names: list[str], asked: list[tuple[str, int]]
 ) -> None:
-    request = PlanRequest((0.0, 0.0), (math.pi, 0.0), max_checks=3000, time_limit=None, **settings)
+    request = PlanRequest((0.0, 0.0), (math.pi, 0.0), max_checks=3000, time_limit=None, padding=0.0, **settings)
     result = walled_in().plan(request)
     assert not result.ok
     assert [name for name, _ in asked] == names
