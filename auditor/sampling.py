@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import base64
 import math
+import zlib
 from collections.abc import Iterator
-from itertools import combinations
+from functools import lru_cache
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import coal
@@ -19,7 +21,7 @@ import pinocchio as pin
 
 from auditor.checker import hull_of
 
-__all__ = ["objections"]
+__all__ = ["no_path_objections", "objections"]
 
 Array = Any
 Json = Any
@@ -56,7 +58,7 @@ def solids(solid: Json, at: Array) -> Iterator[tuple[Any, Array]]:
     elif kind == "box":
         yield coal.Box(np.array(solid["size"], float)), at
     elif kind == "mesh":
-        yield hull_of(np.frombuffer(base64.b64decode(solid["vertices"]), "<f8").reshape(-1, 3)), at
+        yield hull(solid["vertices"]), at
     elif kind == "cloud":
         size = solid["resolution"]
         for cell in np.frombuffer(base64.b64decode(solid["cells"]), "<i8").reshape(-1, 3):
@@ -72,6 +74,11 @@ def solids(solid: Json, at: Array) -> Iterator[tuple[Any, Array]]:
     else:
         make = {"cylinder": coal.Cylinder, "capsule": coal.Capsule}[kind]
         yield make(solid["radius"], solid["length"]), at
+
+
+@lru_cache(maxsize=256)
+def hull(vertices: str) -> Any:
+    return hull_of(np.frombuffer(base64.b64decode(vertices), "<f8").reshape(-1, 3))
 
 
 def shifted(by: Any) -> Array:
@@ -241,15 +248,17 @@ def _objections(document: Json, samples: int) -> Iterator[str]:
             if told.keys() != there.keys():
                 yield f"{name}: says that other things stand there"
             for key in told.keys() & there.keys():
-                it = first.get(key) if isinstance(told[key], str) else told[key]
-                same = it is not None and it["shape"] == there[key]["shape"]
-                if not same or np.abs(matrix(it["pose"]) - matrix(there[key]["pose"])).max() > AWAY:
+                it = first.get(key, {"shape": None}) if isinstance(told[key], str) else told[key]
+                if (
+                    it["shape"] != there[key]["shape"]
+                    or np.abs(matrix(it["pose"]) - matrix(there[key]["pose"])).max() > AWAY
+                ):
                     yield f"{name}: says that {key} is elsewhere or something else"
         if wide != width:
             grip = (segment["gripper"] or {"certificate": result["certificate"]})["certificate"]
             taken = {it["name"] for it in now if it not in hold} | {it["name"] for it in hold if it not in now}
             fingers = set(robot["gripper"]["links"])
-            for part in np.linspace(width, wide, 12):
+            for part in np.linspace(width, wide, 5):
                 bodies = arm.bodies(list(stand.values()), hold, float(part))
                 yield from touching(
                     arm, bodies, [0.0], Q[:1], document, hold, grip, f"gripper before {name}", fingers, taken
@@ -431,9 +440,50 @@ def elsewhere(arm: Arm, request: Json, result: Json) -> Iterator[str]:
     if result["trajectory"]["part"] is None and off(request["start"], points[0]) > near:
         yield "begins elsewhere than asked"
     index = result["goal_index"]
-    goal = None if index is None else request["goals"][index]
-    if goal is not None and "joints" in goal and off(goal["joints"], points[-1]) > near:
+    if index is None:
+        return
+    goal = request["goals"][index]
+    if "joints" in goal and off(goal["joints"], points[-1]) > near:
         yield "ends elsewhere than asked"
-    posed = goal is not None and "pose" in goal and goal["room"] is None
+    posed = "pose" in goal and goal["room"] is None
     if posed and np.abs(arm.tool(points[-1]) - matrix(goal["pose"])).max() > 10 * AWAY:
         yield "the tool ends elsewhere than asked"
+
+
+def no_path_objections(document: Json, walls: int = 60, ways: int = 40) -> list[str]:
+    """What was found to be false in a proof of no path: walls that do not collide, straight ways that are free."""
+    robot, chance = document["robot"], np.random.default_rng(0)
+    arm, k = Arm(robot), len(document["joints"])
+    bodies = arm.bodies(document["scene"]["obstacles"], document["scene"]["attached"], robot["gripper_width"])
+    columns = [robot["joint_names"].index(name) for name in document["joints"]]
+    lower, upper = (np.array(robot["limits"][side], float) for side in ("lower", "upper"))
+    low, high = np.array(document["range"], float)
+    table = np.frombuffer(zlib.decompress(base64.b64decode(document["walls"])), "<i8").reshape(-1, 2 * k + 1)
+    places, found = np.array([body.link for body in bodies]), list[str]()
+    at = np.array([body.at for body in bodies])
+
+    def frames(q: Array) -> Array:
+        return np.array([*arm.frames(q), np.eye(4)])[places] @ at
+
+    for row in table[chance.integers(0, len(table), walls)] if len(table) else ():
+        corners = row[: 2 * k].reshape(2, k) / document["divisions"]
+        q = chance.uniform(lower, upper)
+        q[columns] = low + (high - low) * chance.uniform(*corners)
+        pair, T = document["pairs"][int(row[-1])], frames(q)
+        named = [[i for i, body in enumerate(bodies) if body.owner[1] == name.split(" (")[0]] for name in pair]
+        gaps = [distance(bodies[i], T[i], bodies[j], T[j]) for i in named[0] for j in named[1] if i != j]
+        if min(gaps, default=1.0) > NEAR:
+            found.append(f"{pair} do not touch in a wall")
+            break
+    claim: Json = {"clearance": 1e-4, "part": None, "exempt": []}
+    for goal in document["goals"]:
+        for _ in range(ways):
+            points = np.array([document["start"], chance.uniform(lower, upper), goal], float)
+            points = points if chance.random() < 0.9 else points[[0, 2]]
+            Q = np.vstack([np.linspace(a, b, 60) for a, b in pairwise(points)])
+            if not list(
+                touching(arm, bodies, np.zeros(len(Q)), Q, document, document["scene"]["attached"], claim, "way")
+            ):
+                found.append(f"a way from {document['start']} to {goal} is free")
+                break
+    return found

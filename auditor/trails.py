@@ -184,8 +184,8 @@ class World:
         fingers = [*self.fingers()]
         require(len(self.bodies) < MOST_BODIES, "more bodies than an arm has")
         require([0 <= b["parent"] < k for k, b in enumerate(self.bodies) if k], "a body before its parent")
-        moved = [b["q_index"] for b in self.bodies[1:]]
-        require([0 <= k <= self.column for k in moved], "a body that no joint moves")
+        moved = [b["q_index"] for b in self.bodies[1 : self.arm]]  # those of fingers come after
+        require([0 <= k < self.column for k in moved], "a body that no joint moves")
         require([abs(np.linalg.norm(b["axis"]) - 1) < SLACK for b in self.bodies[1:]], "an axis that is no unit vector")
         rest, every = placed(self.bodies, np.append(np.zeros(self.column), x)[None])[:, 0], list[tuple[Any, ...]]()
         for shape in sorted(robot["shapes"], key=lambda shape: alone and shape["link"] in self.grip["links"]):
@@ -197,7 +197,8 @@ class World:
             every.append(("link", shape["link"], solid, body, home, at))
         require(not fingers, "fingers that no link has")
         self.tool = body, at = robot["tool_body"], frame(robot["tool_placement"])
-        require(0 <= body < len(self.bodies), "a tool on a body that is not there")
+        riding = [body, *(it["body"] for it in (*robot["shapes"], *robot.get("link_frames", ())))]
+        require([0 <= k < self.arm for k in riding], "a link or a tool on a body that is not there")
         every += [("held", it["name"], it["shape"], body, body, at @ frame(it["pose"])) for it in hold]
         every += [("standing", it["name"], it["shape"], 0, 0, frame(it["pose"])) for it in stand]
         links, objects = {shape["link"] for shape in robot["shapes"]}, [it["name"] for it in (*stand, *hold)]
