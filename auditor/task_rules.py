@@ -198,6 +198,8 @@ def ruled(
         if pair in [frozenset(map(link, each)) for each in way["pairs"]]:
             rest = np.array(next(pose["q"] for pose in robot["named_poses"] if pose["name"] == way["pose"]), float)
             ends, knots = (rest, np.array(way["to"], float)), np.cumsum([0.0, *curve.steps])
+            if curve.length == 0 and np.abs(curve.points[:, : len(rest)] - rest).max() <= SLACK:
+                return f"it stays in {way['pose']}", ""
             for k, (low, high) in ((0, knots[:2]), (len(knots) - 2, knots[-2:])):
                 piece = curve.points[k : k + 2, : len(rest)]
                 straight = not np.append([0.0, 0.0], np.pad(curve.d, 1)[k : k + 2]).any()

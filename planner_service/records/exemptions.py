@@ -123,7 +123,9 @@ def _are(names: frozenset[str], group: Collection[str], other: str) -> bool:
 
 def _fixed_pieces(path: JointPath, rest: FloatArray, to: FloatArray) -> list[tuple[float, float]]:
     """The stretches at the ends of a path that are the straight piece between a pose and the end of its way out."""
-    points, pieces = path.waypoints, []
+    points, pieces = path.waypoints, list[tuple[float, float]]()
+    if len(points) == 1 and _same(points[0], rest):  # it stays there
+        pieces.append((0.0, 0.0))
     if len(points) > 1 and not path.blends[:2].any() and _same(points[0], rest) and _same(points[1], to):
         pieces.append((0.0, float(path.knots[1])))
     if len(points) > 1 and not path.blends[-2:].any() and _same(points[-1], rest) and _same(points[-2], to):

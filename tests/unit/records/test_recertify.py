@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from auditor.verify import verify
 from planner_service import (
     Attached,
     Box,
@@ -45,7 +47,7 @@ from planner_service.kinematics.inverse import inverse_kinematics, straight_tool
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace
 from planner_service.planning.world import World
-from planner_service.records.evidence import save_plan
+from planner_service.records.evidence import save_plan, with_evidence
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import AllowedContact
@@ -278,6 +280,15 @@ def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(tmp_p
         ):
             forged = replace(made, certificate=replace(made.certificate, exempt=(wider,)))
             refused(saved(bin_(), forged, tmp_path), "not judged from s", bin_())
+
+
+def test_an_arm_may_stay_in_the_pose_that_it_has_a_way_out_of(tmp_path: Path) -> None:
+    asleep = bin_().robot.pose("sleep")
+    made = bin_().plan(PlanRequest(asleep, asleep))
+    assert made.exempt
+    plan = saved(bin_(), made, tmp_path)
+    assert recertify(plan).certified
+    assert any("it stays in sleep" in line for line in verify(json.loads(with_evidence(plan).file_text())))
 
 
 @cache
