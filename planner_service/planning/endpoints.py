@@ -30,6 +30,9 @@ from planner_service.robot.model import TURN, ExemptRetreat, Robot, joint_vector
 
 __all__ = ["Ends", "GoalState", "find_ends", "padded_ends", "require_ends"]
 
+DEGREES = 1.0
+"""Radians beyond a limit from which on a joint's value may be one in degrees."""
+
 RECOVERY_STATES = 1000
 """States checked at most when looking for a free configuration near an end in collision."""
 
@@ -224,8 +227,19 @@ def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
     least, most = (bound[joint] for bound in robot.bounds)
     if not least <= q[joint] <= most:  # of a continuous joint these are wider than the window that is planned in
         low, high = least, most
-    words = f"{robot.joint_names[joint]} = {outside_text(q[joint], low, high)}"
+    words = f"{robot.joint_names[joint]} = {outside_text(q[joint], low, high)}{_in_degrees(q, joint, robot)}"
     return words if _out_of_bounds(q, robot) else f"{words}, which is all that a roadmap covers"
+
+
+def _in_degrees(q: FloatArray, joint: int, robot: Robot) -> str:
+    """What to write instead if the values of turning joints are degrees: all of them are within the limits then."""
+    lower, upper = robot.bounds
+    slides = {body.q_index for body in robot.bodies[1:] if body.prismatic}
+    meant = np.array([value if k in slides else np.radians(value) for k, value in enumerate(q.tolist())])
+    beyond = max(lower[joint] - q[joint], q[joint] - upper[joint])
+    if joint in slides or beyond < DEGREES or not np.all((meant >= lower) & (meant <= upper)):
+        return ""
+    return f"; if these are degrees, write [{', '.join(f'{value:.4f}' for value in meant.tolist())}]"
 
 
 def _out_of_bounds(q: FloatArray, robot: Robot) -> bool:
