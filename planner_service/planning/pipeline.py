@@ -270,6 +270,9 @@ def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _
                         return found
                     accounting.tried_in_vain += f" (none with {padding * 1000:g} mm of padding either)"
     except TimeBoxSpent as stopped:
+        accounting.tried_in_vain = (
+            accounting.tried_in_vain or " (the time was too short for a proof that there is none)"
+        )
         ledger.poll()
         accounting.stopped_by(stopped)
     finally:
@@ -289,9 +292,9 @@ def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
     if goals is None or ends.departure is not None or boxes == 0:  # of a way out a wall is no objection
         return
     with accounting.during(Stage.NO_PATH) as entry:
-        entry.note = f"not proven in {boxes:,} boxes"
+        entry.note = "stopped"
         proof = divide(checker.robot, checker.scene, ends.start, goals, checker.allowed, boxes, accounting.charge)
-        entry.note = "proven" if isinstance(proof, NoPath) else entry.note
+        entry.note = "proven" if isinstance(proof, NoPath) else f"not proven in {boxes:,} boxes"
     if isinstance(proof, NoPath):
         raise accounting.impossible(proof)
     accounting.tried_in_vain = f" (no proof that there is none in {boxes:,} boxes)"
