@@ -70,6 +70,7 @@ from planner_service.planning.world import World
 from planner_service.presentation.progress import bar
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
+from planner_service.records.request import astray
 from planner_service.replanning.result import Replanned, request_for, underway
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot, joint_vector
@@ -228,7 +229,10 @@ class Remote:
         if _cancelled(cancel):
             return self._here.plan(request, cancel=cancel)
         answer = self._work("plans", {"request": request_body(request)}, cancel)
-        return self._saved_plan(answer, answer.document(), request).result
+        result = self._saved_plan(answer, answer.document(), request).result
+        if result.trajectory is not None and result.trajectory.part is not None:
+            raise InvalidFile(answer.url, ["trajectory.part: expected a motion along the whole path"])
+        return result
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, at_once: int = AT_ONCE, progress: bool | None = None
@@ -340,7 +344,10 @@ class Remote:
         _require_asked(answer, read.request, request)
         explained = read_explanation(document, answer.url, _of_server(read.result, self.world, request))
         changes = []
+        if explained.way is not None:
+            _require_there(answer, request, explained.way, self.robot)
         for remedy in explained.remedies:
+            _require_there(answer, remedy.request, remedy.result, self.robot)
             scene = replace(remedy.scene, name=self.scene.name)
             result = _of_server(remedy.result, replace(self.world, scene=scene), remedy.request)
             changes.append(replace(remedy, scene=scene, result=result))
@@ -453,6 +460,7 @@ class Remote:
         plan = self._reader.plan(document, answer.url)
         if request is not None and (plan.request is not None or plan.result.ok):
             _require_asked(answer, plan.request, request)
+            _require_there(answer, request, plan.result, self.robot)
         self._server.remember(plan.result.trajectory, answer.job)
         return replace(plan, request=request, result=_of_server(plan.result, self.world, request, pace))
 
@@ -476,6 +484,7 @@ class Remote:
         saved = self._reader.task(answer.document(), answer.url)
         if saved.segments:
             _require_asked(answer, saved.request, request)
+            _require_there(answer, request, saved.segments[0].result, self.robot, task=True)
         task = _task_result(saved, request)
         scenes = [task.world.scene, *(segment.scene for segment in task.segments if segment.scene is not None)]
         held = [each for scene in scenes for each in scene.attached if each.name == taken]
@@ -533,6 +542,14 @@ def _require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequ
     """Refuse the answer to another request."""
     if answered is None or request_body(answered) != request_body(asked):
         raise InvalidFile(answer.url, ["request: another one than was sent"])
+
+
+def _require_there(
+    answer: Answer, request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool = False
+) -> None:
+    """Refuse a motion that begins or ends elsewhere than asked."""
+    if elsewhere := astray(request, result, robot, task=task):
+        raise InvalidFile(answer.url, [f"path: {elsewhere}"])
 
 
 def _task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:

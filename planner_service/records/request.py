@@ -24,20 +24,28 @@ from planner_service.files.schema import (
     of_length,
     plain,
 )
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
+from planner_service.kinematics.inverse import rotation_distance
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import METHODS, Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import PlanResult
+from planner_service.presentation.measures import numbers_text
 from planner_service.records.values import Constraints, PoseRecord
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.inertia import Payload
+from planner_service.robot.model import TURN, Robot, joint_vector
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
-__all__ = ["TIMINGS", "RequestRecord"]
+__all__ = ["TIMINGS", "RequestRecord", "astray"]
 
 TIMINGS: Mapping[str, type[Any]] = MappingProxyType({law.name: law for law in (ToppRa, Trapezoidal, SCurve)})
 """Every timing law that can be made from its name alone, by that name."""
+
+REACHED = 1e-6
+"""Metres and radians by which a plan may miss its ends, for rounding."""
 
 _PLANNERS: Mapping[str, type[Any]] = MappingProxyType({**PLANNERS, RoadmapReference.name: RoadmapReference})
 """Those that a name and settings make; of a roadmap the hash is kept."""
@@ -223,3 +231,46 @@ def _goals(goal: Any) -> list[Any]:
         return [goal]
     several = any(isinstance(entry, Pose | PoseGoal) or np.ndim(entry) > 0 for entry in goal)
     return list(goal) if several else [goal]
+
+
+def astray(request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool = False) -> str:
+    """How a motion begins or ends elsewhere than where its request asks, in words; empty if it does not.
+
+    What begins on the way, as a replanned motion does, may begin anywhere and stop before a goal.
+
+    Args:
+        task: Whether it is the first motion of a task: the goal of its request has no meaning.
+    """
+    path, trajectory, index = result.path, result.trajectory, result.goal_index
+    if path is None or trajectory is None or path.n != robot.n:
+        return ""
+    try:
+        start = request.clamped(joint_vector("start", request.start, robot), robot)
+        goals = request.goals(robot)
+    except InvalidRequest as error:
+        return f"its request: {error}"
+    begin, end = path.waypoints[0], path.waypoints[-1]
+    if trajectory.part is None and np.abs(begin - start).max() > REACHED:
+        return f"it begins at {numbers_text(begin.tolist())}; its request at {numbers_text(start.tolist())}"
+    if task or (index is None and trajectory.part is not None):
+        return ""
+    if index is None or index >= len(goals):
+        return f"it ends at goal {index}; its request has {len(goals)}"
+    goal = goals[index]
+    return "" if _reached(goal, end, robot) else f"it ends at {numbers_text(end.tolist())}, which is not goal {index}"
+
+
+def _reached(goal: Any, end: FloatArray, robot: Robot) -> bool:
+    if not isinstance(goal, Pose | PoseGoal):
+        off = end - goal
+        off = np.where(robot.continuous or False, off - TURN * np.round(off / TURN), off)
+        return bool(np.abs(off).max() <= REACHED)
+    room = goal if isinstance(goal, PoseGoal) else PoseGoal(goal)
+    tool, T = robot.tool_pose(end), room.pose.matrix
+    if np.linalg.norm(tool[:3, 3] - T[:3, 3]) > room.position_tolerance + REACHED:
+        return False
+    leant = rotation_distance(Pose.from_matrix(tool), room.pose)
+    if room.free_axis is not None:
+        a, b = tool[:3, :3] @ room.free_axis, T[:3, :3] @ room.free_axis
+        leant = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    return leant <= room.orientation_tolerance + REACHED

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.inverse import straight_tool_line
 from planner_service.planning.request import PlanRequest
-from planner_service.planning.result import PlanResult, Reason
+from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.records.plan_file import load_plan
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import MAX_TURNED, TURN, Robot, load_robot
@@ -69,6 +70,14 @@ def test_a_plan_goes_the_shortest_way_round_from_wherever_the_robot_is(pendulum:
     assert end - begin == pytest.approx([TURN - 6.0, 0.0], abs=1e-9)
     assert result.path is not None
     assert service.certify(result.path).certified
+
+
+def test_a_plan_is_proven_that_ends_whole_turns_from_its_goal_and_none_that_ends_elsewhere(pendulum: Robot) -> None:
+    service = PlannerService(pendulum, Scene())
+    result, off = service.plan(PlanRequest([3.0, 0.2], [-3.0, 0.2 + 2.0 * TURN])), PlanRequest([3.0, 0.2], [-3.0, 0.21])
+    assert recertify(result).certified
+    (problem,) = recertify(replace(result, origin=Origin(service.world, off))).problems
+    assert problem.endswith("which is not goal 0")
 
 
 def test_a_goal_a_whole_turn_away_is_the_start(pendulum: Robot) -> None:

@@ -8,6 +8,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -549,11 +550,15 @@ class Deaf(BaseHTTPRequestHandler):
         body = json.dumps(self._heard(json.loads(self.rfile.read(length)))) if length else None
         kept = {name: value for name, value in self.headers.items() if name not in ("Host", "Content-Length")}
         answer = httpx.request(self.command, f"{self.url}{self.path}", content=body, headers=kept, timeout=60.0)
+        content = self._said(answer.content)
         self.send_response(answer.status_code)
         for name, value in answer.headers.items():
-            self.send_header(name, value)
+            self.send_header(name, str(len(content)) if name == "content-length" else value)
         self.end_headers()
-        self.wfile.write(answer.content)
+        self.wfile.write(content)
+
+    def _said(self, content: bytes) -> bytes:
+        return content
 
     def _heard(self, asked: Any) -> Any:
         if isinstance(asked, list):
@@ -567,10 +572,26 @@ class Deaf(BaseHTTPRequestHandler):
         """Nothing."""
 
 
-@pytest.fixture
-def deaf(url: str) -> Iterator[Remote]:
+class Elsewhere(Deaf):
+    """A server whose motions begin elsewhere, and who says that this was not asked for."""
+
+    def _heard(self, asked: Any) -> Any:
+        return {name: ASIDE.tolist() if name in ("start", "q") else each for name, each in asked.items()} | (
+            {"request": self._heard(asked["request"])} if "request" in asked else {}
+        )
+
+    def _said(self, content: bytes) -> bytes:
+        if b'"format"' not in content:
+            return content
+        answer, there = json.loads(content), HOME.tolist()
+        said = {"start": there} | ({"goals": [{"joints": there}]} if "segments" in answer else {})
+        return json.dumps(answer | {"request": answer["request"] | said}).encode()
+
+
+@contextmanager
+def asked_through(kind: type[Deaf], url: str) -> Iterator[Remote]:
     answers = {f"do_{method}": Deaf.answer for method in ("GET", "POST", "PUT", "DELETE")}
-    handler = type("Handler", (Deaf,), {"url": url, **answers})
+    handler = type("Handler", (kind,), {"url": url, **answers})
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever).start()
         try:
@@ -578,6 +599,23 @@ def deaf(url: str) -> Iterator[Remote]:
                 yield remote
         finally:
             server.shutdown()
+
+
+@pytest.fixture
+def deaf(url: str) -> Iterator[Remote]:
+    with asked_through(Deaf, url) as remote:
+        yield remote
+
+
+def test_a_motion_that_begins_elsewhere_is_refused_whatever_its_request_says(url: str) -> None:
+    with asked_through(Elsewhere, url) as remote:
+        grasps = top_grasps(remote.robot, remote.scene.obstacle("blue_block"))
+        for ask in (
+            lambda: remote.plan(asked(ROUND)),
+            lambda: client.pick(remote, HOME, "blue_block", grasps, Handling("bin_floor", request=asked(HOME))),
+        ):
+            with pytest.raises(InvalidFile, match="path: it begins at"):
+                ask()
 
 
 def test_the_answer_to_another_question_is_refused(deaf: Remote) -> None:

@@ -44,6 +44,7 @@ from planner_service.cli.commands import app
 from planner_service.execute import execute
 from planner_service.execute import stream as execution
 from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
+from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace
 from planner_service.planning.world import World
@@ -58,6 +59,7 @@ from tests.support.arms import QUICK, FakeArm, FakeTime
 from tests.support.optional import present
 
 ABOVE_TRAY = Pose((0.20, 0.28, 0.15), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+ABOVE_TRAY_TURNED = ABOVE_TRAY @ Pose((0.0, 0.0, 0.0), (math.cos(0.2), math.sin(0.2), 0.0, 0.0))
 
 
 @cache
@@ -324,6 +326,28 @@ def test_a_way_out_of_more_than_was_asked_for_is_refused(tmp_path: Path) -> None
     service, made = left_table()
     asked = PlanRequest(present(made.path).waypoints[0], service.robot.home, start_overlap=0.001)
     refused(saved(service, made, tmp_path, asked), "they overlap by 1.* mm, and start_overlap allows 1 mm", service)
+
+
+def test_a_plan_that_begins_or_ends_elsewhere_than_its_request_asks_is_refused(tmp_path: Path) -> None:
+    made, moved = good(), np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    asked = present(present(made.origin).request)
+    for request, match in (
+        (replace(asked, start=home() + moved), "it begins at 0, .*; its request at 0.1"),
+        (replace(asked, goal=home()), "which is not goal 0"),
+        (replace(asked, goal=Pose((0.20, 0.28, 0.151), ABOVE_TRAY.quaternion)), "which is not goal 0"),
+        (replace(asked, goal=PoseGoal(ABOVE_TRAY_TURNED, free_axis=(0.0, 0.0, 1.0))), "which is not goal 0"),
+    ):
+        refused(saved(bin_(), made, tmp_path, request), match, bin_())
+    for index in (None, 1):
+        changed = replace(made, goal_index=index)
+        refused(saved(bin_(), changed, tmp_path, asked), f"goal {index}; its request has 1", bin_())
+
+
+def test_a_plan_may_end_anywhere_within_the_room_of_its_goal(tmp_path: Path) -> None:
+    asked = present(present(good().origin).request)
+    near = Pose((0.20, 0.28, 0.151), ABOVE_TRAY.quaternion)
+    for goal in (PoseGoal(near, position_tolerance=0.0011), PoseGoal(ABOVE_TRAY_TURNED, free_axis=(1.0, 0.0, 0.0))):
+        assert not objections(saved(bin_(), good(), tmp_path, replace(asked, goal=goal)))
 
 
 # Time laws.
