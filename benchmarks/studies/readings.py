@@ -31,6 +31,8 @@ __all__ = ["run"]
 CONFIGURATIONS = 50
 SAME = 1e-6
 """Metres, and entries of rotations: files write poses with a few digits, and readers keep them as doubles."""
+SAME_FLAT = 1e-5
+"""The same of an MJCF file that MuJoCo wrote in one piece, with six digits, as Pinocchio cannot follow an include."""
 SAME_LIMIT = 1e-9
 SAME_SIZE = 1e-4
 """Metres between the boxes around a mesh, of which readers keep single or double precision."""
@@ -168,7 +170,7 @@ class _Comparison:
                     continue
                 apart = float(np.abs(base @ T - ours[link]).max())
                 worst = max(worst, apart)
-                if not apart <= SAME:
+                if not apart <= (SAME_FLAT if self.mjcf and reader == "Pinocchio" else SAME):
                     links.add(link)
         self.readers[reader] = f"{worst:.0e}"
         if links:
@@ -316,7 +318,7 @@ def _mujoco(case: _Comparison) -> None:
     import mujoco
 
     if case.mjcf:
-        model = mujoco.MjModel.from_xml_path(str(case.path))
+        model = mujoco.MjModel.from_xml_path(str(case.original))
     else:
         model = mujoco.MjModel.from_xml_string(_bones(case.path))
     data = mujoco.MjData(model)
