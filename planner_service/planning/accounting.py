@@ -234,9 +234,9 @@ class PlanAccounting:
             report = StageReport(report.stage, counts, seconds, report.length, report.note)
         self._reports[report.stage] = report
 
-    def back_to(self, stage: Stage, padding: float) -> None:
-        """Take it that ``stage`` goes on, with a padding, after others in between."""
-        self._stage, self.padding = stage, padding
+    def back_to(self, stage: Stage, padding: float, end_trouble: str) -> None:
+        """Take it that ``stage`` goes on, as it was before others in between."""
+        self._stage, self.padding, self.end_trouble = stage, padding, end_trouble
 
     @contextmanager
     def improving(self, entry: StageEntry, what: str) -> Iterator[None]:

@@ -258,7 +258,8 @@ def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _
     accounting, ledger = context.accounting, context.checker.ledger
     left = ledger.time_left()
     deadline = None if left is None else time.monotonic() + left / 2.0
-    accounting.tried_in_vain, padding_before, found = "", accounting.padding, None
+    accounting.tried_in_vain, found = "", None
+    padding_before, trouble = accounting.padding, accounting.end_trouble
     try:
         with context.checker.limited(deadline=deadline):
             _refute(context, ends, min(MOST_BOXES, (tries.states + states) // STATES_A_BOX))
@@ -277,7 +278,7 @@ def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _
         accounting.stopped_by(stopped)
     finally:
         if found is None:
-            accounting.back_to(Stage.SEARCH, padding_before)
+            accounting.back_to(Stage.SEARCH, padding_before, trouble)
     return None
 
 
