@@ -45,7 +45,7 @@ from planner_service.planning.pipeline import plan, require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
 from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
-from planner_service.planning.torque import torque_limits
+from planner_service.planning.timing_stage import torque_limits
 from planner_service.planning.world import World
 from planner_service.presentation.page import OpenPage, Showable
 from planner_service.presentation.progress import bar

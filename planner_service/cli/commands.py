@@ -30,7 +30,7 @@ from planner_service.collision import CollisionChecker
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
-from planner_service.planning.torque import torques_of
+from planner_service.planning.timing_stage import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.explanation import ReachedRecord

@@ -24,8 +24,7 @@ from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, 
 from planner_service.planning.kept_padding import padding_kept
 from planner_service.planning.request import Pace, clamp_note, clamped, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import timed
-from planner_service.planning.torque import torques_of
+from planner_service.planning.timing_stage import timed, torques_of
 from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 

@@ -40,8 +40,7 @@ from planner_service.planning.request import Pace, PlanRequest, kept_in
 from planner_service.planning.result import KeptPadding, MotionReport, PlanResult, Reason, Stage
 from planner_service.planning.roadmap_work import require_robot
 from planner_service.planning.search_stage import Candidates, NoProgress, SearchRound, Tries
-from planner_service.planning.timing_stage import timed
-from planner_service.planning.torque import torques_of
+from planner_service.planning.timing_stage import timed, torques_of
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene

@@ -39,7 +39,7 @@ from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest, keeps_torques, kept_in
 from planner_service.planning.result import Origin, PlanResult
-from planner_service.planning.torque import torques_of
+from planner_service.planning.timing_stage import torques_of
 from planner_service.planning.world import World
 from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask
