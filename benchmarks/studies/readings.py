@@ -212,7 +212,12 @@ class _Comparison:
             given = list(theirs.get(link.name, ()))
             if [kind for kind, _ in own] != [kind for kind, _ in given]:
                 kinds = [", ".join(kind for kind, _ in each) or "nothing" for each in (own, given)]
-                self.unexplained.append(f"{link.name}: we check {kinds[0]}, {reader} reads {kinds[1]}")
+                text = f"{link.name}: we check {kinds[0]}, {reader} reads {kinds[1]}"
+                wished = any(f"link {link.name!r}: <collision_checking>" in line for line in self.told)
+                if wished:
+                    self.explained.append(f"{text}: it reads <collision_checking>, of which robot check warns")
+                else:
+                    self.unexplained.append(text)
                 continue
             for (kind, size), (_, other) in zip(own, given, strict=True):
                 if other is not None and float(np.abs(size - other).max()) > SAME_SIZE:

@@ -108,7 +108,7 @@ def usable_srdf(path: Path, urdf: Urdf) -> tuple[Srdf, list[str]]:
     free = ", ".join(name for name in passive if name not in follow)
     notes += [f"passive joints are not planned for, and stand as at home: {free}"] if free else []
     chained = tuple(tip for tip in tips if tip in known)
-    return Srdf(contacts, _named(states), chained, groups, ends, passive, tuple(notes)), problems
+    return Srdf(contacts, _named(states), chained, groups, ends, passive, tuple(dict.fromkeys(notes))), problems
 
 
 def _passive(root: Element, urdf: Urdf, problems: list[str]) -> tuple[str, ...]:

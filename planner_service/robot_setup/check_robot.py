@@ -24,6 +24,7 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
+from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, items
 from planner_service.presentation.measures import numbers_text
 from planner_service.robot.loading import LARGE, is_mjcf
@@ -143,7 +144,9 @@ def check_robot(
             problems = problems or error.problems  # else perhaps because of a stand-in
     visuals = visuals_of(urdf)
     large = {finding.links[0]: finding for finding in _sizes(urdf, visuals)}
-    beyond = {} if robot is None else overhangs(robot, {k: v for k, v in visuals.items() if k not in large})
+    first = {link.name: link.collisions[0] for link in urdf.links if link.collisions}
+    shaped = {name: Pose.from_rpy(item.xyz, item.rpy) for name, item in first.items()}
+    beyond = {} if robot is None else overhangs(robot, {k: v for k, v in visuals.items() if k not in large}, shaped)
     found = [
         *(_refused(problem, urdf) for problem in problems),
         *(finding for joint in urdf.joints for finding in _joint_findings(joint)),

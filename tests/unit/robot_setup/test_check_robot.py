@@ -14,6 +14,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box
 from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.package_files import example_urdf
 from planner_service.robot_setup.check_robot import FindingKind, RobotCheck, check_robot
 from planner_service.view.still.pictures import draw_robot_check
 from tests.support.command import document, run
@@ -343,3 +344,11 @@ def test_there_is_no_picture_of_what_cannot_be_a_robot(folder: Path) -> None:
     done = run("robot", "check", folder / "arm.urdf", "--png", folder / "none.png")
     assert ("no picture" in done.stderr, done.exit_code) == (True, 1)
     assert not (folder / "none.png").exists()
+
+
+def test_fingers_that_look_like_something_are_compared_with_their_shapes() -> None:
+    found = check_robot(example_urdf("panda"))
+    assert found.robot is not None
+    assert found.robot.gripper is not None
+    for finger in ("panda_leftfinger", "panda_rightfinger"):
+        assert found.overhangs[finger] < 1e-3
