@@ -22,7 +22,9 @@ def judged(document: Any, named: Sequence[Sequence[str]] = ()) -> Iterator[str]:
     no_path = isinstance(document, dict) and document.get("format") == verify_no_path.FORMAT
     try:
         yield from verify_no_path.verify(document) if no_path else verify.verify(document, named)
-    except (LookupError, ValueError, TypeError, ArithmeticError, RecursionError, MemoryError) as error:
+    except Invalid:
+        raise
+    except Exception as error:  # whatever a file is made of
         raise Invalid(f"no file that can be judged: {type(error).__name__}, {error}") from error
 
 

@@ -117,6 +117,16 @@ def test_words_for_numbers_are_refused(word: str) -> None:
         parsed(f'{{"format": {word}}}'.encode())
 
 
+@pytest.mark.parametrize("text", ["", "AAAA", "eAE=", "x", "eJwDAAAAAAE="])
+def test_a_table_that_is_none_is_refused(plan: Document, text: str) -> None:
+    for key in ("s", "pairs", "rows"):
+        proof = plan["sections"]["evidence"]["proofs"][0]
+        right, proof[key] = proof[key], text
+        with pytest.raises(Invalid):
+            list(judged(plan))
+        proof[key] = right
+
+
 def test_a_file_is_a_plan_or_a_task_and_not_both(plan: Document, task: Document) -> None:
     for one, other in ((plan, task), (task, plan)):
         with pytest.raises(Invalid, match="missing or unknown"):
