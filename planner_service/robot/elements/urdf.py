@@ -40,6 +40,7 @@ _GEOMETRY = rule(
         ),
     },
 )
+_CONTACTS = dict.fromkeys(("contact", "surface", "max_contacts", "contact_coefficients"), rule(NONE, CONTACT))
 _SHAPE = {"origin": _ORIGIN, "geometry": _GEOMETRY, "material": _MATERIAL}
 
 _LINK = rule(
@@ -53,12 +54,12 @@ _LINK = rule(
             READ,
             "what is checked; several are one link's shapes",
             _NAME,
-            (NONE, "group", "which shapes Gazebo checks together; here all are checked"),
+            (NONE, "group mask", "which shapes a simulator checks together; here all are checked"),
             (NONE, "concave", "the hull that is checked contains the concave mesh"),
             children={
                 **_SHAPE,
                 "verbose": rule(NONE, OLD),
-                "contact": rule(NONE, CONTACT),
+                **_CONTACTS,
             },
         ),
         "visual": rule(READ, f"{LOOKS}, unless visual_as_collision asks for it", _NAME, children=_SHAPE, looks=True),
@@ -80,9 +81,7 @@ _LINK = rule(
         "collision_checking": rule(WARNED, "a wish for other shapes, which few readers know; <capsule> is read"),
         "self_collision_checking": rule(WARNED, "a wish for other shapes, which few readers know"),
         "self_filter": rule(NONE, "which sensor readings are the robot itself"),
-        "contact": rule(NONE, CONTACT),
-        "surface": rule(NONE, CONTACT),
-        "contact_coefficients": rule(NONE, CONTACT),
+        **_CONTACTS,
         "gravity": rule(NONE, SIMULATOR),
         "kinematic": rule(NONE, SIMULATOR),
         "sensor": rule(NONE, "sensors do not move the robot"),
@@ -99,7 +98,12 @@ _JOINT = rule(
         "origin": _ORIGIN,
         "parent": rule(READ, "", (READ, "link", "a link")),
         "child": rule(READ, "", (READ, "link", "a link; each has one parent joint, but for the root")),
-        "axis": rule(READ, "", (READ, "xyz", "made a unit vector; 1 0 0 if not given")),
+        "axis": rule(
+            READ,
+            "",
+            (READ, "xyz", "made a unit vector; 1 0 0 if not given"),
+            (WARNED, "rpy", "no reader of URDF turns an axis"),
+        ),
         "limit": rule(
             READ,
             "revolute and prismatic joints need one",
@@ -113,7 +117,7 @@ _JOINT = rule(
             (READ, "effort", "Nm or N, for torque limits"),
             (READ, "acceleration deceleration", "URDF 1.2; the smaller one holds; a convention if neither is given"),
             (READ, "jerk", "URDF 1.2; a convention if not given"),
-            (NONE, "command_effort current gear_velocity", "what one motor needs"),
+            (NONE, "command_effort current gear_velocity stiffness damping", "what one motor does"),
         ),
         "mimic": rule(
             READ,
@@ -133,6 +137,7 @@ _JOINT = rule(
             (NONE, "k_position k_velocity", "how hard that controller brakes"),
         ),
         "dynamics": rule(NONE, "friction and damping; torques are worked out without"),
+        "joint_properties": rule(NONE, "friction and damping; torques are worked out without"),
         "calibration": rule(NONE, "how the robot finds its zero; joint values here are those of its driver"),
         "sensor": rule(NONE, "sensors do not move the robot"),
     },
