@@ -49,7 +49,7 @@ DRAWN = ("wxai", "wxai", "panda_mbm", "ur5", "wxai_dual")
 def saved_files(seed: int) -> Iterator[tuple[str, Document]]:
     """Each with a name; a third of them are tasks."""
     for number, robot in enumerate(DRAWN):
-        yield f"plan, {robot}", _drawn(robot, random.Random(f"saved {seed} {number}"))
+        yield f"plan {number}, {robot}", _drawn(robot, random.Random(f"saved {seed} {number}"))
     flat = PlannerService("planar2", load_scene("discs"))
     yield "plan, planar2", _certain(flat, PlanRequest((0.0, 0.0), (math.pi / 2, -math.pi / 2), time_limit=None))
     yield "plan, constraints", _constrained()
