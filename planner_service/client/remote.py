@@ -547,7 +547,7 @@ def _require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequ
 def _require_there(
     answer: Answer, request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool = False
 ) -> None:
-    """Refuse a motion that begins or ends elsewhere than asked."""
+    """Refuse a motion that begins elsewhere than asked, or ends there unless it is a part of a ``task``, or a line."""
     if elsewhere := astray(request, result, robot, task=task):
         raise InvalidFile(answer.url, [f"path: {elsewhere}"])
 
@@ -670,8 +670,9 @@ def move_linear(
             constraints=constraints,
             cancel=cancel,
         )
+    at = joint_vector("start", start, remote.robot)
     body = {
-        "start": joint_vector("start", start, remote.robot).tolist(),
+        "start": at.tolist(),
         "goal": target_body(goal),
         "zone": zone,
         "points": points,
@@ -684,6 +685,7 @@ def move_linear(
     answer = remote._work("move_linear", body, cancel)
     pace = Pace(Trapezoidal()) if pace is None else pace
     plan = remote._saved_plan(answer, answer.document(), pace=pace)
+    _require_there(answer, PlanRequest(at, at), plan.result, remote.robot, task=True)
     if plan.result.ok and plan.result.constraints != kept_in(remote.scene, constraints):
         raise InvalidFile(answer.url, ["constraints: others than were asked for"])
     return replace(plan.result, fraction=read_fraction(plan, answer.url))

@@ -585,7 +585,7 @@ class Elsewhere(Deaf):
             return content
         answer, there = json.loads(content), HOME.tolist()
         said = {"start": there} | ({"goals": [{"joints": there}]} if "segments" in answer else {})
-        return json.dumps(answer | {"request": answer["request"] | said}).encode()
+        return json.dumps(answer | {"request": answer["request"] and answer["request"] | said}).encode()
 
 
 @contextmanager
@@ -612,6 +612,7 @@ def test_a_motion_that_begins_elsewhere_is_refused_whatever_its_request_says(url
         grasps = top_grasps(remote.robot, remote.scene.obstacle("blue_block"))
         for ask in (
             lambda: remote.plan(asked(ROUND)),
+            lambda: client.move_linear(remote, HOME, (0.0, 0.0, 0.02)),
             lambda: client.pick(remote, HOME, "blue_block", grasps, Handling("bin_floor", request=asked(HOME))),
         ):
             with pytest.raises(InvalidFile, match="path: it begins at"):
