@@ -30,7 +30,7 @@ from planner_service.records.evidence import packed
 from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import Trapezoidal
 
-__all__ = ["run"]
+__all__ = ["Forger", "forged", "meaning", "objections_of", "run"]
 
 FORGERIES = 20_000
 SAMPLES = 80
@@ -464,6 +464,10 @@ KINDS: tuple[Callable[[Forger], bool | None], ...] = (
 OF_NO_PATH = (Forger.shrink, Forger.move, Forger.rename, Forger.change_robot, Forger.change_form, Forger.drop)
 
 
+Judge = Callable[[str, str, bool, Forger, Document], Row]
+"""Of the kind of a forgery, its file, whether it means the same, itself, and the file as it was."""
+
+
 def leaves(value: Any, at: Place = ()) -> Iterator[Place]:
     """Places of all values that are neither objects nor lists, and of empty ones."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -507,7 +511,7 @@ def run(queries: int | None, seed: int) -> Report:
     chance, count = random.Random(f"forgeries {seed}"), queries or FORGERIES
     files = list(saved_files(seed))
     hit: set[Place] = set()
-    rows = tuple(_forged(files, count, chance, hit))
+    rows = tuple(forged(files, count, chance, hit, _judged))
     fields = {field(place) for _, document in files for place in leaves(document)}
     missed = sorted(".".join(map(str, each)) for each in fields - hit)
     accepted = [row for row in rows if row["false"]]
@@ -523,7 +527,10 @@ def run(queries: int | None, seed: int) -> Report:
     return Report("evidence", rows, tuple(tables), promises)
 
 
-def _forged(files: Sequence[tuple[str, Document]], count: int, chance: random.Random, hit: set[Place]) -> Iterator[Row]:
+def forged(
+    files: Sequence[tuple[str, Document]], count: int, chance: random.Random, hit: set[Place], judge: Judge
+) -> Iterator[Row]:
+    """What a judge says of so many forgeries; the fields that were changed are added to ``hit``."""
     everything = [document for _, document in files]
     light = [(name, document) for name, document in files if "segments" not in document]
     heavy = [(name, document) for name, document in files if "segments" in document]
@@ -555,7 +562,7 @@ def _forged(files: Sequence[tuple[str, Document]], count: int, chance: random.Ra
                 right = bool(change(forger))
             except (KeyError, IndexError, TypeError, ValueError):  # a file without what this changes
                 right = False
-        yield _judged(kind, name, right, forger, document)
+        yield judge(kind, name, right, forger, document)
 
 
 def _judged(kind: str, name: str, right: bool, forger: Forger, base: Document) -> Row:
