@@ -180,7 +180,14 @@ class World:
         self.x, self.alone, self.arm, self.column = x, alone, len(robot["bodies"]), len(robot["joint_names"])
         self.solids, self.pieces = list[Solid](), list[Array]()
         self.bodies = [{"multiplier": 1.0, **body, "at": frame(body["placement"])} for body in robot["bodies"]]
-        self.grip = {"kind": "parallel", "links": [], "closed": [], **(robot["gripper"] or {})}
+        none: Json = {"kind": "parallel", "links": [], "closed": [], "directions": [], "turns": [], "tips": []}
+        self.grip = {**none, **(robot["gripper"] or {})}
+        kind, many, tips = self.grip["kind"], len(self.grip["closed"]), self.grip["tips"]
+        ways = {"parallel": (many, 0), "revolute": (0, many), "vacuum": (0, 0)}.get(kind)
+        found = len(self.grip["directions"]), len(self.grip["turns"])
+        require(ways == found, f"fingers that move otherwise than those of a {kind} gripper")
+        tipped = len(tips) == 2 and {*tips} <= {it["link"] for it in self.grip["closed"]}
+        require(kind != "revolute" or tipped, "a width between links that are no fingers")
         fingers = [*self.fingers()]
         require(len(self.bodies) < MOST_BODIES, "more bodies than an arm has")
         require([0 <= b["parent"] < k for k, b in enumerate(self.bodies) if k], "a body before its parent")
@@ -206,9 +213,9 @@ class World:
         self.twice = links.intersection(objects)
         for kind, name, solid, body, home, at in every:
             require(0 <= home <= body < len(self.bodies), f"{name}: on a body that is not there")
-            found, first = pieces(name, solid, at, boxes), len(self.pieces)
-            self.solids.append(Solid(kind, self.label(kind, name), body, home, first, first + len(found), solid, at))
-            self.pieces += found
+            own, first = pieces(name, solid, at, boxes), len(self.pieces)
+            self.solids.append(Solid(kind, self.label(kind, name), body, home, first, first + len(own), solid, at))
+            self.pieces += own
         contacts = [(("link", a), ("link", b)) for a, b in (each["links"] for each in robot["allowed_contacts"])]
         contacts += [(("held", it["name"]), ("link", link)) for it in hold for link in it["touch_links"]]
         labels = [(self.label(*one), self.label(*two)) for one, two in contacts]

@@ -542,12 +542,17 @@ def forged(
         for place in each:
             by_field[name][field(place)].append(place)
     turns: Counter[str] = Counter()
+    once = sorted({(chosen, name) for name, fields in by_field.items() for chosen in fields})
+    first = dict(once)  # each field of all files once before they come in turn
     for number in range(count):
         name, document = chance.choice(heavy if chance.random() < TASKS else light)
         if number % 2:
             fields = list(by_field[name])
             chosen = fields[turns[name] % len(fields)]
             turns[name] += 1
+            if first:
+                chosen, name = first.popitem()
+                document = dict(files)[name]
             forger = Forger(document, everything, chance)
             change_field(forger.document, chance.choice(by_field[name][chosen]), chance)
             hit.add(chosen)

@@ -142,6 +142,15 @@ def test_a_robot_that_nothing_can_touch_needs_no_trail() -> None:
         list(judged(document))
 
 
+@pytest.mark.parametrize("kind", ["vacuum", "revolute", "magnetic"])
+def test_fingers_that_slide_are_those_of_a_parallel_gripper(
+    plan: Document, resealed: Callable[[Document], Document], kind: str
+) -> None:
+    plan["robot"]["gripper"]["kind"] = kind
+    with pytest.raises(Invalid, match=f"otherwise than those of a {kind} gripper"):
+        list(judged(resealed(plan)))
+
+
 def test_a_start_that_touches_nothing_may_not_overlap_later(plan: Document) -> None:
     deep = {"s_start": 0.0, "s_end": 0.1, "pairs": [["link_5", "wall"]], "reason": "a start", "depth": 0.002}
     for claim in (plan["result"]["certificate"], plan["sections"]["evidence"]["proofs"][0]):
