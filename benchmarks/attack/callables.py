@@ -443,7 +443,7 @@ def _files(folder: Path) -> Calls:
         encoding="utf-8",
     )
     mesh, cloud, heights, roadmap = (folder / name for name in ("cube.obj", "cloud.npy", "heights.npy", "roadmap.npz"))
-    mesh.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3\n", encoding="utf-8")
+    mesh.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3 4 5 6 7 8\n", encoding="utf-8")
     stand = folder / "stand.urdf"
     stand.write_text(
         '<robot name="s"><link name="a"><collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>'

@@ -36,10 +36,10 @@ class SearchGraph:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What ``PlannerService.plan(..., trace=True)`` keeps beside the plan; of several searches, the last.
+    """What ``PlannerService.plan(..., trace=True)`` keeps beside the plan.
 
     Attributes:
-        graph: What the search grew; None if nothing was searched, or a roadmap was (``PlanResult.roadmap``).
+        graph: What the last search grew, or without a path the one that grew most; None if nothing was searched, or a roadmap was (``PlanResult.roadmap``).
         searched: The path that was found, shape (N, n); None without one.
         shortcut: The same path after shortcutting, shape (N, n); the plan's path is this one, polished.
     """
@@ -61,14 +61,17 @@ class Tracer:
 
     def __init__(self) -> None:
         self.trace = Trace()
+        self._last: SearchGraph | None = None
 
     def grown(self, milestones: FloatArray, edges: list[tuple[int, int]]) -> None:
         """A search ended and has grown this; its path, if any, follows."""
-        self.trace = Trace(SearchGraph(milestones, np.array(edges, dtype=np.intp)))
+        self._last = SearchGraph(milestones, np.array(edges, dtype=np.intp))
+        most = self.trace.graph
+        self.trace = Trace(most if most is not None and len(most.edges) > len(edges) else self._last)
 
     def searched(self, points: FloatArray) -> None:
         """The search found a path (N, n)."""
-        self.trace = Trace(self.trace.graph, points)
+        self.trace = Trace(self._last, points)
 
     def cut(self, points: FloatArray) -> None:
         """The path was shortened to (N, n)."""

@@ -411,7 +411,7 @@ def _put(where: Any, value: float) -> Callable[[Any], None]:
     ("which", "change", "message"),
     [
         (0, lambda terms: terms[1:], "other terms"),
-        (0, _put(11, 0.0), "a batch has a row"),
+        (0, _put(12, 0.0), "a batch has a row"),
         (2, _put((2, 0), 5.0), "a parent comes first"),
         (2, _put((1, 1), 6.0), "no such entry of q"),
         (2, lambda rows: rows[:, 1:].copy(), "55 numbers"),
