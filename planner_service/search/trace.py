@@ -39,7 +39,8 @@ class Trace:
     """What ``PlannerService.plan(..., trace=True)`` keeps beside the plan.
 
     Attributes:
-        graph: What the last search grew, or without a path the one that grew most; None if nothing was searched, or a roadmap was (``PlanResult.roadmap``).
+        graph: What the last search grew, or without a path the one that grew most; None if nothing was searched, or a
+            roadmap was (``PlanResult.roadmap``).
         searched: The path that was found, shape (N, n); None without one.
         shortcut: The same path after shortcutting, shape (N, n); the plan's path is this one, polished.
     """
