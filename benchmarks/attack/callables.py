@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
@@ -117,7 +118,7 @@ HOSTILE: Mapping[str, Callable[[], object]] = {
 
 @dataclass(frozen=True)
 class Call:
-    """A callable with arguments that are right.
+    """A callable with arguments that are right: those given, and the default of every other one.
 
     Attributes:
         into: Arguments that name what is written.
@@ -126,6 +127,11 @@ class Call:
     function: Callable[..., Any]
     arguments: Mapping[str, Any]
     into: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        parameters = inspect.signature(self.function).parameters.values()
+        defaults = {one.name: one.default for one in parameters if one.default is not one.empty}
+        object.__setattr__(self, "arguments", defaults | dict(self.arguments))
 
 
 SKIPPED: Mapping[str, str] = {
@@ -368,6 +374,8 @@ def _planning(folder: Path) -> Calls:
         _call(service.path_memory, padding=0.001),
         _call(service.update_roadmap, roadmap=roadmap, cancel=token),
         _call(service.way_out, q=q, padding=0.001),
+        _call(service.explain, request=request, plans=2, remedies=1, cancel=token),
+        _call(result.save, ("path",), path=folder / "kept.json"),
         _call(best_of_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(plan_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(result.stage, stage=ps.Stage.SEARCH),
@@ -417,6 +425,8 @@ def _tasks(folder: Path) -> Calls:
     yield from (
         _call(ps.top_grasps, robot=robot, target=block, tilts=(0.0,)),
         _call(places_on, target=block, support=tray),
+        _call(service.torque_limits, scale=0.5),
+        _call(service.certify_gripper, q=robot.home, start=0.0, end=0.01),
         _call(standing_on, scene=scene, name="blue_block"),
         _call(ps.move_linear, **moving, goal=(0.0, 0.0, 0.01), points=5, pace=pace, cancel=ps.CancelToken()),
         _call(

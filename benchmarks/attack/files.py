@@ -19,6 +19,7 @@ import numpy as np
 import planner_service as ps
 from benchmarks.attack.harness import Case, Part, Wrong, packed, unpacked
 from benchmarks.attack.mutations import changed
+from benchmarks.attack.words import MJCF_TEXT, TABLES, draw_word, require_told
 from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
 from benchmarks.harness import rows
 from planner_service.certify import ExemptInterval
@@ -42,6 +43,9 @@ TAKEN = "blue_block"
 
 PROVEN = 0.004
 """Part of the inputs that are forged plans, each driven by an arm that only writes down what it is told."""
+
+WORDS = 0.05
+"""Part of the inputs that are robot files with one word more."""
 
 PLACES: dict[str, Callable[[Path], object]] = {
     "folder": Path.mkdir,
@@ -176,7 +180,8 @@ class _Stock:
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
         points = rng.normal(size=(8, 3)) * 0.1
         self.contents |= {"ply": _ply(points), "obj": _obj(points), "stl": _stl(points), "stl text": _stl_text(points)}
-        texts = {"dae": DAE, "world": WORLD, "moveit": MOVEIT, "srdf": SRDF, "constraints": CONSTRAINTS}
+        texts = {"dae": DAE, "world": WORLD, "moveit": MOVEIT, "srdf": SRDF, "mjcf": MJCF_TEXT}
+        texts["constraints"] = CONSTRAINTS
         for kind, text in texts.items():
             self.contents[kind] = text.encode()
         self.contents["npy"] = _stored(np.save, points)
@@ -224,6 +229,7 @@ class _Stock:
             "urdf": ("f.urdf", ps.Robot.from_urdf),
             "robot": ("f.toml", ps.load_robot),
             "srdf": ("f.srdf", lambda path: ps.Robot.from_urdf(urdf, srdf=path)),
+            "mjcf": ("f.xml", ps.Robot.from_urdf),
             "world": ("f.urdf", read_urdf_scene),
             "moveit": ("f.scene", read_moveit_scene),
             "problems": ("f.json", read_problems),
@@ -236,17 +242,17 @@ class _Stock:
         return out
 
 
-WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7}
+WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7, "mjcf": 0.01}
 """How often kinds that take more time are drawn; the others 1."""
 
 TEXTS = frozenset(
-    {"plan", "task", "obj", "stl text", "dae", "scene", "urdf", "robot", "srdf", "world", "moveit", "constraints"}
+    {"plan", "task", "obj", "stl text", "dae", "scene", "robot", "world", "moveit", "constraints", *TABLES}
 )
 
 
 class Attack(Part):
     name = "files"
-    what = "files of 21 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
+    what = "files of 22 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
     lists = ("data",)
 
     def __init__(self) -> None:
@@ -262,6 +268,9 @@ class Attack(Part):
             return {"forged": (_forged if rng.random() < 0.5 else _forged_task)(self._stock, rng)}
         kinds = list(self._stock.contents)
         weights = np.array([WEIGHTS.get(kind, 1.0) for kind in kinds])
+        if rng.random() < WORDS:
+            kind = "mjcf" if rng.random() < WEIGHTS["mjcf"] else str(rng.choice(("urdf", "srdf")))
+            return draw_word(kind, self._stock.contents[kind].decode(), rng)
         kind = str(rng.choice(kinds, p=weights / weights.sum()))
         if rng.random() < 0.01:
             return {"kind": kind, "place": str(rng.choice(list(PLACES)))}
@@ -273,6 +282,11 @@ class Attack(Part):
         stock = self._stock
         if "forged" in case:
             self._driven(case["forged"])
+            return
+        if "words" in case:
+            name, read = stock.readers()[case["words"]]
+            text = stock.contents[case["words"]].decode()
+            self.counted[f"words {require_told(case, text, stock.folder / name, read)}"] += 1
             return
         name, read = stock.readers()[case["kind"]]
         path = stock.folder / name

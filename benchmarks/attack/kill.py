@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import _thread
+import gc
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 import threading
 import time
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,7 +20,7 @@ import numpy as np
 
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.threads import Reference, digest
-from planner_service import Roadmap, load_scene, save_scene
+from planner_service import PlannerService, PlanRequest, Roadmap, load_scene, planners, save_scene
 from planner_service.parallel import Processes
 from planner_service.records.plan_file import load_plan
 
@@ -25,10 +29,38 @@ __all__ = ["Attack"]
 SAFE = 20.0
 """Seconds that the next plan may take: beyond, something is still held."""
 
+FRAGILE = "AORRTC"
+"""The planner of OMPL whose destructor crashes when it was not set up: half of the planners drawn."""
+
+SMALL = {"checks": 60, "milestones": 8, "samples": 20}
+"""Settings with which planners are quick, so that much of a plan is making and ending them."""
+
+ENDS = ("interrupted", "Ctrl-C reaches the caller", "after Ctrl-C a plan is the same", "Ctrl-C is no other error")
+"""The exit codes of a process that was interrupted: how it should be, and the laws that others break."""
+
+FIRST = """
+import planner_service as ps
+from planner_service.planners import AORRTC
+ps.PlannerService("planar2", "discs").plan(ps.PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=AORRTC(checks=60)))
+"""
+"""A process's first plan, with all that it imports."""
+
+
+def _planners() -> dict[str, Any]:
+    """Every planner whose settings have defaults, by its name, small."""
+    made = {}
+    for name in planners.__all__:
+        kind = getattr(planners, name)
+        if is_dataclass(kind) and all(one.default is not MISSING for one in fields(kind)):
+            made[name] = getattr(planners, name)(
+                **{one.name: SMALL[one.name] for one in fields(kind) if one.name in SMALL}
+            )
+    return made
+
 
 class Attack(Part):
     name = "kill"
-    what = "KeyboardInterrupt while planning and certifying; SIGKILL of processes that write files and of workers"
+    what = "Ctrl-C in imports, every planner and the proof; SIGKILL of processes that write files and of workers"
     limit = 60.0
 
     @cached_property
@@ -39,11 +71,30 @@ class Attack(Part):
         known.service.plan(known.requests[0])
         return known, time.perf_counter() - clock
 
+    @cached_property
+    def _asked(self) -> tuple[PlannerService, dict[str, tuple[PlanRequest, Any, float]]]:
+        """A service, and by planner a request, what its plan is to be, and the seconds that it takes."""
+        service, asked = PlannerService("planar2", "discs"), {}
+        for name, planner in _planners().items():
+            request = PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=planner, time_limit=None, max_checks=20_000)
+            service.plan(request)
+            clock = time.perf_counter()
+            asked[name] = request, digest(service.plan(request)), time.perf_counter() - clock
+        return service, asked
+
     def draw(self, rng: np.random.Generator) -> Case:
-        what = str(rng.choice(("plan", "certify", "check", "write", "worker"), p=(0.5, 0.15, 0.1, 0.23, 0.02)))
-        return {"what": what, "when": float(rng.random()), "number": int(rng.integers(8))}
+        kinds = ("planner", "plan", "certify", "check", "write", "worker", "import")
+        what = str(rng.choice(kinds, p=(0.5, 0.2, 0.1, 0.05, 0.12, 0.01, 0.02)))
+        planner = FRAGILE if rng.random() < 0.5 else str(rng.choice(sorted(_planners())))
+        return {"what": what, "planner": planner, "when": float(rng.random()), "number": int(rng.integers(8))}
 
     def run(self, case: Case) -> None:
+        if case["what"] == "planner":
+            self._planner(case["planner"], case["when"])
+            return
+        if case["what"] == "import":
+            self._first(case["when"])
+            return
         known, seconds = self._known
         service, asked = known.service, known.requests
         number = case["number"] % len(asked)
@@ -64,6 +115,36 @@ class Attack(Part):
         known.require_same(number, "after an interrupt a plan is the same")
         if time.perf_counter() - clock > SAFE:
             raise Wrong("after an interrupt a plan takes no longer")
+
+    def _planner(self, name: str, when: float) -> None:
+        """A child plans again and again until Ctrl-C comes; then it plans once more."""
+        service, asked = self._asked
+        request, same, seconds = asked[name]
+        child = os.fork()
+        if child == 0:
+            code = len(ENDS) - 1
+            try:
+                code = _struck(PlannerService(service.robot, service.scene), request, same, 2.0 * seconds * when)
+            finally:
+                os._exit(code)
+        _, status = os.waitpid(child, 0)
+        if os.WIFSIGNALED(status):
+            raise Wrong("Ctrl-C ends no process with a crash", f"{name}: signal {os.WTERMSIG(status)}")
+        if code := os.WEXITSTATUS(status):
+            raise Wrong(ENDS[code], name)
+        self.counted[f"{name} interrupted"] += 1
+
+    def _first(self, when: float) -> None:
+        """A new process imports everything and plans, and SIGINT comes somewhere in between."""
+        command = [sys.executable, "-c", FIRST]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
+            try:
+                child.wait(3.0 * when)
+            except subprocess.TimeoutExpired:
+                child.send_signal(signal.SIGINT)
+        if child.returncode not in (0, 1, -signal.SIGINT):
+            raise Wrong("Ctrl-C ends no process with a crash", f"a first plan: exit code {child.returncode}")
+        self.counted["first plans ended"] += child.returncode != 0
 
     def _write(self, when: float) -> None:
         """A child writes files without end, and is killed; each is whole, or absent, and is read."""
@@ -109,6 +190,26 @@ class Attack(Part):
         thread.join()
         if [digest(result) for result in found] != known.digests * 3:
             raise Wrong("a batch whose worker was killed is the same")
+
+
+def _struck(service: PlannerService, request: PlanRequest, same: Any, after: float) -> int:
+    """Plan until a signal raises KeyboardInterrupt, as Ctrl-C would; the exit code of this process, see ``ENDS``."""
+    came = []
+
+    def strike(*_: object) -> None:
+        came.append(True)
+        raise KeyboardInterrupt
+
+    service.plan(request)  # a first plan prepares more than a later one
+    try:
+        signal.signal(signal.SIGALRM, strike)
+        signal.setitimer(signal.ITIMER_REAL, max(after, 1e-6))
+        while not came:
+            service.plan(request)
+        return 1
+    except KeyboardInterrupt:
+        gc.collect()  # what still lives in cycles ends here, and crashes here if it does
+    return 0 if digest(service.plan(request)) == same else 2
 
 
 def _children() -> list[int]:

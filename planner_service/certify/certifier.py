@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import NoneType
 from typing import Literal
 
 import numpy as np
@@ -268,6 +269,7 @@ class Certifier:
             UnknownName: an exempt pair names nothing that is there, or a constraint no link or joint of the robot.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        instance("trail", trail, (Trail, NoneType), "a Trail, or None")
         stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         if curve.n != self.robot.n:

@@ -41,7 +41,7 @@ from planner_service.constraints.values import MAX_JOINT, Constraint, JointRange
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import copied_in, finite_numbers, instance, items
+from planner_service.geometry.validation import copied_in, finite_numbers, function_or_none, instance, items
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 
@@ -212,6 +212,7 @@ def prove_kept(
         UnknownName: A constraint names no link or joint of the robot.
     """
     instance("robot", robot, Robot, "a Robot")
+    function_or_none("charge", charge, "a function of a number")
     given: tuple[Constraint, ...] = items(
         "constraints", constraints, (ToolRegion, JointRange), "a sequence of ToolRegion and JointRange"
     )

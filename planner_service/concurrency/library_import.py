@@ -1,8 +1,8 @@
 """Imports a library when it is first needed, in a way that Ctrl-C cannot interrupt.
 
 Some libraries cannot be imported again after an interrupted import: Pinocchio, PIQP and matplotlib stay broken until
-the process ends. Where a class is made, Python before 3.12 and pydantic turn Ctrl-C into an error of their own. Ctrl-C
-interrupts the main thread, so another thread imports, and continues in that case.
+the process ends, and OMPL ends it at once. Where a class is made, Python before 3.12 and pydantic turn Ctrl-C into an
+error of their own. Ctrl-C interrupts the main thread, so another thread imports, and continues in that case.
 """
 
 from __future__ import annotations

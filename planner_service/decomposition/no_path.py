@@ -21,7 +21,7 @@ from planner_service.decomposition.cells import CellArray, Cells
 from planner_service.decomposition.walls import Judgement, Middle, SolidPair, Walls, Witness, solid_pairs
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
-from planner_service.geometry.validation import instance, items, whole
+from planner_service.geometry.validation import function_or_none, instance, items, whole
 from planner_service.robot.model import TURN, Robot, joint_vector
 from planner_service.scene.scene import Scene
 
@@ -141,8 +141,7 @@ def prove_no_path(
     ends = [np.asarray(joint_vector(f"goals[{k}]", goal, robot)) for k, goal in enumerate(given)]
     begin = np.asarray(joint_vector("start", start, robot))
     left = whole("max_boxes", max_boxes, 1, 10**9)
-    if charge is not None and (isinstance(charge, type) or not callable(charge)):
-        raise InvalidRequest("charge", charge, "a function of a number, or None")
+    function_or_none("charge", charge, "a function of a number")
     found = divide(robot, scene, begin, ends, pairs_of_names("allowed", allowed), left, charge)
     return found if isinstance(found, NoPath) else None
 

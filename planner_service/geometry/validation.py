@@ -24,6 +24,7 @@ __all__ = [
     "finite_numbers",
     "finite_tuple",
     "flag",
+    "function_or_none",
     "in_file",
     "instance",
     "items",
@@ -169,6 +170,16 @@ def flag(field: str, value: object) -> bool:
         InvalidRequest: naming ``field``: neither True nor False.
     """
     return bool(instance(field, value, (bool, np.bool_), "True or False"))
+
+
+def function_or_none(field: str, value: object, expected: str) -> None:
+    """Check that a caller gave None, or something that is called: a function, but no class.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``, beside None.
+    """
+    if value is not None and (isinstance(value, type) or not callable(value)):
+        raise InvalidRequest(field, value, f"{expected}, or None")
 
 
 def instance(field: str, value: object, kind: type[T] | tuple[type[T], ...], expected: str) -> T:

@@ -352,7 +352,7 @@ class Robot:
         Args:
             portable: Give the same bits on every processor instead; used to construct paths.
         """
-        return self._tree.poses_batch(Q, portable=portable)
+        return self._tree.poses_batch(Q, portable=flag("portable", portable))
 
     def tool_pose(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """4 x 4 T_world_tool."""

@@ -20,13 +20,11 @@ from operator import methodcaller
 from typing import Any, TypeVar
 
 import numpy as np
-import ompl.base as ob
-import ompl.geometric as og
-import ompl.util as ou
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.concurrency.fair_lock import FairLock
+from planner_service.concurrency.library_import import loaded
 from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import (
     CoarseOracle,
@@ -42,6 +40,19 @@ __all__ = ["Setting", "grow", "solve", "solve_in_batches"]
 
 Setting = float | int | bool
 T = TypeVar("T")
+
+
+def _ompl() -> tuple[Any, Any, Any]:
+    import ompl.base
+    import ompl.geometric
+    import ompl.util
+
+    return ompl.base, ompl.geometric, ompl.util
+
+
+# Ctrl-C during the import of OMPL would abort the process: its enumerations are made by Python code, and its binding
+# ends the process if that raises.
+ob, og, ou = loaded(_ompl)
 
 MAX_SAMPLES = 200_000
 """The most samples of a batch planner; with more its neighbourhoods fill the memory."""
@@ -215,7 +226,7 @@ class _Oracle:
         del self._oracle, self._check, self._poll
 
 
-class _Motions(ob.MotionValidator):  # type: ignore[misc]
+class _Motions(ob.MotionValidator):  # type: ignore[misc, name-defined]
     """Hands whole edges to the oracle; without it OMPL would sample them itself."""
 
     def __init__(self, si: Any, oracle: _Oracle) -> None:

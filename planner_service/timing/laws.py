@@ -159,7 +159,7 @@ class ToppRa:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gridpoints", whole("gridpoints", self.gridpoints, 2, MAX_GRIDPOINTS))
-        if self.backend not in ("own", "toppra"):
+        if not isinstance(self.backend, str) or self.backend not in ("own", "toppra"):
             raise InvalidRequest("backend", self.backend, "'own' or 'toppra'")
         object.__setattr__(self, "torque", flag("torque", self.torque))
 

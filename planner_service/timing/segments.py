@@ -13,6 +13,7 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.validation import function_or_none
 from planner_service.path.corner_blend import STEEPEST, STEEPEST_SLOPE
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import JointLimits
@@ -183,8 +184,7 @@ def path_segments(
     torque: TorqueLimits | None = None,
 ) -> Iterator[PathSegment]:
     """The segments of a path between its stops, from ``s_start`` on if given; none for a single point."""
-    if speed_limit is not None and (isinstance(speed_limit, type) or not callable(speed_limit)):
-        raise InvalidRequest("speed_limit", speed_limit, "a function of s, or None")
+    function_or_none("speed_limit", speed_limit, "a function of s")
     if path.length > (s_start or 0.0):
         stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length]).tolist()
         if s_start is not None:

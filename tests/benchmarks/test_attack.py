@@ -9,18 +9,20 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks.attack import running
+from benchmarks.attack import kill, running
 from benchmarks.attack.domain import described
 from benchmarks.attack.harness import Case, Part, Wrong, read_finding, rng_of
 from benchmarks.attack.jail import Jail
 from benchmarks.attack.running import PARTS, main, maker, replayed, run_part
-from planner_service import InvalidRequest
+from benchmarks.attack.words import require_told
+from planner_service import InvalidRequest, RRTConnect, load_robot
 
 ROOT = Path(__file__).parents[2]
 STORED = sorted((ROOT / "tests" / "attack").glob("*.json"))
@@ -118,6 +120,31 @@ print(part.counted["forged plans"])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "4\n"), done.stderr[-2000:]
+
+
+def test_a_reader_that_drops_a_word_in_silence_is_found(tmp_path: Path) -> None:
+    text = '<robot name="r"><link name="l0"><inertial/></link></robot>'
+    robot = load_robot("planar2")
+    case = {"words": "urdf", "at": 1, "what": "attribute", "word": "colour", "value": "0"}
+    with pytest.raises(Wrong, match="a word in no table is told of: urdf: attribute 'colour' in <link>"):
+        require_told(case, text, tmp_path / "f.urdf", lambda path: robot)
+    other = iter((robot, load_robot("wxai")))
+    with pytest.raises(Wrong, match="a word without an effect has none: urdf: attribute 'type' in <link>"):
+        require_told({**case, "word": "type"}, text, tmp_path / "f.urdf", lambda path: next(other))
+
+
+def test_a_process_that_ctrl_c_crashes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kill, "_planners", lambda: {"RRTConnect": RRTConnect()})
+    part = kill.Attack()
+    case = {"what": "planner", "planner": "RRTConnect", "when": 0.5, "number": 0}
+    part.run(case)
+    assert part.counted["RRTConnect interrupted"] == 1
+    monkeypatch.setattr(kill, "digest", lambda result: object())
+    with pytest.raises(Wrong, match="after Ctrl-C a plan is the same: RRTConnect"):
+        part.run(case)
+    monkeypatch.setattr(kill, "gc", SimpleNamespace(collect=lambda: os.kill(os.getpid(), signal.SIGKILL)))
+    with pytest.raises(Wrong, match="Ctrl-C ends no process with a crash: RRTConnect: signal 9"):
+        part.run(case)
 
 
 def test_findings_are_stored_and_replayed_by_the_command(

@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from importlib import import_module
-from inspect import isclass, isfunction
+from inspect import isclass, isfunction, signature
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +105,19 @@ def test_every_public_name_is_attacked_or_says_why_not(known: dict[str, Call]) -
     names = {name for package in packages for name in package.__all__ if is_called(getattr(package, name))}
     assert names - attacked - set(SKIPPED) == ANSWERS
     assert set(SKIPPED) <= names
+
+
+def test_every_question_to_a_service_is_attacked_with_every_argument(known: dict[str, Call]) -> None:
+    asked = {
+        name for name, value in vars(planner_service.PlannerService).items() if isfunction(value) and name[0] != "_"
+    }
+    assert {name for name in asked if f"PlannerService.{name}" not in known} == {"view"}, "which opens a port"
+    left = {
+        name: missing
+        for name, call in known.items()
+        if (missing := set(signature(call.function).parameters) - set(call.arguments) - {"given"})
+    }
+    assert left == {}
 
 
 def test_arguments_that_are_right_are_taken(known: dict[str, Call]) -> None:

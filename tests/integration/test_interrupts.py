@@ -226,3 +226,33 @@ print(struck(0) == count)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr[-2000:]
+
+
+def test_ctrl_c_while_ompl_is_imported_ends_no_process_with_a_crash() -> None:
+    """OMPL makes its enumerations with Python's own ``enum``, and ends the process where that is interrupted."""
+    program = """
+import enum, signal, sys, threading
+
+struck = []
+
+def profile(frame, event, _):
+    if event != "call" or frame.f_code.co_filename != enum.__file__ or struck or "ompl._ompl" not in sys.modules:
+        return
+    struck.append(True)
+    signal.raise_signal(signal.SIGINT)
+
+sys.setprofile(profile)
+threading.setprofile(profile)
+try:
+    import planner_service
+except KeyboardInterrupt:
+    pass
+sys.setprofile(None)
+threading.setprofile(None)
+import planner_service as ps
+from planner_service.planners import AORRTC
+asked = ps.PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=AORRTC(checks=20))
+print(bool(struck), ps.PlannerService("planar2", "discs").plan(asked).ok)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "True True\n"), done.stderr[-2000:]
