@@ -38,7 +38,7 @@ from planner_service.planning.kept_padding import line_keeps_padding, padding_ke
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
 from planner_service.planning.request import Pace, PlanRequest, kept_in
 from planner_service.planning.result import KeptPadding, MotionReport, PlanResult, Reason, Stage
-from planner_service.planning.roadmap_work import require_robot
+from planner_service.planning.roadmap_work import GROWERS, require_robot
 from planner_service.planning.search_stage import Candidates, NoProgress, SearchRound, Tries
 from planner_service.planning.timing_stage import timed, torques_of
 from planner_service.roadmap import Roadmap
@@ -255,6 +255,8 @@ def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _
         NoPlan: It is proven that no path exists.
     """
     accounting, ledger = context.accounting, context.checker.ledger
+    if isinstance(context.request.planner, GROWERS):  # its roadmap has a budget of its own, and would be grown anew
+        return None
     left = ledger.time_left()
     deadline = None if left is None else time.monotonic() + left / 2.0
     accounting.tried_in_vain, found = "", None
