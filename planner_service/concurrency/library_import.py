@@ -22,8 +22,8 @@ _libraries: dict[Callable[[], Any], Any] = {}
 _importing = threading.Lock()
 """Held while a library is imported. A fork waits for it: the child would keep a half-done import for ever."""
 
-MAX_FORK_WAIT = 30.0
-"""The longest that a fork waits, in seconds."""
+MAX_WAIT = 30.0
+"""The longest that a fork, or Ctrl-C, waits for an import, in seconds."""
 
 
 _forking = False
@@ -31,7 +31,7 @@ _forking = False
 
 def _before() -> None:
     global _forking
-    _forking = _importing.acquire(timeout=MAX_FORK_WAIT)
+    _forking = _importing.acquire(timeout=MAX_WAIT)
 
 
 def _in_parent() -> None:
@@ -54,7 +54,7 @@ def loaded(load: Callable[[], T]) -> T:
         ImportError: What the import raised.
     """
     if load not in _libraries:
-        errors = list[BaseException]()
+        errors, done = list[BaseException](), threading.Event()
 
         def work() -> None:
             try:
@@ -62,11 +62,19 @@ def loaded(load: Callable[[], T]) -> T:
                     _libraries[load] = load()
             except BaseException as error:
                 errors.append(error)
+            finally:
+                done.set()
 
         _release_import_lock()
         thread = threading.Thread(target=work, name=f"planner-service: {load.__name__}")
-        thread.start()
-        thread.join()
+        try:
+            thread.start()
+            done.wait()
+        except KeyboardInterrupt:
+            # The process may end now, and would stop the thread inside the library's own code, which OMPL's takes for
+            # a reason to abort. ``join`` would not do: once interrupted, it takes a running thread for a stopped one.
+            done.wait(MAX_WAIT)
+            raise
         if errors:
             raise errors[0]
     library: T = _libraries[load]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -256,3 +257,25 @@ print(bool(struck), ps.PlannerService("planar2", "discs").plan(asked).ok)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "True True\n"), done.stderr[-2000:]
+
+
+def test_ctrl_c_that_ends_a_process_while_ompl_is_imported_lets_the_import_end_first() -> None:
+    program = """
+import enum, signal, sys, threading, time
+
+struck = []
+
+def profile(frame, event, _):
+    if event != "call" or frame.f_code.co_filename != enum.__file__ or struck or "ompl._ompl" not in sys.modules:
+        return
+    struck.append(True)
+    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+    time.sleep(0.01)  # meanwhile the main thread goes on
+
+sys.setprofile(profile)
+threading.setprofile(profile)
+import planner_service
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert done.returncode == -signal.SIGINT, done.stderr[-2000:]
+    assert done.stderr.endswith("KeyboardInterrupt\n")
