@@ -137,13 +137,17 @@ class Attack(Part):
     def _first(self, when: float) -> None:
         """A new process imports everything and plans, and SIGINT comes somewhere in between."""
         command = [sys.executable, "-c", FIRST]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:
             try:
-                child.wait(3.0 * when)
+                _, told = child.communicate(timeout=3.0 * when)
             except subprocess.TimeoutExpired:
                 child.send_signal(signal.SIGINT)
+                _, told = child.communicate()
         if child.returncode not in (0, 1, -signal.SIGINT):
             raise Wrong("Ctrl-C ends no process with a crash", f"a first plan: exit code {child.returncode}")
+        last = told.strip().rpartition("\n")[2]
+        if child.returncode == 1 and not last.startswith("KeyboardInterrupt"):
+            raise Wrong(ENDS[3], f"a first plan: {last[:200]}")
         self.counted["first plans ended"] += child.returncode != 0
 
     def _write(self, when: float) -> None:
