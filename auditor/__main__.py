@@ -1,7 +1,7 @@
 """``python -m auditor FILE [--allow A B]...``: what a plan or a task with evidence shows, or a proof of no path.
 
 The last line begins with VALID or INVALID and says for what; the exit code is 0 or 1. ``--allow`` names a pair that may
-touch everywhere: a file that allows one is INVALID unless whoever asks names it, too.
+touch everywhere. A file that allows a pair is INVALID unless the pair is named here as well.
 """
 
 import argparse

@@ -25,10 +25,8 @@ Json = Any
 OVER = 1e-5  # share by which a limit may be exceeded: rounding, and where halving ends
 HALVINGS = 12
 SHARP = 1e-6  # radians of a blend that no joint can follow at speed
-DIGITS, FLAT = (
-    2e-15,
-    1e-6,
-)  # rounding turns the tangent of a short piece, by its share of the length; at most by so much
+# Rounding turns the tangent of a short piece by DIGITS times its share of the length, and by FLAT at most.
+DIGITS, FLAT = 2e-15, 1e-6
 
 
 def in_time(robot: Json, result: Json, request: Json, curve: Curve) -> list[str]:

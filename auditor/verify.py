@@ -40,7 +40,7 @@ UNSEEN = (
 def verify(document: Json, named: Json = ()) -> Iterator[str]:
     """What a plan file's evidence shows, line by line; Invalid if that is not all that the file claims.
 
-    ``named`` are the pairs that whoever asks allows to touch: those of the file must be among them.
+    ``named`` are the pairs that the caller allows to touch. A file that allows any other pair is refused.
     """
     check_file(document)
     require(document.get("ok", True), "a task that failed")

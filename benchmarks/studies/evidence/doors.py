@@ -85,7 +85,7 @@ def _certify(document: Document, _: Document) -> tuple[Recertified, Document]:
 
 
 def _run(document: Document, base: Document) -> tuple[Recertified, Document]:
-    """On a real arm, in the world of whoever runs it: that of the file before it was forged."""
+    """On a real arm, in the operator's own world: that of the file before it was forged."""
     service, plan = _read(base).service(), _read(document)
     _, _, proven = admitted(plan, None, service, allowed=(), simulated=False, allow_unproven=False, squeeze=0.0)
     assert proven is not None
