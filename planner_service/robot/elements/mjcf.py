@@ -1,6 +1,6 @@
 """The elements and attributes of MJCF, mujoco's format: mujoco reads them all, and a robot is made of some.
 
-mujoco refuses what it does not know, so a word that is in no list here is one of a newer mujoco, and told of.
+mujoco refuses what it does not know, so a word that is in no list here is one of a newer mujoco, and gets a warning.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _JOINT = rule(
 )
 _GEOM = rule(
     READ,
-    "a shape of its body; of each of several; planes are left out, which is told of; hfield and sdf are refused",
+    "a shape of its body; of each of several; planes are left out, with a warning; hfield and sdf are refused",
     _NAME,
     _CLASS,
     _PLACE,

@@ -14,7 +14,7 @@ _LINK = (READ, "link", "a link of the URDF")
 SRDF = rule(
     READ,
     "",
-    (READ, "name", "the robot's; another than the URDF's is told of"),
+    (READ, "name", "the robot's; a warning if it is not the URDF's"),
     (NONE, "version", ""),
     (NONE, "xmlns", "a namespace; a prefix may be declared, too (xmlns:...)"),
     children={
@@ -46,7 +46,7 @@ SRDF = rule(
             NONE,
             "how a moving base stands in the world; here the base stands still",
         ),
-        "passive_joint": rule(READ, "the joint is not planned for; it stands at home, which is told of", _NAME),
+        "passive_joint": rule(READ, "the joint is not planned for; it stands at home, with a warning", _NAME),
         "disable_collisions": rule(
             READ,
             "the two links may touch",

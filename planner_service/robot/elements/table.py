@@ -2,7 +2,7 @@
 
 A reader that looks for the words it knows drops all others in silence, and with them what they meant: another pose,
 another shape, a tighter limit. So each format has a table of all its words. A word that is in none is refused where it
-could change geometry, motion or limits, and told of where it belongs to another program.
+could change geometry, motion or limits, and gets a warning where it belongs to another program.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Rule:
         attributes: Effect and reason by name.
         children: By tag; a rule may be that of several elements.
         closed: Whether what is not listed inside is looked at: not if the whole element is for another program.
-        extensible: Whether other programs may add elements of their own, which are told of and not refused.
+        extensible: Whether other programs may add elements of their own, which get a warning and are not refused.
         looks: Whether what is inside only says what a link looks like: then nothing in it is refused.
         has_text: Whether its text is read, or has no effect.
         one_child: Whether it holds exactly one element: the reader itself refuses any other.

@@ -111,9 +111,9 @@ _JOINT = rule(
                 READ,
                 "lower upper",
                 "rad or m; 0 if one is not given (in URDF 1.2 both are). Of a continuous joint they have no effect,"
-                " which is told of, and are refused in URDF 1.2",
+                " with a warning, and are refused in URDF 1.2",
             ),
-            (READ, "velocity", "rad/s or m/s; a slow one is assumed for none or 0, which is told of"),
+            (READ, "velocity", "rad/s or m/s; a slow one is assumed for none or 0, with a warning"),
             (READ, "effort", "Nm or N, for torque limits"),
             (READ, "acceleration deceleration", "URDF 1.2; the smaller one holds; a convention if neither is given"),
             (READ, "jerk", "URDF 1.2; a convention if not given"),

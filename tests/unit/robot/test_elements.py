@@ -1,4 +1,4 @@
-"""A word of a robot file is read, has no effect for a stated reason, or is refused or told of by its name."""
+"""A word of a robot file is read, has no effect for a stated reason, is refused by name, or gets a warning."""
 
 from __future__ import annotations
 
