@@ -172,7 +172,7 @@ def _require_kept(name: str, answer: Any, buffers: list[Any]) -> None:
         return
     try:
         before = pickle.dumps(answer)
-    except (AttributeError, TypeError, pickle.PicklingError):  # an object of the caller's
+    except (AttributeError, TypeError, RecursionError, pickle.PicklingError):  # an object of the caller's
         return
     for buffer in buffers:
         buffer[...] = 12345.0

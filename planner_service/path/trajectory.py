@@ -88,6 +88,8 @@ class Trajectory:
             raise InvalidRequest("durations", float(h.min()), "positive numbers")
         if self.part is not None:
             set_fields(self, part=_checked_part(self.part, self.path.length))
+        positive = number("dilation", self.dilation, "a positive number", sys.float_info.min, sys.float_info.max)
+        set_fields(self, dilation=positive)
         ends = read_only([*c[1:, 0], self.end][: len(h)])
         with np.errstate(over="ignore", invalid="ignore"):  # numbers too large are refused, not warned of
             _check_law(self, h, c, ends)

@@ -447,6 +447,13 @@ def test_a_law_that_is_no_motion_from_rest_to_rest_is_refused(
         Trajectory(path, np.array(durations), c)
 
 
+@pytest.mark.parametrize("dilation", [0.0, -1.0, math.nan, math.inf, "2", None, [[[1.0]]]])
+def test_a_dilation_that_is_no_positive_number_is_refused(dilation: Any) -> None:
+    law = triangle(straight())
+    with pytest.raises(InvalidRequest, match="dilation: got"):
+        Trajectory(law.path, law.durations, law.coefficients, dilation)
+
+
 def test_a_corner_passed_at_speed_is_refused() -> None:
     bent = JointPath(np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]))
     with pytest.raises(InvalidRequest, match=r"a stop at the path's corner at s = 0\.5"):
