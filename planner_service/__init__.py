@@ -9,8 +9,7 @@
     print(result.counts, result.trajectory.duration)
 """
 
-import importlib.metadata
-
+import planner_service.conveniences  # noqa: F401  provides what methods of values call
 from planner_service.certify import (
     Certificate,
 )
@@ -31,6 +30,7 @@ from planner_service.errors import (
     PlanningFailed,
     UnknownName,
 )
+from planner_service.files.package_data import RELEASE
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
@@ -50,15 +50,17 @@ from planner_service.planners import (
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage, StageReport
 from planner_service.roadmap import Roadmap
-from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
+from planner_service.robot.model import JointLimits, Robot, robot_names
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene, save_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene, scene_names
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.result import Handling, TaskResult
 from planner_service.tasks.tool_motions import move_linear
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
-__version__ = importlib.metadata.version("planner-service")
+__version__ = RELEASE
 
 __all__ = [
     "PRM",

@@ -47,14 +47,16 @@ from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.planning.timing_stage import torque_limits
 from planner_service.planning.world import World
-from planner_service.presentation.page import OpenPage, Showable
+from planner_service.presentation.page import OpenPage, Showable, show_page
 from planner_service.presentation.progress import bar
 from planner_service.replanning.replan import replan
 from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.robot.inertia import Payload
-from planner_service.robot.model import Robot, joint_vector, load_robot
-from planner_service.scene.scene import Scene, load_scene
+from planner_service.robot.model import Robot, joint_vector
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Scene
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import require_seed
 from planner_service.search.trace import Tracer
@@ -609,9 +611,7 @@ class PlannerService:
             InvalidRequest: There is no such host or port, or ``shown`` cannot be shown.
             MissingDependency: the extra ``view`` is not installed.
         """
-        from planner_service.view import show
-
-        return show(self.world, shown, host=host, port=port, block=block)
+        return show_page(self.world, shown, host=host, port=port, block=block)
 
     def _limited(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
         return held_to(Limits(cancel=cancel), self._planning.ledger, act)

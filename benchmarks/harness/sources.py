@@ -23,8 +23,9 @@ from planner_service.files.schema import Record, Text, at_most, of_length
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.records.problem_set import read_problems
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Obstacle, Scene, load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Obstacle, Scene
 
 __all__ = ["Maker", "Motion", "Problem", "Sources", "Task", "ToyQuery", "block", "tray"]
 

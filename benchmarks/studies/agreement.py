@@ -20,7 +20,8 @@ from benchmarks.harness.report import Promise, Report, Row, table_of
 from planner_service import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.model import load_robot, robot_names
+from planner_service.robot.model import robot_names
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["JITTERS", "WITHIN", "around_contacts", "first_contacts", "random_states", "run"]
 

@@ -19,7 +19,7 @@ from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50
 from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, draw, load
 from planner_service import PlannerService, PlanRequest, PlanResult, SCurve
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["CASES", "PARTS", "Case", "measured", "run"]

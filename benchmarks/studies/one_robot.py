@@ -24,7 +24,7 @@ from planner_service.geometry.arrays import FloatArray  # noqa: E402
 from planner_service.infeasibility import prove_no_path  # noqa: E402
 from planner_service.planning.result import PlanResult, Reason, Stage  # noqa: E402
 from planner_service.robot.kinematic_tree import chain_to_base  # noqa: E402
-from planner_service.robot.model import load_robot  # noqa: E402
+from planner_service.robot_setup.loading import load_robot  # noqa: E402
 
 POSES = 0.25
 """Part of the queries whose goal is a pose of the tool."""

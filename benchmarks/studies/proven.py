@@ -24,7 +24,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
-from planner_service.scene.scene import load_scene
+from planner_service.scene.loading import load_scene
 from planner_service.timing.laws import Timing, stop_duration
 
 __all__ = ["NAMES", "World", "measured", "planted", "promises", "rates", "run", "sampled_peaks"]

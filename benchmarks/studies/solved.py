@@ -32,8 +32,8 @@ from benchmarks.worlds.queries import ROBOT as WXAI
 from planner_service import Mesh, PlannerService, PlanRequest, PlanResult, Pose, Scene
 from planner_service.planners import BKPIECE1, LBKPIECE1, BalancedRRTConnect, Planner, RRTConnect
 from planner_service.records.exports.no_path_file import no_path_document
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 
 __all__ = ["draw_queries", "draw_scene", "run"]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from planner_service import Box, CollisionChecker, Obstacle, Pose, Scene
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["COUNT", "FILE", "ROBOT", "BlockedPose", "draw", "load", "text_of"]
 

@@ -28,8 +28,10 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, Vector, read_only, vector
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.inverse import inverse_kinematics
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = ["FOLDER", "REGIONS", "ROBOTS", "UPRIGHT", "ConstrainedQuery", "draw", "load", "stored_text", "text_of"]
 

@@ -12,8 +12,9 @@ from planner_service.collision import CollisionChecker
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Obstacle, Scene, load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Obstacle, Scene
 
 __all__ = ["COUNT", "PER_SCENE", "blocked_ends", "draw_crowd", "draw_objects", "draw_queries", "draw_scene", "turned"]
 

@@ -18,7 +18,7 @@ from planner_service.constraints import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.request import RequestRecord
 from planner_service.records.scene import SceneRecord
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["COUNT", "FILE", "KINDS", "StoredFailure", "draw", "load", "text_of"]
 

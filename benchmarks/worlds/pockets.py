@@ -22,7 +22,7 @@ from planner_service import Box, CollisionChecker, Cylinder, Mesh, Obstacle, Pos
 from planner_service.certify.pairs import Piece, ProofPairs
 from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.robot.kinematic_tree import chain_to_base
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["COUNTS", "FILE", "Pocket", "draw", "load", "text_of"]
 

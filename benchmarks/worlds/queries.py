@@ -22,8 +22,9 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, read_only, rpy_matrix
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 
 __all__ = ["PER_SCENE", "ROBOT", "SCENES", "SEED", "Query", "draw", "load", "stored_text", "text_of"]
 

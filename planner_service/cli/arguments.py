@@ -24,7 +24,8 @@ from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.records.recertify import recertify
 from planner_service.roadmap.validity import Terms
 from planner_service.robot.inertia import Dynamics, Payload
-from planner_service.robot.model import Robot, joint_vector, load_robot, robot_names
+from planner_service.robot.model import Robot, joint_vector, robot_names
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService

@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 
-from planner_service import __version__
 from planner_service.certify import Certifier
 from planner_service.cli import arguments, listings, options
 from planner_service.cli.certify import certify
@@ -27,6 +26,7 @@ from planner_service.cli.run import run
 from planner_service.cli.serve import serve
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
+from planner_service.files.package_data import RELEASE
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
@@ -37,9 +37,10 @@ from planner_service.records.exports.explanation import ReachedRecord
 from planner_service.records.exports.no_path_file import save_no_path
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.result import result_record
-from planner_service.robot.model import length_unit, load_robot, robot_blocks
+from planner_service.robot.model import length_unit, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.kernel_check import Health, examine
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import scene_blocks, scene_names
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
@@ -410,7 +411,7 @@ class _ToStandardError(logging.Handler):
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"planner-service {__version__}")
+        typer.echo(f"planner-service {RELEASE}")
         raise typer.Exit
 
 

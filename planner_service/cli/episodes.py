@@ -15,7 +15,7 @@ from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork
 from planner_service.datasets.episode import as_layout
 from planner_service.parallel.named import engine_named
 from planner_service.presentation.progress import bar
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["episodes"]
 

@@ -8,7 +8,8 @@ from planner_service.errors import MissingDependency
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box
-from planner_service.robot.model import Robot, load_robot, robot_names
+from planner_service.robot.model import Robot, robot_names
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = ["robot_record", "scene_record", "shipped_robots"]

@@ -33,7 +33,8 @@ from planner_service.planning.request import PlanRequest
 from planner_service.presentation.tables import Table
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
 from planner_service.records.recertify import Recertified, recertify
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place

@@ -19,7 +19,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.planning.result import Origin
 from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedTask, load_plan_or_task
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.view import HOST, PORT, open_viewer

@@ -1,10 +1,14 @@
-"""The folders of the robots and scenes that come with the package."""
+"""What comes with the package: the folders of its robots and scenes, and its version."""
 
 from __future__ import annotations
 
+import importlib.metadata
 from pathlib import Path
 
-__all__ = ["data_folder"]
+__all__ = ["RELEASE", "data_folder"]
+
+RELEASE = importlib.metadata.version("planner-service")
+"""Of the package, such as "0.3.0"."""
 
 
 def data_folder(kind: str) -> Path:

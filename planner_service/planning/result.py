@@ -23,8 +23,9 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.world import World
 from planner_service.presentation.measures import proof_text
-from planner_service.presentation.page import OpenPage
+from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
+from planner_service.provided import Provided
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import length_unit
 from planner_service.search.trace import Trace
@@ -47,6 +48,9 @@ __all__ = [
     "plan_rows",
     "stage_row",
 ]
+
+save_plan: Provided[..., None] = Provided()
+"""Writes a plan or a task to a file."""
 
 TIMING_LAWS = {"toppra": "TOPP-RA", "trapezoidal": "trapezoid", "s-curve": "S-curve"}
 
@@ -372,15 +376,13 @@ class PlanResult:
             InvalidRequest: the result comes from a file or another process: ``service.view(result)`` shows it.
             MissingDependency: the extra ``view`` is not installed.
         """
-        from planner_service.view import show
-
         if self.origin is None:
             raise InvalidRequest(
                 "result",
                 "a result from a file or another process",
                 "one that a service in this process planned; show it with service.view(result)",
             )
-        return show(self.origin.world, self, port=port, block=block)
+        return show_page(self.origin.world, self, port=port, block=block)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan, or the failure in its place, to a JSON file with its robot, scene and request.
@@ -389,8 +391,6 @@ class PlanResult:
             InvalidRequest: the result comes from a file or another process, or has no place in a file.
             InvalidFile: it cannot be written.
         """
-        from planner_service.records.evidence import save_plan
-
         save_plan(self, path)
 
     @property

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-__all__ = ["OpenPage", "Showable"]
+from planner_service.provided import Provided
+
+__all__ = ["OpenPage", "Showable", "show_page"]
 
 
 class OpenPage(Protocol):
@@ -30,3 +32,7 @@ class Showable(Protocol):
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show it on a page of its own."""
+
+
+show_page: Provided[..., OpenPage] = Provided()
+"""Shows something of a world on a page of its own."""

@@ -34,7 +34,7 @@ from planner_service.geometry.validation import instance
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult
 from planner_service.planning.world import World
-from planner_service.presentation.page import OpenPage
+from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.failure import FailureRecord
 from planner_service.records.old_versions import command_of
@@ -321,9 +321,7 @@ class SavedTask(_Saved):
         Raises:
             MissingDependency: the extra ``view`` is not installed.
         """
-        from planner_service.view import show
-
-        return show(self.begin, self, port=port, block=block)
+        return show_page(self.begin, self, port=port, block=block)
 
     def _record(self) -> _Head:
         return recorded("task", lambda: TaskRecord.of(self))

@@ -20,6 +20,7 @@ from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import copied_in, instance, items, numbers
+from planner_service.provided import Provided
 from planner_service.roadmap.graph import Graph, checked_edges
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.query import Carried, query_of
@@ -28,6 +29,9 @@ from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = ["Built", "Roadmap", "RoadmapSearchResult"]
+
+save_roadmap: Provided[[Roadmap, str | os.PathLike[str]], None] = Provided()
+load_roadmap: Provided[[str | os.PathLike[str]], Roadmap] = Provided()
 
 FCL_NOISE = 1e-5
 """Metres of padding, ten times the difference that rounding makes to what FCL finds apart."""
@@ -294,8 +298,6 @@ class Roadmap:
         Raises:
             InvalidFile: It cannot be written.
         """
-        from planner_service.roadmap.roadmap_file import save_roadmap
-
         save_roadmap(self, path)
 
     @classmethod
@@ -306,8 +308,6 @@ class Roadmap:
             InvalidFile: It is not such a file, it is truncated or was changed, or another version of the package wrote
                 it.
         """
-        from planner_service.roadmap.roadmap_file import load_roadmap
-
         return load_roadmap(path)
 
 

@@ -9,7 +9,6 @@ from planner_service.robot.model import (
     JointLimits,
     LinkShape,
     Robot,
-    load_robot,
     robot_names,
 )
 
@@ -22,6 +21,5 @@ __all__ = [
     "LinkShape",
     "Payload",
     "Robot",
-    "load_robot",
     "robot_names",
 ]

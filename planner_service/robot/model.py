@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -16,7 +15,6 @@ from types import NoneType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.concurrency.library_import import loaded
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
@@ -35,11 +33,11 @@ from planner_service.geometry.validation import (
 )
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
+from planner_service.provided import Provided
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.groups import PlanningGroup
 from planner_service.robot.inertia import Dynamics
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
-from planner_service.robot.package_files import EXAMPLES, example_urdf
 from planner_service.robot.reach import reach_bounds
 from planner_service.robot.urdf_model import Description
 
@@ -54,7 +52,6 @@ __all__ = [
     "Robot",
     "joint_vector",
     "length_unit",
-    "load_robot",
     "robot_blocks",
     "robot_names",
 ]
@@ -65,8 +62,9 @@ tolerances."""
 
 TURN = 2.0 * math.pi
 
-DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")
-"""Suffixes of files that describe a robot by themselves: URDF, xacro and MJCF."""
+robot_from_urdf: Provided[..., Robot] = Provided()
+lock_joints: Provided[[Robot, Mapping[str, float]], Robot] = Provided()
+group_of: Provided[[Robot, str], Robot] = Provided()
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,9 +222,6 @@ class Robot:
             UnknownName: no such tool frame or joint.
             InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
         """
-        loaded(_loading)
-        from planner_service.robot.loading import Selection, robot_from_urdf
-
         instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
         for field, given in (("locked_joints", locked_joints), ("decompose", decompose)):
             instance(field, given, (Mapping, NoneType), "numbers by name, or None")
@@ -234,11 +229,16 @@ class Robot:
         given_folders = items("package_dirs", package_dirs, object, "folders")
         folders = tuple(as_path("package_dirs", folder) for folder in given_folders)
         srdf_path = None if srdf is None else as_path("srdf", srdf)
-        selection = Selection(
-            tool_frame, srdf_path, names, dict(locked_joints or {}), dict(decompose or {}),
-            flag("visual_as_collision", visual_as_collision),
-        )  # fmt: skip
-        return robot_from_urdf(as_path("path", path), folders, selection)
+        return robot_from_urdf(
+            as_path("path", path),
+            folders,
+            tool_frame=tool_frame,
+            srdf=srdf_path,
+            joints=names,
+            locked_joints=dict(locked_joints or {}),
+            decompose=dict(decompose or {}),
+            visual_as_collision=flag("visual_as_collision", visual_as_collision),
+        )
 
     @property
     def n(self) -> int:
@@ -466,8 +466,6 @@ class Robot:
             UnknownName: no such joint.
             InvalidRequest: a position outside its limits, or no joint left that moves.
         """
-        from planner_service.robot.locking import lock_joints
-
         return lock_joints(self, joints)
 
     def group(self, name: str) -> Robot:
@@ -479,8 +477,6 @@ class Robot:
             UnknownName: no group of that name; the message names those that there are.
             InvalidRequest: no joint of it moves.
         """
-        from planner_service.robot.locking import group_of
-
         return group_of(self, name)
 
     def link_frame(self, name: str) -> tuple[int, FloatArray]:
@@ -563,49 +559,6 @@ def _body_content(body: Body) -> tuple[object, ...]:
     """Everything about a body that can change a plan."""
     mimics = () if body.multiplier == 1.0 else (body.multiplier,)
     return (body.name, body.parent, body.placement.tolist(), body.axis.tolist(), body.prismatic, body.q_index, *mimics)
-
-
-def _loading() -> None:
-    import planner_service.robot.loading  # noqa: F401  pydantic takes 0.1 s
-
-
-def load_robot(name_or_path: str | Path) -> Robot:
-    """The robot of a robot.toml, URDF, xacro or MJCF file: by name if it comes with the package, else by path.
-
-    ``example-robot-data:ur5_robot`` is the URDF of that name in the package example-robot-data.
-
-    A URDF (``my.urdf``) works by itself, with the SRDF beside it if there is one: in its folder, ../srdf or ../config,
-    with the same stem or the same name of the robot. Links may touch that are adjacent, that the SRDF disables, or that
-    overlapped in each of 1,000 random configurations; ``Robot.allowed_contacts`` gives the reasons. Limits are those of
-    ``Robot.from_urdf``. Home is the SRDF's "home" or "ready", else zero where the limits allow it, else their middle;
-    where the robot collides with itself there, it is the nearest free configuration found. A xacro file is expanded
-    with the defaults of its arguments (extra xacro); MJCF (``.xml``, ``.mjcf``) is compiled by mujoco (extra mjcf), and
-    brings excluded contacts and keyframes itself.
-
-    Raises:
-        UnknownName: no robot of that name comes with the package, or with example-robot-data.
-        InvalidFile: robot.toml, its URDF or its SRDF has problems; all of them are named.
-        MissingDependency: its files are in a package that is not installed; the message says what to install.
-    """
-    loaded(_loading)
-    from planner_service.robot.loading import robot_from_file
-
-    if not isinstance(name_or_path, (str, os.PathLike)):
-        raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
-    path = as_path("robot", name_or_path)
-    name = str(name_or_path)
-    source, colon, example = name.partition(":")
-    if colon and source == EXAMPLES and isinstance(name_or_path, str):
-        path = example_urdf(example)
-    if path.suffix.lower() in DESCRIPTIONS:
-        from planner_service.robot_setup.urdf_robot import load_urdf  # with all that collision checks need
-
-        return load_urdf(path)
-    if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):
-        return robot_from_file(path)
-    if name not in robot_names():
-        raise UnknownName("robot", name, robot_names())
-    return robot_from_file(data_folder("robots") / name / "robot.toml")
 
 
 def robot_names() -> tuple[str, ...]:

@@ -36,11 +36,12 @@ from planner_service.robot.loading import (
 )
 from planner_service.robot.macros.expansion import expanded_xml, package_folders, robot_folders
 from planner_service.robot.mjcf.mjcf_reader import read_mjcf
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
 from planner_service.robot_setup.gripper_detection import FoundGripper, find_gripper
+from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import (
     ContactKind,

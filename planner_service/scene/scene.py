@@ -36,27 +36,24 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-from planner_service.concurrency.library_import import loaded
 from planner_service.constraints.values import Constraint, checked_constraints
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
-from planner_service.files.reading import as_path
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.geometry.validation import MAX_LENGTH, checked_name, instance, items, number, text, unusable_text
+from planner_service.geometry.validation import MAX_LENGTH, checked_name, items, number, text, unusable_text
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
 from planner_service.robot.inertia import MAX_MASS
 
-__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_blocks", "scene_names"]
+__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "scene_blocks", "scene_names"]
 
 KIND_SUFFIXES = (" (link)", " (object)")
 """What tells a link and an object of one name apart in print; no object's own name ends so."""
@@ -334,48 +331,6 @@ def _bits(value: float) -> str:
 def scene_names() -> tuple[str, ...]:
     """The names of the scenes that come with the package, sorted."""
     return tuple(sorted(path.stem for path in data_folder("scenes").glob("*.toml")))
-
-
-def _files() -> None:
-    import planner_service.scene.toml_reader  # noqa: F401  pydantic takes 0.1 s
-
-
-def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
-    """The scene that comes with the package under that name, or the one in a file.
-
-    A text without a folder and without ``.toml`` is a name, everything else a path.
-
-    Raises:
-        UnknownName: no scene of that name comes with the package.
-        InvalidFile: the file cannot be used; it lists all problems found, not the first.
-    """
-    loaded(_files)
-    from planner_service.scene.toml_reader import read_scene
-
-    instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
-    path = as_path("scene", name_or_path)
-    if isinstance(name_or_path, str) and path.name == name_or_path and path.suffix != ".toml":
-        if name_or_path not in scene_names():
-            raise UnknownName("scene", name_or_path, scene_names())
-        return read_scene(data_folder("scenes") / f"{name_or_path}.toml")
-    return read_scene(path)
-
-
-def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
-    """Write ``scene`` to a TOML file; ``load_scene`` gives back an equal one with an equal hash.
-
-    A mesh is written as the corners of its hull, a cloud as its cells, so that the file needs no other.
-
-    The file is there whole or not at all: after a failure an old file is as it was.
-
-    Raises:
-        InvalidRequest: the file would be too large to be loaded again.
-        InvalidFile: it cannot be written.
-    """
-    loaded(_files)
-    from planner_service.scene.toml_reader import write_scene
-
-    write_scene(instance("scene", scene, Scene, "a Scene"), as_path("path", path))
 
 
 def scene_blocks(scene: Scene) -> list[Block]:

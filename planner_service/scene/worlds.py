@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from planner_service.files.reading import as_path
+from planner_service.scene.loading import load_scene
 from planner_service.scene.moveit_scene import read_moveit_scene
-from planner_service.scene.scene import Scene, load_scene
+from planner_service.scene.scene import Scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 
 __all__ = ["load_world"]

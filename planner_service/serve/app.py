@@ -16,8 +16,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from planner_service import __version__
 from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.files.package_data import RELEASE
 from planner_service.serve.bodies import BODIES, EditsBody, SceneBody
 from planner_service.serve.documentation import SECURITY, documentation_page, with_models
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
@@ -68,7 +68,7 @@ def create_app(server: PlanningServer) -> FastAPI:
 
     app = FastAPI(
         title="planner-service",
-        version=__version__,
+        version=RELEASE,
         description="Motion planning for a robot arm: every returned plan is proven, every collision check is counted.",
         docs_url=None,
         redoc_url=None,

@@ -27,7 +27,7 @@ from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import read_record
 from planner_service.parallel.pool import Backend, Raised
 from planner_service.planning.world import World
-from planner_service.presentation.page import OpenPage
+from planner_service.presentation.page import OpenPage, show_page
 from planner_service.records.plan_file import SavedPlan, StepRecord, plan_or_task
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord
@@ -525,8 +525,6 @@ class PlanningServer:
         return await asyncio.to_thread(self._shown_page, answer.content)
 
     def _shown_page(self, content: bytes) -> str:
-        from planner_service.view import show
-
         try:
             saved = plan_or_task("plan", content)
         except InvalidFile:
@@ -534,7 +532,7 @@ class PlanningServer:
         while len(self._pages) >= MAX_PAGES:
             self._pages.popleft().close()
         shown = saved.result if isinstance(saved, SavedPlan) else saved
-        page = show(saved.begin, shown, port=0, block=False)
+        page = show_page(saved.begin, shown, port=0, block=False)
         self._pages.append(page)
         return page.url
 

@@ -18,10 +18,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, items, number
 from planner_service.planning.request import PlanRequest, keeps_torques, require_timing
-from planner_service.planning.result import Failure, PlanResult, Stage, allowed_lines, cost_row, stage_row
+from planner_service.planning.result import Failure, PlanResult, Stage, allowed_lines, cost_row, save_plan, stage_row
 from planner_service.planning.world import World
 from planner_service.presentation.measures import clearance_text, numbers_text, proof_text
-from planner_service.presentation.page import OpenPage
+from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
 from planner_service.robot.model import length_unit
 from planner_service.scene.scene import Scene
@@ -229,9 +229,7 @@ class TaskResult:
         Raises:
             MissingDependency: the extra ``view`` is not installed.
         """
-        from planner_service.view import show
-
-        return show(self.begin, self, port=port, block=block)
+        return show_page(self.begin, self, port=port, block=block)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the motions, as far as there are plans, to a JSON file with the robot and the scene of each.
@@ -240,8 +238,6 @@ class TaskResult:
             InvalidRequest: Something in it has no place in a file.
             InvalidFile: It cannot be written.
         """
-        from planner_service.records.evidence import save_plan
-
         save_plan(self, path)
 
     @property

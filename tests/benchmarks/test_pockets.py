@@ -5,7 +5,7 @@ from __future__ import annotations
 from benchmarks.worlds.pockets import COUNTS, FILE, load, text_of
 from planner_service import CollisionChecker
 from planner_service.infeasibility import prove_no_path
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 
 def test_stored_pockets_are_written_as_they_are_read() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from benchmarks.worlds import blocked_poses, failures
 from planner_service import CollisionChecker
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 
 def test_stored_failures_are_written_as_they_are_read() -> None:

@@ -23,7 +23,8 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.records.plan_file import load_plan
 from planner_service.records.recertify import recertify
-from planner_service.robot.model import MAX_TURNED, TURN, Robot, load_robot
+from planner_service.robot.model import MAX_TURNED, TURN, Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place

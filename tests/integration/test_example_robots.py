@@ -21,9 +21,10 @@ from planner_service.geometry.mesh_formats import read_vertices
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Stage
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.package_files import package_folder
 from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from tests.support.optional import present

@@ -34,18 +34,8 @@ by_file = pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.r
 
 @pytest.fixture(scope="module")
 def graph() -> grimp.ImportGraph:
-    """Who imports whom, without the imports that pyproject.toml lists as deliberate exceptions."""
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:
-        import tomli as tomllib
-    found = grimp.build_graph("planner_service", cache_dir=None)
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
-    acyclic = next(contract for contract in contracts if contract["type"] == "acyclic_siblings")
-    for exception in acyclic["ignore_imports"]:
-        importer, imported = exception.split(" -> ")
-        found.remove_import(importer=importer, imported=imported)
-    return found
+    """Who imports whom, in calls and for types, too."""
+    return grimp.build_graph("planner_service", cache_dir=None)
 
 
 def test_a_walk_from_package_to_package_is_short(graph: grimp.ImportGraph) -> None:

@@ -11,7 +11,7 @@ from auditor.checker import IndependentChecker, tables_of
 from benchmarks.studies.problems import MOTION_STEP, ROBOT, kind_of, planned, public_problems
 from planner_service import CollisionChecker, Stage
 from planner_service.files.package_data import data_folder
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 PINNED = {
     "bookshelf_thin/0087": {

@@ -26,8 +26,10 @@ from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.coal_shapes import coal_shape
 from tests.support.refusals import refused_pair
 from tests.support.small_robots import CRANE, SLIDER, TWINS, built

@@ -27,8 +27,10 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 ROOT = Path(__file__).parents[2]
 FINGERS = ("finger_left", "finger_right")

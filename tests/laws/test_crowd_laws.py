@@ -22,7 +22,8 @@ from planner_service.geometry.composite import Composite, Compound, HeightField,
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
 REACH = {"wxai": 0.6, "planar2": 1.0, "ur5": 0.8, "panda_mbm": 0.8}

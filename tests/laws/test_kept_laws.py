@@ -20,7 +20,8 @@ from planner_service.constraints import JointRange, KeepUpright, OnPlane, Relati
 from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from tests.support.constrained_paths import Walker, rounded
 from tests.support.small_robots import joint, link, solid, urdf
 

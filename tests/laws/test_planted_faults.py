@@ -20,8 +20,10 @@ from planner_service.certify.prover import instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Body, Robot, load_robot
-from planner_service.scene.scene import Scene, load_scene
+from planner_service.robot.model import Body, Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Scene
 
 ROOT = Path(__file__).parents[2]
 BACKENDS: list[ProofBackend] = ["numpy", "native"] if instruction_sets() else ["numpy"]

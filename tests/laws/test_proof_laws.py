@@ -27,8 +27,10 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.laws.test_certify_laws import anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
 from tests.support.backends import case, edges_of

@@ -21,7 +21,8 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
 REACH = {"wxai": 0.6, "planar2": 1.0, "ur5": 0.8, "panda_mbm": 0.8, "wxai_dual": 0.6}

@@ -30,7 +30,8 @@ from benchmarks.harness.sources import Motion
 from benchmarks.harness.suite import load_suite, seeds_of
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["NOT_INSTALLED", "STEPS", "Run", "main", "path_of", "replies_of", "row_of", "rows_of", "run_into"]
 __all__ += ["tasks_of"]

@@ -31,7 +31,7 @@ from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, Pos
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.infeasibility import prove_no_path
 from planner_service.records.plan_file import SavedPlan
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["discs", "known_paths", "pockets", "poses"]
 

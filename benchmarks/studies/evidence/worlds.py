@@ -13,7 +13,7 @@ from planner_service import Attached, Box, PlannerService, PlanRequest, Pose, Ro
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedPlan
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["ROBOTS", "plans"]
 

@@ -18,8 +18,9 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.plain_bisection import plain_bisection_bounds
 from tests.support.refusals import refused_pair
 from tests.support.small_robots import SLIDER, TWINS, built

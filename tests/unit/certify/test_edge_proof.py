@@ -17,8 +17,9 @@ from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Obstacle, Scene, load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Obstacle, Scene
 from tests.support.backends import case, edges_of
 from tests.unit.certify.test_certifier import DISCS, LESSON, PLANAR, RIM, SWEEP, WXAI, ball_beyond, sheet_at
 

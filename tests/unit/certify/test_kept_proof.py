@@ -23,7 +23,8 @@ from planner_service.constraints import (
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from tests.support.small_robots import CRANE, SLIDER, built
 

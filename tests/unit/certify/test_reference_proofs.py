@@ -17,8 +17,10 @@ from planner_service.certify import Certifier, EdgeVerdict, ExemptInterval
 from planner_service.certify.certifier import ProofBackend
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Scene
 from tests.laws.test_crowd_laws import Crowded
 from tests.support.hull_arm import NEEDLE, HullSetup, write_arm
 

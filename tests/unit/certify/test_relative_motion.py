@@ -10,7 +10,7 @@ import pytest
 
 from planner_service.certify.relative_motion import RelativeMotion
 from planner_service.geometry.shapes import Pose
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from tests.support.small_robots import CRANE, TWINS, built
 
 

@@ -30,8 +30,10 @@ from planner_service.planners import PRMstar
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import load_plan, load_task
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, standing_on
 from tests.support.command import document, interrupt_growing, refused, run

@@ -19,7 +19,8 @@ from planner_service.geometry.shapes import Pose, Sphere
 from planner_service.planners import PLANNERS, PRM
 from planner_service.records.plan_file import load_plan
 from planner_service.roadmap import Roadmap, RoadmapReference, Verdict
-from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
+from planner_service.scene.loading import load_scene, save_scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from tests.support import command
 from tests.support.optional import present

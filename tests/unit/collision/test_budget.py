@@ -15,7 +15,7 @@ from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.backends import FclBackend
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.geometry.shapes import Cylinder, Pose
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Obstacle, Scene
 
 PLANAR = load_robot("planar2")

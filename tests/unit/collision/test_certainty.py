@@ -15,7 +15,8 @@ from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose, Sphere
 from planner_service.native.loading import load_core
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Obstacle, Scene
 from tests.support.small_robots import CRANE, MIMIC, MIXED, SLIDER, TWINS, built
 

@@ -25,8 +25,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.optional import present
 
 PLANAR = load_robot("planar2")

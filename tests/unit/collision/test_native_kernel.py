@@ -27,8 +27,9 @@ from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.native.loading import load_core
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Attached, Scene, load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Attached, Scene
 from tests.support.backends import CASES, case, checkers, compare, edges_of, states_of
 from tests.support.optional import present
 

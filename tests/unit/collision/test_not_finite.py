@@ -19,8 +19,8 @@ from planner_service.collision.numpy_broadphase import MARGIN, Broadphase
 from planner_service.collision.swept_bounds import Sweep
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 from tests.support.optional import present
 
 WXAI, BIN = load_robot("wxai"), load_scene("bin")

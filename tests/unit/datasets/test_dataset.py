@@ -40,7 +40,8 @@ from planner_service.errors import InvalidFile, InvalidRequest, MissingDependenc
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.parallel import Lost, Processes
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Obstacle, Scene
 
 ROOT = Path(__file__).parents[3]
@@ -455,7 +456,7 @@ DYING = """
 import os, signal, sys
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
 from planner_service.parallel import Processes
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 last = int(sys.argv[2])
 def fsync(file, done=[]):
     done.append(file)

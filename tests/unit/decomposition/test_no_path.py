@@ -13,7 +13,7 @@ from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.infeasibility import NoPath, prove_no_path
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from tests.support.small_robots import built, joint, link, solid, urdf
 
 ARM = load_robot("planar2")

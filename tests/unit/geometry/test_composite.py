@@ -19,8 +19,9 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Compound, HeightField, Pieces, PointCloud
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene, save_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.optional import present
 
 RNG = np.random.default_rng(5)

@@ -13,7 +13,8 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.planning.request import PlanRequest
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, load_plan
-from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
+from planner_service.scene.loading import load_scene, save_scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from tests.laws.test_certify_laws import COAL, anywhere, samples
 from tests.support.hull_arm import HELD, RAMP, ROCK, HullSetup, binary_stl, write_arm

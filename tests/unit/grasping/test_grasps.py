@@ -11,8 +11,10 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.grasping.grasps import middle_of, offset_from, top_grasps
 from planner_service.planning.request import PlanRequest
-from planner_service.robot.model import load_robot, robot_names
-from planner_service.scene.scene import Obstacle, Scene, load_scene
+from planner_service.robot.model import robot_names
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, plan_pick_place
 from planner_service.tasks.primitives import pick

@@ -22,8 +22,9 @@ from planner_service.grasping import top_grasps
 from planner_service.records.evidence import save_plan, with_evidence
 from planner_service.records.plan_file import load_task
 from planner_service.records.recertify import recertify
-from planner_service.robot.model import Robot, load_robot
-from planner_service.scene.scene import load_scene
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 from planner_service.tasks.pick_place import plan_pick_place
 from tests.support.optional import present
 

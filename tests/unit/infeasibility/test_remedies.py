@@ -13,7 +13,7 @@ from planner_service.collision import CollisionChecker
 from planner_service.constraints import ToolRegion
 from planner_service.infeasibility import Explanation
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from tests.support.command import run
 
 ARM = load_robot("wxai")

@@ -25,7 +25,8 @@ from planner_service.kinematics.inverse import (
 )
 from planner_service.kinematics.numeric_inverse import descend
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Body, JointLimits, Robot, load_robot
+from planner_service.robot.model import Body, JointLimits, Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.smoothing.smoothing import blended
 from tests.support.optional import present
 

@@ -18,8 +18,9 @@ from planner_service.planning.timing_stage import torque_limits
 from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.records.recertify import recertify
 from planner_service.robot.inertia import Payload
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import Attached, Scene, load_scene, save_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene, save_scene
+from planner_service.scene.scene import Attached, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Handling
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal

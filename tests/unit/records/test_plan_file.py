@@ -28,8 +28,8 @@ from planner_service.planning.world import World
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.roadmap import Roadmap, RoadmapReference
-from planner_service.robot.model import load_robot
-from planner_service.scene.scene import load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 from planner_service.search.problem import SearchProblem, SearchResult
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment

@@ -16,11 +16,12 @@ from planner_service.robot.elements.mjcf import MJCF
 from planner_service.robot.elements.srdf import SRDF
 from planner_service.robot.elements.table import Rule, markdown_table
 from planner_service.robot.elements.urdf import URDF
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.srdf import usable_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.check_robot import FindingKind, check_robot
+from planner_service.robot_setup.loading import load_robot
 
 ARM = """<robot name="arm">
   <link name="foot"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>

@@ -10,7 +10,8 @@ import pytest
 from planner_service import PlannerService, PlanRequest, Scene
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from tests.support.small_robots import joint, link, solid, urdf
 
 TREE = urdf(

@@ -15,7 +15,8 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from tests.support.optional import present
 from tests.support.small_robots import MIMIC, MIXED
 

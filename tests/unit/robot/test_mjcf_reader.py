@@ -16,8 +16,9 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.robot.elements.mjcf import MJCF
 from planner_service.robot.elements.table import unlisted_words
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot_setup.check_robot import FindingKind, check_robot
+from planner_service.robot_setup.loading import load_robot
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -19,8 +19,9 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
-from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
+from planner_service.robot.model import JointLimits, Robot, robot_names
 from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.loading import load_robot
 from tests.support.small_robots import MIMIC, MIXED, built, joint, link, solid, urdf
 
 
@@ -305,7 +306,7 @@ def test_the_planar_arm_is_the_textbooks() -> None:
 
 @pytest.mark.slow
 def test_the_hash_is_the_same_in_another_process(wxai: Robot) -> None:
-    code = "from planner_service.robot.model import load_robot; print(load_robot('wxai').hash)"
+    code = "from planner_service import load_robot; print(load_robot('wxai').hash)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == wxai.hash
 

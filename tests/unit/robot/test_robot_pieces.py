@@ -14,7 +14,8 @@ from planner_service.errors import InvalidFile
 from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry.composite import Compound
 from planner_service.geometry.mesh import Mesh
-from planner_service.scene.scene import Scene, save_scene
+from planner_service.scene.loading import save_scene
+from planner_service.scene.scene import Scene
 
 ROBOT = """<robot name="arm">
   <link name="base"/>

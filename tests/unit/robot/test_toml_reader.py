@@ -10,7 +10,8 @@ import pytest
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.package_data import data_folder
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 
 
 def load_changed(folder: Path, *changes: tuple[str, str]) -> Robot:

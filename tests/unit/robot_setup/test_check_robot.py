@@ -13,9 +13,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.package_files import example_urdf
 from planner_service.robot_setup.check_robot import FindingKind, RobotCheck, check_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.view.still.pictures import draw_robot_check
 from tests.support.command import document, run
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from planner_service.planning.request import PlanRequest
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.package_files import example_urdf
 from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from tests.support.small_robots import joint, link, solid, urdf

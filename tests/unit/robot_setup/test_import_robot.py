@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from planner_service.errors import InvalidRequest
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.package_files import package_folder
 from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.self_collision_matrix import ContactKind
 from tests.support.small_robots import joint, link, urdf
 from tests.support.small_robots import solid as ball

@@ -14,10 +14,10 @@ from planner_service.cli.commands import app
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import InvalidRequest
-from planner_service.robot.model import load_robot
 from planner_service.robot_setup import kernel_check as health
 from planner_service.robot_setup.kernel_check import examine
-from planner_service.scene.scene import load_scene
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 from planner_service.timing.limit_check import peaks
 
 WORDS = ["doctor", "--states", "200"]

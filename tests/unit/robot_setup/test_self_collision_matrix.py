@@ -18,8 +18,9 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.parallel.engine import Engine
 from planner_service.parallel.processes import Processes
-from planner_service.robot.model import AllowedContact, Robot, load_robot
+from planner_service.robot.model import AllowedContact, Robot
 from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, contact_table, quick_table
 from planner_service.scene.scene import Scene
 from tests.support.optional import present

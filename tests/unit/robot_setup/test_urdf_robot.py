@@ -14,7 +14,8 @@ from planner_service.certify import certify
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, UnknownName
 from planner_service.planning.request import PlanRequest
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from tests.support.small_robots import joint, link, solid, urdf

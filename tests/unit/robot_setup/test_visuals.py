@@ -14,9 +14,9 @@ from planner_service.errors import InvalidFile
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Box, Sphere
 from planner_service.robot.kinematic_tree import body_matrix
-from planner_service.robot.model import load_robot
 from planner_service.robot.package_files import package_folder
 from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.visuals import link_visuals, looks_of, visuals_of
 from tests.support.small_robots import joint, link, solid, urdf
 from tests.unit.robot_setup.test_gripper_detection import fingers

@@ -17,7 +17,8 @@ from planner_service.constraints import JointRange, KeepUpright, ToolRegion
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.scene import toml_reader as scene_file
-from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
+from planner_service.scene.loading import load_scene, save_scene
+from planner_service.scene.scene import Attached, Obstacle, Scene, scene_names
 
 POST = Obstacle("post", Cylinder(0.03, 0.4), Pose((0.3, 0.0, 0.2)))
 BALL = Obstacle("ball", Sphere(0.05), Pose((0.2, 0.1, 0.3)))

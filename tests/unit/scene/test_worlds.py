@@ -18,10 +18,11 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
 from planner_service.records.problem_set import read_problems
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.moveit_scene import MAX_BYTES, MAX_LINE, read_moveit_scene
 from planner_service.scene.obstacle_list import MAX_FOUND
-from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService

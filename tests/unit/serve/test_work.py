@@ -12,7 +12,7 @@ from planner_service.optimize import Chomp, Optimise
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.world import World
 from planner_service.records.plan_file import SavedPlan, plan_or_task
-from planner_service.robot.model import load_robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.serve.bodies import BODIES, PlanBody, read_body
 from planner_service.serve.work import Assignment, Ending, Following, ServerWork, Source, unrun

@@ -15,7 +15,8 @@ from planner_service.kinematics.tool_speed import peak_tool_speed, reference_too
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.robot.model import JointLimits, Robot, load_robot
+from planner_service.robot.model import JointLimits, Robot
+from planner_service.robot_setup.loading import load_robot
 from planner_service.timing.laws import (
     SCurve,
     Timing,

@@ -17,8 +17,9 @@ from planner_service.geometry.shapes import Pose
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.inertia import LinkInertia
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import Robot
 from planner_service.robot.package_files import example_urdf
+from planner_service.robot_setup.loading import load_robot
 from planner_service.timing.inverse_dynamics import InverseDynamics
 from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration
 from planner_service.timing.torque_bound import torque_curvature
