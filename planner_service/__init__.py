@@ -49,6 +49,7 @@ from planner_service.planners import (
 )
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage, StageReport
+from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import JointLimits, Robot, robot_names
 from planner_service.robot_setup.loading import load_robot
@@ -56,7 +57,6 @@ from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene, scene_names
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import pick, place
-from planner_service.tasks.result import Handling, TaskResult
 from planner_service.tasks.tool_motions import move_linear
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 

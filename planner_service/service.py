@@ -25,7 +25,6 @@ from planner_service.collision.budget import Cancelled
 from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
-from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import checked_constraints
 from planner_service.decomposition.no_path import NoPath, OpenWay, divide
 from planner_service.errors import InvalidRequest
@@ -34,6 +33,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
 from planner_service.infeasibility.reached import how_far
 from planner_service.infeasibility.remedies import SEARCHED, Clock, Explanation, find_remedies
+from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
@@ -42,11 +42,10 @@ from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import plan, require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
+from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in
 from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.planning.timing_stage import torque_limits
-from planner_service.planning.world import World
 from planner_service.presentation.page import OpenPage, Showable, show_page
 from planner_service.presentation.progress import bar
 from planner_service.replanning.replan import replan

@@ -17,11 +17,11 @@ from benchmarks.harness.audit import audited
 from planner_service import JointPath, Pose, Robot
 from planner_service.certify import Kept, KeptRefusal, prove_kept
 from planner_service.constraints import Constraint, JointRange, ToolRegion
-from planner_service.constraints.projection import ReferenceProjector, projector_of
-from planner_service.constraints.resolved import ConstraintSet
 from planner_service.constraints.values import MIN_ANGLE, MIN_LENGTH
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, vector
+from planner_service.kinematics.constraint_set import ConstraintSet
+from planner_service.kinematics.projection import ReferenceProjector, projector_of
 
 __all__ = ["constraints_of", "draw_constraints", "judge_constraints", "judge_projector"]
 

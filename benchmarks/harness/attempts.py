@@ -26,12 +26,12 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.grasps import top_grasps
 from planner_service.planning.request import Goal
 from planner_service.planning.result import Failure
+from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import Planner, SearchProblem
 from planner_service.smoothing.smoothing import shortcut
 from planner_service.tasks.pick_place import places_on, standing_on
 from planner_service.tasks.primitives import pick, place
-from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["Ask", "Disc", "attempt", "blank_row", "unplanned", "warm"]
 

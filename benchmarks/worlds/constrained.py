@@ -22,12 +22,12 @@ from benchmarks.worlds.drawn import draw_objects
 from benchmarks.worlds.queries import DECIMALS, DRAWS, SCENES, SEED, Region
 from planner_service.collision import CollisionChecker
 from planner_service.constraints import Constraint, InBox, KeepUpright, OnLine, OnPlane, RelativePose, ToolRegion
-from planner_service.constraints.projection import Projector, projector_of
-from planner_service.constraints.resolved import ConstraintSet
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, Vector, read_only, vector
 from planner_service.geometry.shapes import Box, Pose
+from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.kinematics.inverse import inverse_kinematics
+from planner_service.kinematics.projection import Projector, projector_of
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene

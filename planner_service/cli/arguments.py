@@ -19,6 +19,7 @@ from planner_service.optimize import Optimise, load_solver
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.task_result import Handling
 from planner_service.records import plan_file
 from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.records.recertify import recertify
@@ -29,7 +30,6 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Handling
 from planner_service.timing.laws import Timing, ToppRa
 from planner_service.view.still import motion_plot
 from planner_service.view.still import pictures as still

@@ -30,6 +30,7 @@ from planner_service.files.package_data import RELEASE
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
+from planner_service.planning.task_result import task_lines, task_rows
 from planner_service.planning.timing_stage import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
@@ -45,7 +46,6 @@ from planner_service.scene.scene import scene_blocks, scene_names
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.tasks.result import task_lines, task_rows
 from planner_service.view.still.motion_plot import write_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
 

@@ -16,6 +16,7 @@ from planner_service.cli.exit_codes import bad_input_exits, report_error
 from planner_service.cli.output import emit, json_text
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
+from planner_service.planning.task_result import Segment
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports import mujoco_keyframes
 from planner_service.records.exports.mujoco_keyframes import keyframes_text
@@ -32,7 +33,6 @@ from planner_service.records.exports.trajectory_export import (
 )
 from planner_service.records.plan_file import OURS, SavedPlan, SavedTask, load_plan_or_task, load_task
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment
 from planner_service.view.rerun_recording import RECORDING, rerun_bytes
 
 __all__ = ["export", "join"]

@@ -16,10 +16,10 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.request import Goal, Pace, PlanRequest
+from planner_service.planning.task_result import Handling
 from planner_service.records.request import PayloadRecord, PlannerRecord, RequestRecord, TimingRecord
 from planner_service.records.result import ExemptRecord
 from planner_service.records.values import Constraints, PoseRecord
-from planner_service.tasks.result import Handling
 from planner_service.timing.laws import Timing
 
 __all__ = [

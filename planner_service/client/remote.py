@@ -63,10 +63,10 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.batch import Batch
 from planner_service.planning.pipeline import require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, kept_in
+from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, require_grower
-from planner_service.planning.world import World
+from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.presentation.progress import bar
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
@@ -78,7 +78,6 @@ from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import kept_upright, require_poses
-from planner_service.tasks.result import Handling, TaskResult
 from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE, Target
 from planner_service.timing.laws import Trapezoidal
 

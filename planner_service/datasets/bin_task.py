@@ -19,11 +19,11 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.task_result import TaskResult
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.tasks.result import TaskResult
 
 __all__ = ["BinPickPlace"]
 

@@ -22,11 +22,11 @@ from planner_service.parallel import Lost
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason
+from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.records.result import certificate_record
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment, TaskResult
 
 __all__ = ["Episode", "EpisodeWork", "Layout", "as_layout", "counter_stats", "lost_episode"]
 

@@ -11,9 +11,9 @@ import numpy as np
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.path.trajectory import Trajectory
+from planner_service.planning.task_result import Segment, require_joined
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
-from planner_service.tasks.result import Segment, require_joined
 
 __all__ = ["EpisodeMotion", "Frames", "frames", "timeline"]
 

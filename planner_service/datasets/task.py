@@ -9,10 +9,10 @@ from planner_service.datasets.random_draws import RandomDraws
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.task_result import TaskResult
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.result import TaskResult
 
 __all__ = ["EpisodeTask", "EpisodeWorld"]
 

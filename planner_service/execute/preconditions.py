@@ -14,6 +14,7 @@ from planner_service.execute.driver import ArmLimits
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.recertify import (
     Plan,
@@ -27,7 +28,6 @@ from planner_service.records.task_sequence import TaskMotion
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment, TaskResult
 from planner_service.timing.limit_check import TOLERANCE, peaks
 
 __all__ = [

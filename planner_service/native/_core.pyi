@@ -266,7 +266,7 @@ def blend_widths(
     """The width of the blend at each corner as ``smoothing.blended`` finds it, 0 for a stop."""
 
 class Projector:
-    """What constraints/projection.py says of ``Projector``.
+    """What kinematics/projection.py says of ``Projector``.
 
     Args:
         table: ``Robot.body_table``.

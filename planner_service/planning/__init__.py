@@ -2,7 +2,7 @@
 
 from planner_service.planning.batch import Interrupted
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import Goal, Pace, PlanRequest
+from planner_service.planning.request import Goal, Pace, PlanRequest, World
 from planner_service.planning.result import (
     Failure,
     MotionReport,
@@ -14,7 +14,6 @@ from planner_service.planning.result import (
     StageReport,
 )
 from planner_service.planning.roadmap_work import RoadmapUpdate
-from planner_service.planning.world import World
 
 __all__ = [
     "AllowedStretch",

@@ -18,10 +18,10 @@ from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared, ask_from_now_on
 from planner_service.constraints import Constraint
-from planner_service.constraints.projection import Projector, projector_of
-from planner_service.constraints.resolved import ConstraintSet, constraint_set
 from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
+from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set
+from planner_service.kinematics.projection import Projector, projector_of
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest

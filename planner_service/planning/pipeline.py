@@ -13,11 +13,11 @@ from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
-from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import Constraint
 from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
+from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory

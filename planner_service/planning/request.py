@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify import MAX_OVERLAP
+from planner_service.collision import EdgeStep, MotionStep
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidRequest
@@ -31,6 +32,7 @@ __all__ = [
     "Goal",
     "Pace",
     "PlanRequest",
+    "World",
     "clamp_note",
     "clamped",
     "keeps_torques",
@@ -191,6 +193,23 @@ class PlanRequest:
     def clamped(self, q: FloatArray, robot: Robot) -> FloatArray:
         """A configuration (n,) with joints that are outside their limits by at most ``start_tolerance`` at them."""
         return clamped(q, robot, self.start_tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A robot in a scene, and how motions are checked there: all that a ``PlannerService`` is made of.
+
+    Attributes:
+        robot: With its gripper as it stands.
+        scene: The obstacles, and what the robot carries.
+        allowed: Pairs of link or object names that may touch, beside those the robot allows; sorted.
+        edge_step: How finely edges are sampled; None if a file does not know, as it cannot hold a rule of your own.
+    """
+
+    robot: Robot
+    scene: Scene
+    allowed: tuple[tuple[str, str], ...] = ()
+    edge_step: EdgeStep | None = field(default_factory=MotionStep)
 
 
 @dataclass(frozen=True)

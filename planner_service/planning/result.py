@@ -20,8 +20,7 @@ from planner_service.kinematics.reachability import Unreachable
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.request import Pace, PlanRequest
-from planner_service.planning.world import World
+from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.presentation.measures import proof_text
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text

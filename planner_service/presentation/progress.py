@@ -6,7 +6,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from planner_service.geometry.validation import flag
+import numpy as np
+
+from planner_service.errors import InvalidRequest
 
 __all__ = ["bar"]
 
@@ -18,8 +20,8 @@ def bar(what: str, shown: bool | None) -> Iterator[Callable[[int, int], None] | 
     Args:
         shown: If None, when standard error is a terminal.
     """
-    if shown is not None:
-        flag("progress", shown)
+    if shown is not None and not isinstance(shown, bool | np.bool_):
+        raise InvalidRequest("progress", shown, "True or False")
     if not (sys.stderr.isatty() if shown is None else shown):
         yield None
         return

@@ -27,6 +27,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import HeightField, PointCloud
 from planner_service.geometry.shapes import Box
 from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import TaskResult
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.recertify import ProvenMotion, recertify
 from planner_service.records.result import certificate_record
@@ -34,7 +35,6 @@ from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
-from planner_service.tasks.result import TaskResult
 
 __all__ = ["EVIDENCE", "boxes_of", "packed", "save_plan", "with_evidence"]
 

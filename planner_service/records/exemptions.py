@@ -22,9 +22,9 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.guards import LONGEST_APPROACH, MEANT_OVERLAP, tool_line
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.collision_recovery import LEAVING
+from planner_service.planning.task_result import MAX_SUPPORT_GAP
 from planner_service.records.task_sequence import TaskMotion, fingers_of
 from planner_service.scene.names import Names
-from planner_service.tasks.result import MAX_SUPPORT_GAP
 
 __all__ = ["Ruling", "ruled"]
 

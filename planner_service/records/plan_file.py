@@ -31,9 +31,9 @@ from planner_service.files.reading import as_path
 from planner_service.files.schema import Prose, Record, Text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
 from planner_service.geometry.validation import instance
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, Origin, PlanResult
-from planner_service.planning.world import World
+from planner_service.planning.task_result import SAME_WIDTH, Segment, TaskResult, require_joined, task_blocks
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.failure import FailureRecord
@@ -50,7 +50,6 @@ from planner_service.records.scene import PlanReading, SceneRecord, WorldRecord
 from planner_service.robot.model import Robot, length_unit
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.result import SAME_WIDTH, Segment, TaskResult, require_joined, task_blocks
 
 __all__ = [
     "OURS",

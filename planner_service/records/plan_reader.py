@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from planner_service.errors import InvalidFile
 from planner_service.files.schema import Record, read_record
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, StepRecord, TaskRecord
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord

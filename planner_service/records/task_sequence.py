@@ -20,9 +20,9 @@ from planner_service.kinematics.inverse import rotation_distance
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import JOIN, SAME_WIDTH
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
-from planner_service.tasks.result import JOIN, SAME_WIDTH
 
 __all__ = ["SAME_WIDTH", "ClaimedMotion", "TaskMotion", "fingers_of", "gripped_by", "task_motions"]
 

@@ -18,8 +18,8 @@ from typing import Protocol
 import numpy as np
 
 from planner_service.collision.edge_sampling import Known
-from planner_service.constraints.projection import LEAST_STRIDE, Projector
 from planner_service.geometry.arrays import joint_distance
+from planner_service.kinematics.projection import LEAST_STRIDE, Projector
 from planner_service.native.loading import load_core
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.problem import (

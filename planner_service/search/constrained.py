@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from planner_service.collision import Known
 from planner_service.collision.checker import EdgeHit
-from planner_service.constraints.projection import Projector
+from planner_service.kinematics.projection import Projector
 from planner_service.native.loading import load_core
 from planner_service.search.edge_cache import SearchOracle, State
 from planner_service.search.problem import Configuration

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import Known
-from planner_service.constraints.projection import Projector
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.validation import whole
+from planner_service.kinematics.projection import Projector
 
 __all__ = [
     "SELF",

@@ -33,6 +33,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import Optimise
 from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.task_result import MAX_SUPPORT_GAP, Handling
 from planner_service.records.request import (
     MAX_GOALS,
     JointGoal,
@@ -47,7 +48,6 @@ from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanRe
 from planner_service.records.values import Constraints, PoseRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
-from planner_service.tasks.result import MAX_SUPPORT_GAP, Handling
 from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.timing.laws import Trapezoidal
 

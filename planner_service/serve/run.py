@@ -15,7 +15,7 @@ import uvicorn
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import read_bytes
 from planner_service.parallel import Processes, Ray
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.scene.worlds import load_world

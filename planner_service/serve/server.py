@@ -26,7 +26,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import read_record
 from planner_service.parallel.pool import Backend, Raised
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.records.plan_file import SavedPlan, StepRecord, plan_or_task
 from planner_service.records.robot import RobotRecord

@@ -27,9 +27,9 @@ from planner_service.grasping.grasps import top_grasps
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import told_of_stages
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
-from planner_service.planning.world import World
+from planner_service.planning.task_result import Handling
 from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.failure import ContactRecord, FailureRecord
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
@@ -45,7 +45,6 @@ from planner_service.serve.problems import Problem, problem_of
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.primitives import pick, place
-from planner_service.tasks.result import Handling
 from planner_service.tasks.tool_motions import move_linear
 
 __all__ = [

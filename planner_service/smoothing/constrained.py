@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.constraints.projection import LEAST_STRIDE, Projector
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
+from planner_service.kinematics.projection import LEAST_STRIDE, Projector
 from planner_service.path.joint_path import JointPath
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.problem import Configuration

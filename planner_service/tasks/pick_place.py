@@ -15,10 +15,10 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
 from planner_service.grasping.grasps import middle_of, top_grasps
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import LEAVE, picked, placed
-from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 

@@ -33,12 +33,12 @@ from planner_service.kinematics.reachability import why_unreachable
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
+from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["LEAVE", "kept_upright", "pick", "picked", "place", "placed", "require_poses"]
 

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 from planner_service.certify import prove_kept
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.constraints import Constraint
-from planner_service.constraints.resolved import constraint_set
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, flag, instance, number
 from planner_service.kinematics.cartesian_waypoints import line_blends, stop_rows, thinned, thinned_along
+from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.inverse import ToolLine, require_joint_rate, shifted, straight_tool_line
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
 from planner_service.path.joint_path import JointPath

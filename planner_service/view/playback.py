@@ -15,8 +15,8 @@ from planner_service.certify import ExemptInterval
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import Segment
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment
 from planner_service.view.collision_report import CollisionReporter
 from planner_service.view.regions import PLACES, Kept
 

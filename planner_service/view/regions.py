@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from planner_service.constraints.resolved import ROUNDING, ConstraintSet, Placed, Quantity, constraint_set
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.geometry.arrays import FloatArray
+from planner_service.kinematics.constraint_set import ROUNDING, ConstraintSet, Placed, Quantity, constraint_set
 from planner_service.robot.model import Robot
 from planner_service.view.triangles import Triangles, lathe
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.constraints.resolved import Placed
 from planner_service.geometry.arrays import FloatArray, IntArray, Vector
 from planner_service.geometry.shapes import Pose
+from planner_service.kinematics.constraint_set import Placed
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.scene.scene import Attached, Obstacle, Scene

@@ -14,7 +14,7 @@ from benchmarks.studies import constrained as study
 from benchmarks.worlds import constrained
 from planner_service import CollisionChecker, Pose, load_robot
 from planner_service.constraints import Constraint, InBox, JointRange, KeepOrientation, KeepUpright, RelativePose
-from planner_service.constraints.resolved import ConstraintSet
+from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.scene.loading import load_scene
 from tests.support.small_robots import SLIDER, built
 

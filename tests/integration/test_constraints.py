@@ -18,8 +18,8 @@ from planner_service import (
     load_robot,
 )
 from planner_service.constraints import Constraint, JointRange, KeepUpright, OnPlane
-from planner_service.constraints.projection import projector_of
-from planner_service.constraints.resolved import ConstraintSet
+from planner_service.kinematics.constraint_set import ConstraintSet
+from planner_service.kinematics.projection import projector_of
 from planner_service.planning.result import Reason, Stage
 from planner_service.scene.worlds import load_world
 from planner_service.timing.laws import SCurve, Trapezoidal

@@ -19,12 +19,12 @@ from planner_service.geometry.shapes import Box, Pose
 from planner_service.grasping.grasps import top_grasps
 from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
 from planner_service.planning.result import Reason
+from planner_service.planning.task_result import Handling
 from planner_service.robot.model import Robot
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Obstacle
 from planner_service.tasks.primitives import pick
-from planner_service.tasks.result import Handling
 from tests.support.optional import present
 from tests.support.refusals import refused_pair
 

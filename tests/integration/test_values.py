@@ -44,7 +44,7 @@ from planner_service.execute import ArmLimits, Recording
 from planner_service.parallel import Sequential
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.planning.follow import FollowRequest
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.records.problem_set import Problem, ProblemSet
 from planner_service.roadmap import Built
 from planner_service.search import SearchGraph, Trace

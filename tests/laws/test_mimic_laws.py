@@ -16,12 +16,12 @@ from planner_service.certify.certifier import Certifier
 from planner_service.certify.kept_proof import KeptRefusal, prove_kept
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.collision.native_kernel import instruction_sets
-from planner_service.constraints.projection import ReferenceProjector, projector_of
-from planner_service.constraints.resolved import constraint_set
 from planner_service.constraints.values import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
+from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.numeric_inverse import descend
+from planner_service.kinematics.projection import ReferenceProjector, projector_of
 from planner_service.kinematics.tool_arm import tool_arm
 from planner_service.kinematics.tool_speed import tool_speeds
 from planner_service.path.joint_path import JointPath

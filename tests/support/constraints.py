@@ -15,8 +15,8 @@ from planner_service.constraints import (
     RelativePose,
     ToolRegion,
 )
-from planner_service.constraints.projection import Projector, projector_of
-from planner_service.constraints.resolved import ConstraintSet
+from planner_service.kinematics.constraint_set import ConstraintSet
+from planner_service.kinematics.projection import Projector, projector_of
 
 __all__ = ["CASES", "case", "kept_configurations"]
 

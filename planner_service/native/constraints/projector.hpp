@@ -1,5 +1,5 @@
 // How far a configuration is from keeping constraints, the nearest one that keeps them, and whether an edge does:
-// constraints/projection.py, with the same bits.
+// kinematics/projection.py, with the same bits.
 #pragma once
 
 #include <array>

@@ -12,10 +12,10 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
+from planner_service.planning.task_result import Segment
 from planner_service.records.exports.trajectory_export import on_one_clock, sampled
 from planner_service.robot.macros.expansion import package_folders, robot_folders
 from planner_service.robot.mjcf.mjcf_reader import joint_places
-from planner_service.tasks.result import Segment
 
 __all__ = ["BEGINNING", "keyframes_text"]
 

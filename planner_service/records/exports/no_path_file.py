@@ -19,7 +19,7 @@ from planner_service.files.writing import write_whole
 from planner_service.geometry.composite import Compound, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.infeasibility import NoPath
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.records.evidence import boxes_of, packed
 from planner_service.records.plan_file import OURS
 from planner_service.records.robot import RobotRecord

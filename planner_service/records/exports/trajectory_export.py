@@ -20,7 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import text
 from planner_service.path.trajectory import Samples, Trajectory
 from planner_service.planning.result import PlanResult
-from planner_service.tasks.result import Segment, require_joined
+from planner_service.planning.task_result import Segment, require_joined
 
 __all__ = [
     "CSV_BEGINNING",

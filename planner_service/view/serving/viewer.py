@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.geometry.validation import whole
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService
 from planner_service.view.page import Page

@@ -31,6 +31,7 @@ from planner_service.geometry.validation import instance
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason
+from planner_service.planning.task_result import TaskResult
 from planner_service.presentation.measures import clearance_text
 from planner_service.records.plan_file import SavedTask
 from planner_service.robot.kinematic_tree import LinkShape
@@ -40,7 +41,6 @@ from planner_service.robot_setup.visuals import Visual
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.result import TaskResult
 from planner_service.view.regions import PLACES
 from planner_service.view.still.composition import (
     GOAL,

@@ -11,6 +11,7 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.grasping.grasps import middle_of, offset_from, top_grasps
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.task_result import Handling
 from planner_service.robot.model import robot_names
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
@@ -18,7 +19,6 @@ from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, plan_pick_place
 from planner_service.tasks.primitives import pick
-from planner_service.tasks.result import Handling
 from tests.support.optional import present
 
 LOPSIDED = Mesh(np.array([[x, y, z] for x in (0.10, 0.14) for y in (-0.21, -0.18) for z in (0.0, 0.06)]))

@@ -14,6 +14,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Reason, Stage
+from planner_service.planning.task_result import Handling
 from planner_service.planning.timing_stage import torque_limits
 from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.records.recertify import recertify
@@ -22,7 +23,6 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Attached, Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Handling
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 from planner_service.timing.torque_limits import EXCESS
 from tests.support.command import run

@@ -13,7 +13,7 @@ import pytest
 from planner_service import Cylinder, InvalidFile, Obstacle, Pose, Scene, load_robot
 from planner_service.files.schema import read_record
 from planner_service.infeasibility import NoPath, Reached, prove_no_path
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.exports.no_path_file import no_path_document
 from planner_service.records.scene import PlanReading, packed

@@ -12,10 +12,10 @@ import pytest
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import Segment
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.mujoco_keyframes import BEGINNING, keyframes_text
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment
 from tests.support.command import run
 
 SERVICE = PlannerService("planar2", "empty")

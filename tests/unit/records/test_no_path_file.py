@@ -35,7 +35,7 @@ from planner_service import (
 from planner_service.cli.commands import app
 from planner_service.geometry.mesh import Mesh
 from planner_service.infeasibility import prove_no_path
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.records.evidence import boxes_of
 from planner_service.records.exports.no_path_file import no_path_document, save_no_path
 from planner_service.records.scene import MeshRecord, SceneRecord

@@ -22,9 +22,9 @@ from planner_service.kinematics import Cause, LimitExcess, Slip, Suggestion, Unr
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, RRT, BalancedRRTConnect
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
-from planner_service.planning.world import World
+from planner_service.planning.task_result import Segment
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.roadmap import Roadmap, RoadmapReference
@@ -32,7 +32,6 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.search.problem import SearchProblem, SearchResult
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 from planner_service.timing.limit_check import peaks
 from tests.support.optional import present

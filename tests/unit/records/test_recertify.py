@@ -46,15 +46,14 @@ from planner_service.execute import stream as execution
 from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import Pace
-from planner_service.planning.world import World
+from planner_service.planning.request import Pace, World
+from planner_service.planning.task_result import TaskResult
 from planner_service.records.evidence import save_plan, with_evidence
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import AllowedContact
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.tasks.result import TaskResult
 from tests.support.arms import QUICK, FakeArm, FakeTime
 from tests.support.optional import present
 

@@ -42,10 +42,10 @@ from planner_service.constraints import (
     ToolRegion,
 )
 from planner_service.planning.result import Failure, Reason, Stage
+from planner_service.planning.task_result import Segment
 from planner_service.records import SavedPlan, SavedTask, load_plan, read_problems, save_plan
 from planner_service.records.plan_file import load_task
 from planner_service.records.recertify import recertify
-from planner_service.tasks.result import Segment
 from tests.support.optional import present
 from tests.unit.records.test_saved_world import same
 

@@ -43,7 +43,7 @@ from planner_service import (
 from planner_service.certify import ExemptInterval
 from planner_service.cli.commands import app
 from planner_service.geometry.composite import Solid
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_plan_or_task, load_task
 from planner_service.tasks.pick_place import plan_pick_place

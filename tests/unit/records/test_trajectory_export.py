@@ -18,6 +18,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import Segment
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.trajectory_export import (
     CSV_BEGINNING,
@@ -34,7 +35,6 @@ from planner_service.records.exports.trajectory_export import (
 from planner_service.records.plan_file import SavedPlan
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.tasks.result import Segment
 from tests.support.command import run
 from tests.unit.scene.test_worlds import LIFTED, NEWER, write
 

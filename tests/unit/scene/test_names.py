@@ -31,7 +31,7 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.execute import meant_contacts, taken
 from planner_service.execute.preconditions import admitted
 from planner_service.planning import AllowedStretch
-from planner_service.tasks.result import TaskResult
+from planner_service.planning.task_result import TaskResult
 from planner_service.view.scene_nodes import AMBER, colours_of
 from planner_service.view.still.composition import TOUCHING
 from tests.support.optional import present

@@ -11,8 +11,8 @@ import pytest
 from planner_service import BalancedRRTConnect, CollisionChecker, JointPath, Pose, load_robot
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.constraints import InBox
-from planner_service.constraints.projection import ReferenceProjector, projector_of
-from planner_service.constraints.resolved import ConstraintSet
+from planner_service.kinematics.constraint_set import ConstraintSet
+from planner_service.kinematics.projection import ReferenceProjector, projector_of
 from planner_service.scene.worlds import load_world
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.edge_cache import SearchOracle

@@ -16,7 +16,7 @@ import pytest
 
 from planner_service import PlannerService
 from planner_service.parallel.pool import Answered, Event
-from planner_service.planning.world import World
+from planner_service.planning.request import World
 from planner_service.serve import app as apps
 from planner_service.serve import server as servers
 from planner_service.serve.app import create_app

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from planner_service.optimize import Chomp, Optimise
-from planner_service.planning.request import PlanRequest
-from planner_service.planning.world import World
+from planner_service.planning.request import PlanRequest, World
 from planner_service.records.plan_file import SavedPlan, plan_or_task
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene

@@ -9,8 +9,8 @@ import pytest
 
 from planner_service import Pose, load_robot
 from planner_service.constraints import InBox, JointRange, KeepUpright, OnLine, OnPlane, ToolRegion
-from planner_service.constraints.resolved import ConstraintSet
 from planner_service.geometry.arrays import FloatArray
+from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.view.regions import BEYOND, FAR, Kept, cap, edges, fan, frames_at, rectangles
 from tests.support.constraints import CASES, case
 from tests.support.optional import present

@@ -13,9 +13,9 @@ import pytest
 
 from planner_service import PlannerService, PlanRequest, PlanResult, Pose, Sphere
 from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.records.evidence import save_plan
 from planner_service.scene.scene import Attached, Obstacle
-from planner_service.tasks.result import Segment, TaskResult
 from planner_service.view.playback import Playback
 from planner_service.view.rerun_recording import rerun_bytes, write_rerun
 from tests.support.command import run

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from planner_service.constraints.resolved import ConstraintSet, Placed
 from planner_service.geometry.arrays import FloatArray, cosines_and_sines, joint_distance
+from planner_service.kinematics.constraint_set import ConstraintSet, Placed
 from planner_service.native.loading import load_core
 
 if TYPE_CHECKING:
