@@ -18,14 +18,11 @@ import numpy as np
 
 from benchmarks.attack.harness import Case, Wrong
 from planner_service import Robot
-from planner_service.robot.elements.mjcf import MJCF
-from planner_service.robot.elements.srdf import SRDF
-from planner_service.robot.elements.table import Effect, Rule
-from planner_service.robot.elements.urdf import URDF
+from planner_service.robot.elements.table import Effect, Rule, words_of
 
 __all__ = ["MJCF_TEXT", "TABLES", "draw_word", "require_told"]
 
-TABLES = {"urdf": URDF, "srdf": SRDF, "mjcf": MJCF}
+TABLES = {kind: words_of(kind) for kind in ("urdf", "srdf", "mjcf")}
 
 VALUES = ("0", "1", "0.5", "-1", "0.1 0.2 0.3", "1 0 0 0", "true", "j1", "l0", "l1", "revolute", "x")
 
@@ -109,7 +106,7 @@ def require_told(case: Case, text: str, path: Path, read: Callable[[Path], Robot
         if (element.text or "").strip():
             return "there already"
         element.text = word
-        effect = _effect(rule, Effect.READ if rule is not None and rule.has_text else None)
+        effect = _effect(rule, None)
     robot, lines = _read(ElementTree.tostring(root, "unicode"), path, read)
     if effect is Effect.READ:
         return "read"

@@ -11,8 +11,7 @@ from xml.etree.ElementTree import Element
 from planner_service.errors import InvalidFile
 from planner_service.files.numerals import plain_float
 from planner_service.files.xml_reader import read_xml
-from planner_service.robot.elements.srdf import SRDF
-from planner_service.robot.elements.table import unlisted_words
+from planner_service.robot.elements.table import unlisted_words, words_of
 from planner_service.robot.groups import PlanningGroup
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
@@ -74,7 +73,7 @@ def usable_srdf(path: Path, urdf: Urdf) -> tuple[Srdf, list[str]]:
         InvalidFile: it cannot be read at all.
     """
     root = read_xml(path, "robot")
-    unlisted = unlisted_words(root, SRDF)
+    unlisted = unlisted_words(root, words_of("srdf"))
     problems, notes = [*unlisted.refused], [*unlisted.told]
     if root.get("name") != urdf.name:
         notes.append(f"it is that of robot {root.get('name')!r}, and the URDF's is {urdf.name!r}")

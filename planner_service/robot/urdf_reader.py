@@ -21,8 +21,7 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.presentation.progress import bar
-from planner_service.robot.elements.table import unlisted_words
-from planner_service.robot.elements.urdf import URDF
+from planner_service.robot.elements.table import unlisted_words, words_of
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER
 from planner_service.robot.macros.expansion import expanded_xml, robot_folders
 from planner_service.robot.urdf_model import (
@@ -147,7 +146,7 @@ class _Reader:
             if len(elements) > MAX_ELEMENTS:
                 self.problems.append(f"{len(elements)} {tag}; at most {MAX_ELEMENTS}")
                 return Urdf("", "", (), ())
-        unlisted = unlisted_words(root, URDF, as_seen=self.visual_as_collision)
+        unlisted = unlisted_words(root, words_of("urdf"), as_seen=self.visual_as_collision)
         self.problems += unlisted.refused
         self.notes += unlisted.told
         self.version = root.get("version", self.version)

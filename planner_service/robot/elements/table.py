@@ -11,9 +11,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import Enum
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
-__all__ = ["Effect", "Row", "Rule", "Unlisted", "markdown_table", "rows_of", "rule", "unlisted_words"]
+from planner_service.files.toml_reader import read_tables
+
+__all__ = ["Effect", "Rule", "Unlisted", "unlisted_words", "words_of"]
+
+MAX_BYTES = 100_000
+"""Of a table's file."""
 
 MAX_SHOWN = 40
 """Characters of a value or a text in a message."""
@@ -30,109 +38,57 @@ class Effect(Enum):
     REFUSED = "refused"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rule:
     """What becomes of an element, of its attributes, and of the elements inside.
 
     Attributes:
         attributes: Effect and reason by name.
         children: By tag; a rule may be that of several elements.
-        closed: Whether what is not listed inside is looked at: not if the whole element is for another program.
+        closed: Whether what is not listed inside is looked at: not if the whole element is for another program, or
+            something else reads and judges it.
         extensible: Whether other programs may add elements of their own, which get a warning and are not refused.
         looks: Whether what is inside only says what a link looks like: then nothing in it is refused.
-        has_text: Whether its text is read, or has no effect.
         one_child: Whether it holds exactly one element: the reader itself refuses any other.
     """
 
     effect: Effect
-    why: str = ""
-    attributes: Mapping[str, tuple[Effect, str]] = field(default_factory=dict)
-    children: Mapping[str, Rule] = field(default_factory=dict)
-    closed: bool = True
+    why: str
+    attributes: dict[str, tuple[Effect, str]] = field(default_factory=dict)
+    children: dict[str, Rule] = field(default_factory=dict)
+    closed: bool = False
     extensible: bool = False
     looks: bool = False
-    has_text: bool = False
     one_child: bool = False
 
 
-Words = tuple[Effect, str, str]
-"""An effect, the attributes that it is of with spaces between them, and why."""
+@lru_cache
+def words_of(kind: str) -> Rule:
+    """The rule of the outermost element of a format: ``urdf``, ``srdf`` or ``mjcf``.
 
-
-def rule(
-    effect: Effect,
-    why: str = "",
-    *attributes: Words,
-    children: Mapping[str, Rule] | None = None,
-    extensible: bool = False,
-    looks: bool = False,
-    has_text: bool = False,
-    one_child: bool = False,
-    whole: bool = False,
-) -> Rule:
-    """A rule; one without an effect on planning, and without anything listed inside, may hold what it will.
-
-    Args:
-        whole: The same of an element that something else reads and judges.
+    Its words are in the TOML file of that name, the outermost element first. There a table is an element: its
+    ``effect`` (``read`` if not given) and ``why``, its ``attributes``, and the elements inside, ``elements`` of which
+    nothing more is said and those that it ``holds``, each with a table of its own: ``[element.tag]``, else ``[tag]``;
+    ``tag:name`` has the table ``[name]``. A row is an effect, words with spaces between them, and why.
     """
-    given = {name: (what, reason) for what, names, reason in attributes for name in names.split()}
-    inside = children or {}
-    closed = not whole and (effect is Effect.READ or bool(given or inside))
-    return Rule(effect, why, given, inside, closed, extensible, looks, has_text, one_child)
+    tables = read_tables(Path(__file__).with_name(f"{kind}.toml"), MAX_BYTES)
+    return _rule(tables, next(iter(tables.values())), {})
 
 
-@dataclass(frozen=True)
-class Row:
-    """A line of the table for people: ``word`` is ``<tag>`` or an attribute, ``inside`` the elements that it is in."""
-
-    word: str
-    inside: str
-    effect: Effect
-    why: str
-
-
-def rows_of(tag: str, root: Rule) -> list[Row]:
-    """Each element and attribute once, in the order of the table; a rule that several elements share, once for all."""
-    places: dict[int, list[str]] = {}
-    order: list[tuple[str, Rule]] = []
-
-    def visit(name: str, inside: str, item: Rule) -> None:
-        key = id(item)
-        places.setdefault(key, [])
-        if f"<{inside}>" not in places[key]:
-            places[key].append(f"<{inside}>")
-        if not any(known is item for _, known in order):
-            order.append((name, item))
-            for child, below in item.children.items():
-                visit(child, name, below)
-
-    visit(tag, "", root)
-    out = []
-    for name, item in order:
-        inside = ", ".join(place for place in places[id(item)] if place != "<>")
-        tags = _tags(item, order) or [name]
-        out.append(Row(", ".join(f"<{each}>" for each in tags), inside, item.effect, item.why))
-        grouped: dict[tuple[Effect, str], list[str]] = {}
-        for attribute, what in item.attributes.items():
-            grouped.setdefault(what, []).append(attribute)
-        holder = ", ".join(f"<{each}>" for each in tags)
-        out += [Row(", ".join(names), holder, effect, why) for (effect, why), names in grouped.items()]
-    return out
-
-
-def markdown_table(tag: str, root: Rule) -> str:
-    """The table as Markdown, for the documentation."""
-    lines = ["| element or attribute | inside | effect | why |", "| --- | --- | --- | --- |"]
-    for row in rows_of(tag, root):
-        word = ", ".join(f"`{each}`" for each in row.word.split(", "))
-        inside = ", ".join(f"`{each}`" for each in row.inside.split(", ") if each)
-        lines.append(f"| {word} | {inside} | {row.effect.value} | {row.why.replace('<', '&lt;')} |")
-    return "\n".join(lines) + "\n"
-
-
-def _tags(item: Rule, order: Iterable[tuple[str, Rule]]) -> list[str]:
-    """The tags that a rule has in the elements that hold it."""
-    return list(dict.fromkeys(tag for _, above in order for tag, below in above.children.items() if below is item))
+def _rule(tables: Mapping[str, Any], table: Mapping[str, Any], made: dict[int, Rule]) -> Rule:
+    """The rule of a table; ``made`` are those begun, as an element may hold its own kind."""
+    if id(table) not in made:
+        flags = {name: table.get(name, False) for name in ("extensible", "looks", "one_child")}
+        rule = Rule(Effect[table.get("effect", "read").upper()], table.get("why", ""), closed=True, **flags)
+        made[id(table)] = rule
+        for effect, names, why in table.get("attributes", ()):
+            rule.attributes.update(dict.fromkeys(names.split(), (Effect[effect.upper()], why)))
+        for word in table.get("holds", "").split():
+            tag, _, name = word.partition(":")
+            rule.children[tag] = _rule(tables, table.get(tag) or tables[name or tag], made)
+        for effect, names, why in table.get("elements", ()):
+            rule.children.update(dict.fromkeys(names.split(), Rule(Effect[effect.upper()], why)))
+    return made[id(table)]
 
 
 @dataclass(frozen=True)
@@ -231,8 +187,6 @@ class _Walk:
         self.add(where, child, tag, text, refused=not (foreign or looks))
 
     def texts(self, element: Element, item: Rule, where: str, *, looks: bool) -> None:
-        if item.has_text:
-            return
         found = [element.text, *(child.tail for child in element)]
         words = " ".join(" ".join(text.split()) for text in found if text and not text.isspace())
         if words:

@@ -22,8 +22,7 @@ from planner_service.files.xml_reader import MAX_XML_BYTES, Malformed, parse_xml
 from planner_service.geometry.arrays import FloatArray, Vector, rpy_of, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.robot.elements.mjcf import MJCF
-from planner_service.robot.elements.table import unlisted_words
+from planner_service.robot.elements.table import unlisted_words, words_of
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
@@ -83,7 +82,7 @@ def inspect_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf, Seque
         MissingDependency: as of ``read_mjcf``.
     """
     root = _whole(path, folders)
-    reader = _Reader(_compiled(path, folders), [*unlisted_words(root, MJCF).told])
+    reader = _Reader(_compiled(path, folders), [*unlisted_words(root, words_of("mjcf")).told])
     return reader.urdf, reader.srdf, reader.problems
 
 

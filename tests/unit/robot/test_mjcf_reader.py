@@ -14,8 +14,7 @@ import pytest
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.robot.elements.mjcf import MJCF
-from planner_service.robot.elements.table import unlisted_words
+from planner_service.robot.elements.table import unlisted_words, words_of
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.check_robot import FindingKind, check_robot
 from planner_service.robot_setup.loading import load_robot
@@ -214,7 +213,7 @@ def test_each_word_that_mujoco_knows_is_in_the_table() -> None:
         child = ElementTree.SubElement(open_elements[depth - 1], tag, dict.fromkeys(names.split(), ""))
         del open_elements[depth:]
         open_elements.append(child)
-    told = unlisted_words(open_elements[0], MJCF).told
+    told = unlisted_words(open_elements[0], words_of("mjcf")).told
     assert [text for text in told if "unknown" in text or "not known" in text] == []
 
 
