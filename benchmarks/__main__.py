@@ -37,6 +37,7 @@ STUDIES = {
     "proven": "whole curves are free and within limits to an independent checker; planted sheets are refused",
     "starts": "starts that overlap by a little have a plan, whose way out grows no depth",
     "agreement": "no verdict differs from Coal's more than a micrometre from contact",
+    "walk": "README's first plan is a short walk through the files of the package",
     "latency": "whole plans take at most 0.35 of 0.1.0's CPU time, straight lines at most a millisecond",
     "panda": "the public Panda problems next to 0.1.0 and to other planners, in turn, by one auditor",
     "roadmaps": "a warm query takes at most 150 states and a fifth of a search's",
