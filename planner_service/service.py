@@ -37,7 +37,6 @@ from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, held_to
 from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
@@ -586,7 +585,7 @@ class PlannerService:
                 return find_way_out(certifier.get(), start, math.inf, padding)
             return None
 
-        return held_to(Limits(), checker.ledger, found)
+        return checker.ledger.held(found)
 
     def view(
         self,
@@ -613,7 +612,7 @@ class PlannerService:
         return show_page(self.world, shown, host=host, port=port, block=block)
 
     def _limited(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
-        return held_to(Limits(cancel=cancel), self._planning.ledger, act)
+        return self._planning.ledger.held(act, cancel=cancel)
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:

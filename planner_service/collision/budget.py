@@ -7,11 +7,12 @@ import threading
 import time
 import weakref
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
+from planner_service.concurrency.polling import asking
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.validation import number, whole
 from planner_service.presentation.tables import Table
@@ -28,6 +29,7 @@ __all__ = [
 ]
 
 Number = TypeVar("Number", int, float)
+T = TypeVar("T")
 
 MAX_STATES = 2**63 - 1
 """More states than anyone judges."""
@@ -162,6 +164,41 @@ class Ledger:
         """What this thread has asked so far."""
         return self._threads.tally
 
+    def held(
+        self,
+        act: Callable[[], T],
+        *,
+        states: int | None = None,
+        seconds: float | None = None,
+        cancel: CancelToken | None = None,
+    ) -> T:
+        """What ``act`` returns, held to limits, which ``concurrency.polling.poll`` then watches, too.
+
+        However it ends, this thread is left as it was, even by Ctrl-C between any two steps: this is why the steps that
+        undo it are there twice.
+
+        Args:
+            states: How many more it may judge.
+            seconds: Wall time.
+            cancel: Ends it when cancelled.
+
+        Raises:
+            SearchStopped: A limit was reached.
+        """
+        try:
+            try:
+                self.let_go()
+                deadline = None if seconds is None else time.monotonic() + seconds
+                with self.limited(states=states, deadline=deadline, token=cancel):
+                    asking.ask = self.poll
+                    return act()
+            finally:
+                asking.ask = None
+                self.let_go()
+        finally:
+            asking.ask = None
+            self.let_go()
+
     def limited(
         self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
     ) -> AbstractContextManager[None]:
@@ -169,9 +206,9 @@ class Ledger:
 
         Limits around the block hold on within it.
         """
-        if states is not None:
+        if states is not None and not (type(states) is int and 0 <= states <= MAX_STATES):
             states = whole("states", states, 0, MAX_STATES)
-        if deadline is not None:
+        if deadline is not None and not (type(deadline) is float and math.isfinite(deadline)):
             deadline = number("deadline", deadline, "a time of time.monotonic()", -math.inf, math.inf)
         if token is not None and not isinstance(token, CancelToken):
             raise InvalidRequest("cancel", token, "a CancelToken, or None")
@@ -201,6 +238,17 @@ class Ledger:
             if own.limits.most is not None and own.states >= own.limits.most:
                 own.check(own.require_room)
 
+    def allowance(self) -> tuple[int, bool]:
+        """How many more states compiled code may judge, -1 without a limit; and whether it is to poll before the first,
+        as a limit was reached."""
+        reached = False
+        try:
+            self.require_room()
+        except SearchStopped:
+            reached = True
+        room = self.room()
+        return -1 if room is None else room, reached
+
     def room(self) -> int | None:
         """How many more states may be judged; None without a limit."""
         own = self._threads.own
@@ -217,9 +265,22 @@ class Ledger:
         threads.tally.states += judged
         threads.own.states += judged
 
+    def record(self, states: int, edges: int, hits: Mapping[tuple[str, str], int]) -> None:
+        """Record what compiled code judged, and how often each pair was found to collide."""
+        self.record_states(states)
+        tally = self._threads.tally
+        tally.edges += edges
+        for pair, count in hits.items():
+            tally.hits[pair] += count
+
     def record_hit(self, pair: tuple[str, str]) -> None:
         """Record that a pair was found to collide, by its names."""
         self._threads.tally.hits[pair] += 1
+
+    def charge(self, bounds: int) -> None:
+        """Record clearance bounds that are going to be computed; raise instead if the call is over."""
+        self.poll()
+        self.charge_distances(bounds)
 
     def charge_distances(self, bounds: int) -> None:
         """Record clearance bounds."""

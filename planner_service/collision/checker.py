@@ -141,7 +141,8 @@ class CollisionChecker:
             motion_step: Metres of a ``MotionStep`` that edges keep beside the step there is.
         """
         padding = self.padding if padding is None else padding
-        require_padding(padding)
+        if type(padding) is not float:
+            require_padding(padding)
         finest = self._motion_step
         if motion_step is not None:
             motion_step = MotionStep(motion_step).distance
@@ -152,6 +153,7 @@ class CollisionChecker:
             return self
         known = self._variants.get(key)
         if known is None:
+            require_padding(padding)
 
             def keep() -> CollisionChecker:
                 other = self._varied(padding, pairs, finest)
@@ -349,9 +351,7 @@ class CollisionChecker:
         Raises:
             InvalidRequest: An edge leaves the joint limits, or has too many samples.
         """
-        ledger, free_to_judge = self.ledger, self._has_room()
-        room = ledger.room()
-        oracle.allow(-1 if room is None else room, not free_to_judge)
+        oracle.allow(*self.ledger.allowance())
         try:
             try:
                 return ask()
@@ -366,11 +366,7 @@ class CollisionChecker:
 
     def _record(self, oracle: _core.EdgeOracle) -> None:
         states, edges, hits = oracle.take()
-        own = self.ledger.own
-        own.edges += edges
-        self.ledger.record_states(states)
-        for pair, count in hits.items():
-            own.hits[self._parts.names(pair)] += count
+        self.ledger.record(states, edges, {self._parts.names[pair]: count for pair, count in hits.items()})
         if hits:
             self._last.hit = Collision(0, oracle.last_fraction, oracle.last_pair)
 
@@ -492,7 +488,7 @@ class CollisionChecker:
     def pair_names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair by its number: the link or carried object, then what it meets."""
         whole("pair", pair, 0, self.pair_count - 1)
-        return self._parts.names(pair)
+        return self._parts.names[pair]
 
     @cached_property
     def _measuring_kernel(self) -> _core.CollisionKernel:
@@ -509,7 +505,7 @@ class CollisionChecker:
         pairs = np.array(self._backend.touching(q), dtype=np.intp)
         self.ledger.record_states(1)
         overlaps = self._broadphase.overlaps(q, pairs).tolist()
-        return deepest(zip(map(self._parts.names, pairs.tolist()), overlaps, strict=True))
+        return deepest(zip(map(self._parts.names.__getitem__, pairs.tolist()), overlaps, strict=True))
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
         if type(q) is np.ndarray and q.dtype == np.float64:  # as planners ask: no time for a closer look
@@ -553,7 +549,7 @@ class CollisionChecker:
     def _note(self, hit: FirstHit) -> None:
         """Remember a collision as the last, and count which pair it is of."""
         self._last.hit = hit
-        self.ledger.record_hit(self._parts.names(hit.pair))
+        self.ledger.record_hit(self._parts.names[hit.pair])
 
     @property
     def last_hit(self) -> EdgeHit | None:
@@ -561,4 +557,4 @@ class CollisionChecker:
         return self._named(self._last.hit)
 
     def _named(self, hit: FirstHit | None) -> EdgeHit | None:
-        return None if hit is None else EdgeHit(hit.fraction, *self._parts.names(hit.pair))
+        return None if hit is None else EdgeHit(hit.fraction, *self._parts.names[hit.pair])

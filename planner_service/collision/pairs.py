@@ -72,6 +72,7 @@ class Parts:
         frames: The pose of each piece in its body, or in the world, (parts, 4, 4).
         runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
         crowds: Those of many.
+        names: The labels of a pair's owners by its number: the link or carried object, then what it meets.
         pairs: Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot.
 
     Raises:
@@ -105,7 +106,7 @@ class Parts:
         self.shapes = self._grown(padding)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
         self.pairs = self._pairs()
-        self._names: dict[int, tuple[str, str]] = {}  # of those that were asked for
+        self.names = _PairNames(self)
 
     def padded(self, padding: float) -> Parts:
         """The same pieces and pairs with another padding."""
@@ -179,13 +180,18 @@ class Parts:
         starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
         return list(zip(starts, [*starts[1:], self.riding], strict=False))
 
-    def names(self, pair: int) -> tuple[str, str]:
-        """The labels of a pair's owners: the link or carried object, then what it meets."""
-        labels = self._names.get(pair)
-        if labels is None:
-            i, j = self.pairs[pair]
-            labels = self._names[pair] = self.labels.of(self.parts[i].owner), self.labels.of(self.parts[j].owner)
-        return labels
+
+class _PairNames(dict[int, tuple[str, str]]):
+    """The names of those pairs that were asked for."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+
+    def __missing__(self, pair: int) -> tuple[str, str]:
+        labels, parts = self._parts.labels, self._parts.parts
+        a, b = (labels.of(parts[k].owner) for k in self._parts.pairs[pair])
+        self[pair] = a, b
+        return a, b
 
 
 @lru_cache(maxsize=16)

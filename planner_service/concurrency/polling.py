@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-__all__ = ["Prepared", "ask_from_now_on", "asked", "poll", "waited"]
+__all__ = ["Prepared", "asked", "asking", "poll", "waited"]
 
 T = TypeVar("T")
 
@@ -17,28 +17,23 @@ _POLL_SECONDS = 0.01
 """Seconds between polls while waiting."""
 
 
-class _Asked(threading.local):
-    """The check of each thread."""
+class _Asking(threading.local):
+    """The check that ``poll`` calls in each thread; None for no check."""
 
     ask: Callable[[], None] | None = None
 
 
-_asked = _Asked()
-
-
-def ask_from_now_on(ask: Callable[[], None] | None) -> None:
-    """Set the check that ``poll`` calls in this thread; None for no check."""
-    _asked.ask = ask
+asking = _Asking()
 
 
 def asked() -> bool:
     """Whether this thread has a check."""
-    return _asked.ask is not None
+    return asking.ask is not None
 
 
 def poll() -> None:
     """Raise if this thread's call is over its time or cancelled; without a check do nothing."""
-    ask = _asked.ask
+    ask = asking.ask
     if ask is not None:
         ask()
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -78,7 +79,7 @@ class Pose:
         """Rotation matrix, shape (3, 3)."""
         return np.array(self.rotation_rows)
 
-    @property
+    @cached_property
     def rotation_rows(self) -> tuple[tuple[float, float, float], ...]:
         """The rows of the rotation matrix."""
         w, x, y, z = self.quaternion

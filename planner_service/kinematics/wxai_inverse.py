@@ -13,10 +13,11 @@ import cmath
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.arrays import Vector, dot, vector
+from planner_service.geometry.arrays import Vector, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.robot.model import Body, Robot
 
@@ -73,8 +74,9 @@ class WxaiInverse:
     tool: Rows
     tool_offset: Vector
 
-    @classmethod
-    def of(cls, robot: Robot) -> WxaiInverse:
+    @staticmethod
+    @lru_cache(maxsize=32)
+    def of(robot: Robot) -> WxaiInverse:
         """The closed form for ``robot``.
 
         Raises:
@@ -84,7 +86,7 @@ class WxaiInverse:
         bodies = robot.bodies
         first, tool = bodies[1].placement.tolist(), robot.tool_placement.tolist()
         (sx, _, sz), (ux, _, uz), (fx, _, fz), (gx, _, gz), (last, _, lift) = offsets
-        return cls(
+        return WxaiInverse(
             robot=robot,
             shoulder=complex(sx, sz),
             upper=complex(ux, uz),
@@ -144,7 +146,8 @@ class WxaiInverse:
                     continue
                 sp, cp = math.sin(pitch), math.cos(pitch)
                 up = (sp * c, sp * s, cp)  # the z axis that the wrist's first joint turns about
-                roll = math.atan2(dot(y, up), dot(z, up))
+                _, sine, cosine = _apply((x, y, z), up)
+                roll = math.atan2(sine, cosine)
                 joint = complex(radius, wrist[2]) - self.hand * complex(cp, -sp) - self.shoulder
                 for first, second in self._elbows(joint):
                     yield (waist, first, second, pitch - first - second, yaw, roll)
@@ -263,7 +266,9 @@ def _rows(matrix: list[list[float]]) -> Rows:
 
 
 def _apply(rows: Sequence[Sequence[float]], v: Sequence[float]) -> Vector:
-    return dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    x, y, z = v
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def _square(value: complex) -> float:

@@ -9,14 +9,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from operator import sub
 from typing import TypeVar
 
 import numpy as np
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, KeptRefusal, Refusal
-from planner_service.collision import CancelToken, CollisionChecker
-from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
-from planner_service.concurrency.polling import Prepared, ask_from_now_on
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision.budget import Cancelled, CheckBudgetSpent, SearchStopped, TimeBoxSpent
+from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
 from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
@@ -45,14 +46,12 @@ from planner_service.timing.torque_limits import TorqueLimits
 T = TypeVar("T")
 
 __all__ = [
-    "Limits",
     "NoPlan",
     "PlanAccounting",
     "PlanContext",
     "StageEntry",
     "certified_path",
     "certify",
-    "held_to",
     "narrower",
     "proof_note",
     "require_proven",
@@ -85,47 +84,6 @@ class NoPlan(Exception):
         self.no_path = no_path
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What one call may spend.
-
-    Attributes:
-        states: States it may check; None for no limit.
-        search_states: How many of them searching may use.
-        seconds: Wall time.
-        cancel: Ends it when cancelled.
-    """
-
-    states: int | None = None
-    search_states: int | None = None
-    seconds: float | None = None
-    cancel: CancelToken | None = None
-
-
-def held_to(limits: Limits, ledger: Ledger, act: Callable[[], T]) -> T:
-    """What ``act`` returns, held to the limits.
-
-    However it ends, this thread is left as it was, even by Ctrl-C between any two steps: this is why the steps that
-    undo it are there twice.
-
-    Raises:
-        SearchStopped: A limit was reached.
-    """
-    try:
-        try:
-            ledger.let_go()
-            deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
-            with ledger.limited(states=limits.states, deadline=deadline, token=limits.cancel):
-                ask_from_now_on(ledger.poll)
-                return act()
-        finally:
-            ask_from_now_on(None)
-            ledger.let_go()
-    finally:
-        ask_from_now_on(None)
-        ledger.let_go()
-
-
 class StageEntry:
     """What a running stage will report: a note for a person, and the length of the path after it."""
 
@@ -139,6 +97,13 @@ class PlanAccounting:
 
     Stages write into it what the result will say; what they need of each other they hand on as values.
 
+    Args:
+        states: How many the call may check; None for no limit.
+        search_states: How many of them searching may use.
+        seconds: Wall time.
+        cancel: Ends it when cancelled.
+        roadmap: That of the request.
+
     Attributes:
         notes: As in the result; so are ``deterministic``, ``padding``, ``near_ends``, ``attempts``, ``roadmap`` and
             ``polish``.
@@ -146,10 +111,20 @@ class PlanAccounting:
         tried_in_vain: What else was tried after a search without progress; the same.
     """
 
-    def __init__(self, checker: CollisionChecker, limits: Limits, roadmap: Roadmap | None = None) -> None:
-        self._ledger, self._robot = checker.ledger, checker.robot
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        *,
+        states: int | None = None,
+        search_states: int | None = None,
+        seconds: float | None = None,
+        cancel: CancelToken | None = None,
+        roadmap: Roadmap | None = None,
+    ) -> None:
+        self.ledger, self._robot = checker.ledger, checker.robot
         self._tally = checker.ledger.own
-        self._limits = limits
+        self._states, self._search_states = states, search_states
+        self._seconds, self._cancel = seconds, cancel
         self._reports: dict[Stage, StageReport] = {}
         self._stage = Stage.ENDPOINTS
         self._hits = Counter(self._tally.hits)
@@ -212,13 +187,15 @@ class PlanAccounting:
         """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up."""
         self._stage = stage
         entry = StageEntry()
-        counts, clock = self._tally.counts, time.perf_counter()
+        tally, clock = self._tally, time.perf_counter()
+        before = tally.states, tally.edges, tally.distances, tally.projections
         try:
             yield entry
         finally:
             if self.projector is not None:
-                self._tally.projections += self.projector.take()
-            spent, seconds = self._tally.counts - counts, time.perf_counter() - clock
+                tally.projections += self.projector.take()
+            after = tally.states, tally.edges, tally.distances, tally.projections
+            spent, seconds = CheckCounts(*map(sub, after, before)), time.perf_counter() - clock
             report = StageReport(stage, spent, seconds, entry.length, entry.note)
             self._add(report)
             tell = _told.get()
@@ -269,7 +246,7 @@ class PlanAccounting:
             NoPlan: A limit was reached.
         """
         try:
-            return held_to(self._limits, self._ledger, act)
+            return self.ledger.held(act, states=self._states, seconds=self._seconds, cancel=self._cancel)
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
@@ -278,15 +255,6 @@ class PlanAccounting:
         self.padding, self.near_ends = kept.padding, kept.near_ends
         if kept.note:
             self.notes.insert(0, kept.note)
-
-    def charge(self, bounds: int) -> None:
-        """Count clearance bounds of the certifier.
-
-        Raises:
-            SearchStopped: A limit was reached.
-        """
-        self._ledger.poll()
-        self._ledger.charge_distances(bounds)
 
     def result(
         self,
@@ -347,11 +315,11 @@ class PlanAccounting:
             return Failure(self._stage, Reason.PREEMPTED, str(stopped))
         if isinstance(stopped, TimeBoxSpent):
             self.deterministic = False
-            return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._limits.seconds:g} s passed")
+            return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._seconds:g} s passed")
         return self._unknown(
             Reason.CHECK_BUDGET_EXHAUSTED,
-            f"no path within the {self._limits.states:,} checks that may be made"
-            + (f", {self._limits.search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
+            f"no path within the {self._states:,} checks that may be made"
+            + (f", {self._search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
         )
 
     def impossible(self, proof: NoPath) -> NoPlan:
@@ -396,16 +364,6 @@ class PlanContext:
     accounting: PlanAccounting
     tracer: Tracer | None = None
 
-    @property
-    def constraints(self) -> ConstraintSet | None:
-        """Those of the request and of what the robot carries; None if there are none."""
-        return self.accounting.constraints
-
-    @property
-    def projector(self) -> Projector | None:
-        """What keeps them."""
-        return self.accounting.projector
-
 
 def certify(
     path: JointPath,
@@ -420,7 +378,7 @@ def certify(
     with accounting.during(Stage.CERTIFY) as entry:
         constraints = () if accounting.constraints is None else accounting.constraints.constraints
         proof = certifier.certify(
-            path, padding=padding, exempt=exempt, constraints=constraints, part=part, charge=accounting.charge
+            path, padding=padding, exempt=exempt, constraints=constraints, part=part, charge=accounting.ledger.charge
         )
         entry.note = proof_note(proof)
         return proof

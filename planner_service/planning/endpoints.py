@@ -367,10 +367,10 @@ def _way_out(context: PlanContext, start: FloatArray, failure: Failure) -> WayOu
         NoPlan: There is none; the failure says what would help.
     """
     request, accounting = context.request, context.accounting
-    kept = () if context.constraints is None else context.constraints.constraints
+    kept = () if context.accounting.constraints is None else context.accounting.constraints.constraints
     certifier, overlap = context.certifier.get(), request.start_overlap
     try:
-        way = find_way_out(certifier, start, overlap, request.padding, kept, accounting.charge)
+        way = find_way_out(certifier, start, overlap, request.padding, kept, accounting.ledger.charge)
         accounting.require_held("start", way.path.waypoints[-1])
     except NoWayOut as none:
         proven = failure.proven and none.too_deep

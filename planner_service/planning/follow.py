@@ -20,7 +20,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, require_proven
+from planner_service.planning.accounting import NoPlan, PlanAccounting, certified_path, require_proven
 from planner_service.planning.kept_padding import padding_kept
 from planner_service.planning.request import Pace, clamp_note, clamped, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
@@ -118,7 +118,7 @@ def follow(
             stretch = f"waypoints {contact.first} to {contact.last}"
             raise InvalidRequest("contacts", stretch, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
-    accounting = PlanAccounting(checker, Limits(cancel=cancel))
+    accounting = PlanAccounting(checker, cancel=cancel)
     for k in np.flatnonzero((given != points).any(axis=1))[:MAX_CLAMP_NOTES].tolist():
         accounting.notes.append(clamp_note(f"waypoints[{k}]", given[k], points[k], checker.robot))
     accounting.keep(kept_in(checker.scene, request.constraints))

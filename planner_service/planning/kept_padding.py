@@ -70,7 +70,7 @@ def padding_kept(
 
     def proven(padding: float, near: Sequence[NearEnd]) -> Certificate:
         exempt = (*plain, *(ExemptInterval(each.s_start, each.s_end, each.pairs, "close") for each in near))
-        return certifier.certify(path, padding=padding, exempt=exempt, part=span, charge=accounting.charge)
+        return certifier.certify(path, padding=padding, exempt=exempt, part=span, charge=accounting.ledger.charge)
 
     with accounting.during(Stage.CERTIFY) as entry, accounting.improving(entry, "proven with more padding"):
         entry.note = proof_note(certificate)

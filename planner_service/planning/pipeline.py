@@ -23,7 +23,6 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning import search_stage
 from planner_service.planning.accounting import (
-    Limits,
     NoPlan,
     PlanAccounting,
     PlanContext,
@@ -101,8 +100,14 @@ def plan(
         UnknownName: The same.
     """
     constraints = require_plannable(request, checker.robot, checker.scene)
-    limits = Limits(request.max_checks, search_stage.search_states(request), request.time_limit, cancel)
-    accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
+    accounting = PlanAccounting(
+        checker,
+        states=request.max_checks,
+        search_states=search_stage.search_states(request),
+        seconds=request.time_limit,
+        cancel=cancel,
+        roadmap=request.planner if isinstance(request.planner, Roadmap) else None,
+    )
     accounting.keep(constraints)
     accounting.torque_limits = torques_of(Pace.of(request), checker.robot, checker.scene)
     context = PlanContext(request, checker, certifier, accounting, tracer)
@@ -222,22 +227,22 @@ def _found(context: PlanContext, ends: Ends) -> _Proof:
     Raises:
         NoPlan: There is none, or the search was in vain.
     """
-    ledger, before = context.checker.ledger, context.checker.ledger.own.counts.states
+    ledger, before = context.checker.ledger, context.checker.ledger.own.states
     tries = Tries(pause=PAUSES[0])
     for following in (*PAUSES[1:], None):
         try:
             return _prove(context, ends, search_stage.search(context, ends, tries=tries))
         except NoProgress:
-            states = ledger.own.counts.states - before
+            states = ledger.own.states - before
             narrow = _otherwise(context, ends, tries, states)
             if narrow is not None:
                 return narrow
             tries = Tries(tries.pause or 0, following, tries.states + states)
-            before = ledger.own.counts.states
+            before = ledger.own.states
         except (CheckBudgetSpent, NoPlan) as over:
             if isinstance(over, NoPlan) and over.failure.reason is not Reason.PLANNING_FAILED:
                 raise
-            narrow = _otherwise(context, ends, tries, ledger.own.counts.states - before)
+            narrow = _otherwise(context, ends, tries, ledger.own.states - before)
             if narrow is not None:
                 return narrow
             raise
@@ -295,7 +300,9 @@ def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
         return
     with accounting.during(Stage.NO_PATH) as entry:
         entry.note = "stopped"
-        proof = divide(checker.robot, checker.scene, ends.start, goals, checker.allowed, boxes, accounting.charge)
+        proof = divide(
+            checker.robot, checker.scene, ends.start, goals, checker.allowed, boxes, accounting.ledger.charge
+        )
         entry.note = "proven" if isinstance(proof, NoPath) else f"not proven in {boxes:,} boxes"
     if isinstance(proof, NoPath):
         raise accounting.impossible(proof)
@@ -435,7 +442,7 @@ def _blended(context: PlanContext, route: _Route, candidates: Candidates) -> Joi
         sizes = np.full(len(path.waypoints), size)
         sizes[list(route.kept)] = 0.0
         padded = candidates.round.checker(context, candidates.padding)
-        projector = context.projector
+        projector = context.accounting.projector
 
         def is_free(path: JointPath, k: int) -> bool:
             kept = projector is None or blend_is_kept(path, k, projector)

@@ -139,7 +139,7 @@ def oracle_of(
 ) -> SearchOracle | ConstrainedOracle:
     """What a search from the start to the goals asks."""
     oracle = SearchOracle(checker, [start], goals)
-    return oracle if context.projector is None else ConstrainedOracle(oracle, context.projector)
+    return oracle if context.accounting.projector is None else ConstrainedOracle(oracle, context.accounting.projector)
 
 
 def search_states(request: PlanRequest) -> int:
@@ -163,7 +163,7 @@ def roomier(context: PlanContext, ends: Ends, narrow: Candidates) -> Candidates:
     try:
         with context.checker.limited(states=ROOMIER_STATES, deadline=deadline):
             leads = None
-            if context.constraints is None:
+            if context.accounting.constraints is None:
                 with accounting.during(Stage.SEARCH):
                     leads = _leads(context, ends, SearchRound(0, context.request.padding))
             if leads is not None and not _in_vain(ends, leads, narrow):
@@ -191,7 +191,7 @@ def search(
     searching = SearchRound(0, context.request.padding) if searching is None else searching
     accounting = context.accounting
     leads = None
-    if ends.padding != searching.padding and context.constraints is None:
+    if ends.padding != searching.padding and context.accounting.constraints is None:
         with accounting.during(Stage.SEARCH):
             leads = _leads(context, ends, searching)
     return _searched(context, ends, searching, leads, tries)
@@ -320,9 +320,9 @@ def _search(
     checker, accounting, tracer = context.checker, context.accounting, context.tracer
     planner = _planner(context, searching)
     lower, upper = checker.robot.limits.lower, checker.robot.limits.upper
-    if context.constraints is not None:  # an end may be beyond a range by rounding
-        lower = np.min([context.constraints.lower, start, *goals], axis=0)
-        upper = np.max([context.constraints.upper, start, *goals], axis=0)
+    if context.accounting.constraints is not None:  # an end may be beyond a range by rounding
+        lower = np.min([context.accounting.constraints.lower, start, *goals], axis=0)
+        upper = np.max([context.accounting.constraints.upper, start, *goals], axis=0)
     problem = SearchProblem(
         start=start,
         goals=np.array(goals),
@@ -333,7 +333,7 @@ def _search(
         poll=checker.ledger.poll,
         reach=checker.reach,
         grown=None if tracer is None else tracer.grown,
-        projector=context.projector,
+        projector=context.accounting.projector,
     )
     with accounting.during(Stage.SEARCH) as entry:
         running = _Search(context, searching, problem, accounting.padding, entry, tries)
@@ -381,7 +381,7 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
     tries: Iterable[int] = (most,)
     if planner.patience is not None:
         tries = fresh_tries(most, request.retries, planner.patience)
-    searchers = alternating(planner) if context.constraints is None else repeat(planner)
+    searchers = alternating(planner) if context.accounting.constraints is None else repeat(planner)
     spent: CheckBudgetSpent | None = None
     with checker.limited(states=max(0, most - running.tries.states)):
         for attempt, (states, searcher) in enumerate(zip(tries, searchers, strict=False)):

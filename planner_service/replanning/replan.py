@@ -29,7 +29,6 @@ from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import (
-    Limits,
     NoPlan,
     PlanAccounting,
     PlanContext,
@@ -98,8 +97,9 @@ def replan(
     old = underway(previous, checker.robot, at_time, latency)
     new = request_for(previous, old, request, goal)
     require_ends(new, checker.robot)
-    limits = Limits(new.max_checks, new.max_checks, new.time_limit, cancel)
-    context = PlanContext(new, checker, certifier, PlanAccounting(checker, limits))
+    most = new.max_checks
+    accounting = PlanAccounting(checker, states=most, search_states=most, seconds=new.time_limit, cancel=cancel)
+    context = PlanContext(new, checker, certifier, accounting)
     law = _law_of(previous)
     if request is None and law != new.timing.name:
         note = f"a new motion is timed by {new.timing.name}, which can begin at speed, not by {law}"

@@ -71,7 +71,7 @@ class SearchOracle:
 
     def blocker_of(self, pair: int) -> str:
         """The same of a pair that ``core`` found to collide, by its number."""
-        return self._obstacle(self._checker.parts.names(pair)[1])
+        return self._obstacle(self._checker.parts.names[pair][1])
 
     def _obstacle(self, name: str) -> str:
         return name if name in self._obstacles else SELF

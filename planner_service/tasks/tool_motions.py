@@ -26,7 +26,7 @@ from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.inverse import ToolLine, require_joint_rate, shifted, straight_tool_line
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting
+from planner_service.planning.accounting import NoPlan, PlanAccounting
 from planner_service.planning.request import Pace, clamp_note, clamped
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.model import joint_vector
@@ -232,7 +232,7 @@ def _follow(
         settings: Arguments of ``PlannerService.follow``.
         note: What a person should know of the start.
     """
-    accounting = PlanAccounting(service.checker, Limits(cancel=settings["cancel"]))
+    accounting = PlanAccounting(service.checker, cancel=settings["cancel"])
     accounting.notes += [note] if note else []
 
     def followed(count: int) -> PlanResult:

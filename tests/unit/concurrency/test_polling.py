@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from planner_service.concurrency.polling import Prepared, ask_from_now_on
+from planner_service.concurrency.polling import Prepared, asking
 
 
 class Over(Exception):
@@ -41,12 +41,12 @@ def test_a_call_that_is_over_leaves_a_long_computation_to_the_next() -> None:
         raise Over
 
     value = Prepared(make)
-    ask_from_now_on(over)
+    asking.ask = over
     try:
         with pytest.raises(Over):
             value.get()
     finally:
-        ask_from_now_on(None)
+        asking.ask = None
     going.set()
     assert value.get() == 1
 

@@ -22,7 +22,7 @@ from planner_service import (
 from planner_service.certify import Certifier
 from planner_service.concurrency.polling import Prepared
 from planner_service.planning import Pace
-from planner_service.planning.accounting import Limits, PlanAccounting, PlanContext
+from planner_service.planning.accounting import PlanAccounting, PlanContext
 from planner_service.planning.endpoints import find_ends
 from planner_service.replanning import Outcome
 from planner_service.replanning.detour import Detours, Place
@@ -42,7 +42,7 @@ def turning_off(scene: Scene, goal: tuple[float, float], at: float = 1.0) -> tup
     motion = Underway(trajectory_of(swing()), at, at + 0.1)
     switch = next(motion.switch_points())
     stop = motion.stop_from(switch, service.robot.limits)
-    accounting = PlanAccounting(service.checker, Limits(10_000, 10_000, None, None))
+    accounting = PlanAccounting(service.checker, states=10_000, search_states=10_000)
     certifier = Prepared(lambda: Certifier(service.robot, service.scene))
     context = PlanContext(PlanRequest((0.0, 0.0), goal, padding=PADDING), service.checker, certifier, accounting)
     detours = Detours(context, motion.path, np.zeros((0, 2)))
@@ -192,7 +192,7 @@ def test_of_a_few_new_motions_the_quickest_is_taken_but_a_good_one_at_once(goal:
     request = PlanRequest((0.0, 0.0), goal, seed=1, max_checks=20_000, time_limit=None)
     motion = Underway(trajectory_of(swing()), at, at + 0.1)
     switch, limits = next(motion.switch_points()), service.robot.limits
-    accounting = PlanAccounting(service.checker, Limits(20_000, 20_000, None, None))
+    accounting = PlanAccounting(service.checker, states=20_000, search_states=20_000)
     certifier = Prepared(lambda: Certifier(service.robot, service.scene))
     context = PlanContext(request, service.checker, certifier, accounting)
     detours, (end, *_) = Detours(context, motion.path, np.zeros((0, 2))), find_ends(context).goals
