@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from auditor.trails import SLACK, Curve, World, frame, placed, require
+from auditor.schema import Invalid, require
+from auditor.trails import SLACK, Curve, World, frame, placed
 
 Array = Any
 Json = Any
@@ -31,6 +32,9 @@ OVERLAP = 0.003  # metres by which a start may overlap if a request does not say
 LITTLE = 1e-7  # metres: what is written of a depth is rounded up
 MEANT_OVERLAP = 1e-3  # metres by which the models of things that are meant to touch may overlap
 SPACING, MOST_SAMPLES = 0.005, 4000  # radians of path
+HEIGHTS, TURNS = np.linspace(-1, 1, 64), np.arange(64) * (math.pi * (3 - math.sqrt(5)))
+NEARBY = np.column_stack([*(np.sqrt(1 - HEIGHTS**2) * [np.cos(TURNS), np.sin(TURNS)]), HEIGHTS])
+STEPS = (0.3, 0.1, 0.03, 0.01, 0.003, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # to better directions
 
 
 class Motion(NamedTuple):
@@ -47,114 +51,88 @@ class Motion(NamedTuple):
     widths: list[float]
     stand: Json
     hold: Json
-    begin: tuple[str, str] | None
-    end: tuple[str, str] | None
+    begin: tuple[str, str]
+    end: tuple[str, str] = ("", "")
 
 
-def motions(document: Json) -> Iterator[Motion]:
+def motions(document: Json) -> list[Motion]:
     """Each motion in its world, and before it that of the gripper alone, if there is one."""
-    robot, scene = document["robot"], document["scene"]
+    robot, scene, alone, found = document["robot"], document["scene"], "segments" not in document, list[Motion]()
     plan = {"name": "motion", "gripper_width": robot["gripper_width"], "gripper": None, "scene": None}
-    segments = document["segments"] if "segments" in document else [plan | {"result": document["result"]}]
+    segments = [plan | {"result": document["result"]}] if alone else document["segments"]
     require(segments, "a task without a motion")
     first = {item["name"]: item for item in scene["obstacles"]}
     stand, hold, width, ends = scene["obstacles"], scene["attached"], robot["gripper_width"], None
-    steps = list[Any]()
-    for segment in segments:
-        name, now = segment["name"], segment["gripper_width"] if robot["gripper"] else robot["gripper_width"]
+    for number, segment in enumerate(segments):
+        name, result, grip = segment["name"], segment["result"], segment["gripper"]
+        now = segment["gripper_width"] if robot["gripper"] else robot["gripper_width"]
         require(now is not None, f"{name}: no width of the gripper")
-        carried, exchange = (segment["scene"] or {"attached": hold})["attached"], None
-        if ends is None:
-            require(carried == hold, f"{name}: holds something else than the scene at the start")
-            require(
-                now <= width + SAME_WIDTH or not gripped(robot, hold), f"{name}: a gripper that drops what it holds"
-            )
-        else:
-            where = f"{name}: after the motion before it"
-            stand, hold, exchange = exchanged(robot, stand, hold, carried, ends, (width, now), where)
+        before, carried = (stand, hold), segment["scene"]["attached"] if segment["scene"] else hold
+        stand, hold, exchange = exchanged(robot, stand, hold, carried, ends, now - width, f"{name}: at its start")
         if segment["scene"]:
-            listed = [first.get(item) if isinstance(item, str) else item for item in segment["scene"]["obstacles"]]
-            alike(listed, stand, name)
-        points = np.array(segment["result"]["path"]["waypoints"], float)
+            listed = [
+                first.get(it, {"name": ""}) if isinstance(it, str) else it for it in segment["scene"]["obstacles"]
+            ]
+            here, there = (sorted(these, key=lambda it: it["name"]) for these in (listed, stand))
+            alike = len(here) == len(there) and all(map(same, here, there))
+            require(alike, f"{name}: other obstacles than follow")
+        points = np.array(result["path"]["waypoints"], float)
         require(points.ndim == 2 and points.shape[1] == len(robot["joint_names"]), f"{name}: not of these joints")
         require(ends is None or np.abs(points[0] - ends).max() <= JOIN, f"{name}: begins elsewhere")
-        alone = "segments" not in document
-        require(alone or segment["result"]["trajectory"]["part"] is None, f"{name}: a part of a motion within a task")
-        steps.append((segment, stand, hold, now, exchange))
+        part = result["trajectory"]["part"]
+        require(alone or part is None, f"{name}: a part of a motion within a task")
+        widths, told = [width, now], [grip["start_width"], grip["end_width"]] if grip else None
+        require(told == (widths if now != width else None), f"{name}: a gripper that moves otherwise than its widths")
+        found[-1:] = [motion._replace(end=exchange) for motion in found[-1:]]
+        if grip:
+            own: Any = (f"gripper before {name}", points[[0, 0]], [], None, grip["certificate"], None, widths)
+            found.append(Motion(number, *own, *before, exchange, exchange))
+        of_arm = (name, points, result["path"]["blends"], result, result["certificate"], part, [now, now])
+        found.append(Motion(number, *of_arm, stand, hold, exchange))
         width, ends = now, points[-1]
-    before, around = robot["gripper_width"], (scene["obstacles"], scene["attached"])
-    for number, ((segment, stand, hold, width, begin), following) in enumerate(pairwise([*steps, None])):
-        result, points = segment["result"], np.array(segment["result"]["path"]["waypoints"], float)
-        grip = segment["gripper"]
-        moves = before != width
-        require(bool(grip) == moves, f"{segment['name']}: a motion of the gripper that its widths do not tell")
-        if moves:
-            require([grip["start_width"], grip["end_width"]] == [before, width], f"{segment['name']}: other widths")
-            name, claim = f"gripper before {segment['name']}", grip["certificate"]
-            yield Motion(number, name, points[[0, 0]], [], None, claim, None, [before, width], *around, begin, begin)
-        end, part = None if following is None else following[4], result["trajectory"]["part"]
-        yield Motion(
-            *(number, segment["name"], points, result["path"]["blends"], result, result["certificate"]),
-            *(part, [width, width], stand, hold, begin, end),
-        )
-        before, around = width, (stand, hold)
+    return found
 
 
-def gripped(robot: Json, hold: Json) -> list[str]:
-    """What the fingers hold; the rest is mounted on the tool."""
-    links = set((robot["gripper"] or {"links": []})["links"])
-    return [item["name"] for item in hold if links & set(item["touch_links"])]
-
-
-def tool_at(robot: Json, q: Array) -> Array:
-    """Frames (m, 4, 4) of the tool at configurations q (m, n)."""
-    bodies = [{"multiplier": 1.0, **body, "at": frame(body["placement"])} for body in robot["bodies"]]
-    return placed(bodies, q)[robot["tool_body"]] @ frame(robot["tool_placement"])
-
-
-def exchanged(
-    robot: Json, stand: Json, hold: Json, carried: Json, q: Array, widths: tuple[float, float], where: str
-) -> tuple[Json, Json, tuple[str, str] | None]:
-    """What stands and what is held after the gripper has taken or left something at q, and what that was."""
-    gained, lost = ([it for it in these if it not in those] for these, those in ((carried, hold), (hold, carried)))
-    kept, opens = [it for it in hold if it in carried], widths[1] - widths[0]
-    require(len(carried) == len(kept) + len(gained), f"{where}: something held twice")
-    require(abs(opens) <= SAME_WIDTH or not gripped(robot, kept), f"{where}: the gripper moves on what it holds")
-    if not gained and not lost:
-        return stand, hold, None
-    require(len(gained) + len(lost) == 1 and robot["gripper"], f"{where}: holds something else by more than one thing")
-    tool, sucks = tool_at(robot, q[None])[0], robot["gripper"].get("kind") == "vacuum"
-    (it,) = (*gained, *lost)
-    place = tool @ frame(it["pose"])
-    if lost:
-        require(sucks or opens > SAME_WIDTH, f"{where}: {it['name']} left by a gripper that does not open")
-        left = {"name": it["name"], "shape": it["shape"], "pose": place.tolist()}
-        return [*stand, left], kept, ("left", it["name"])
-    require(sucks or opens < -SAME_WIDTH, f"{where}: {it['name']} taken by a gripper that does not close")
-    there = [one for one in stand if one["name"] == it["name"]]
-    require(
-        len(there) == 1 and there[0]["shape"] == it["shape"], f"{where}: holds {it['name']}, which does not stand there"
-    )
-    require(close(place, frame(there[0]["pose"])), f"{where}: {it['name']} is taken elsewhere than where it stands")
-    require(
-        set(it["touch_links"]) <= set(robot["gripper"]["links"]), f"{where}: more than fingers may touch {it['name']}"
-    )
-    return [one for one in stand if one is not there[0]], [*kept, it], ("taken", it["name"])
+def same(one: Json, two: Json) -> bool:
+    """Whether two obstacles are one, in the same place."""
+    alike = one["name"] == two["name"] and one["shape"] == two["shape"]
+    return alike and close(frame(one["pose"]), frame(two["pose"]))
 
 
 def close(a: Array, b: Array) -> bool:
     return bool(np.abs(a - b).max() <= SAME_PLACE)
 
 
-def alike(listed: Json, stand: Json, name: str) -> None:
-    """Require what a file says that stands around a motion to be what follows."""
-    here, there = ({it["name"]: it for it in these if it} for these in (listed, stand))
-    require(
-        len(listed) == len(here) == len(stand) and here.keys() == there.keys(), f"{name}: other obstacles than follow"
-    )
-    for key, it in here.items():
-        same = it["shape"] == there[key]["shape"] and close(frame(it["pose"]), frame(there[key]["pose"]))
-        require(same, f"{name}: {key} is not where or what it was")
+def tool_at(robot: Json, q: Array) -> Array:
+    """The frame (4, 4) of the tool at a configuration."""
+    bodies = [{"multiplier": 1.0, **body, "at": frame(body["placement"])} for body in robot["bodies"]]
+    return placed(bodies, q[None])[robot["tool_body"], 0] @ frame(robot["tool_placement"])
+
+
+def exchanged(
+    robot: Json, stand: Json, hold: Json, carried: Json, q: Array | None, opens: float, where: str
+) -> tuple[Json, Json, tuple[str, str]]:
+    """What stands and what is held after the gripper has taken or left something at q, and what that was."""
+    gained, lost = ([it for it in these if it not in those] for these, those in ((carried, hold), (hold, carried)))
+    kept, grip = [it for it in hold if it in carried], robot["gripper"] or {"links": []}
+    require(len(carried) == len(kept) + len(gained), f"{where}: something held twice")
+    gripped = any({*grip["links"]} & {*it["touch_links"]} for it in kept)  # the rest is mounted on the tool
+    still = abs(opens) <= SAME_WIDTH or (q is None and opens < 0)
+    require(still or not gripped, f"{where}: the gripper moves on what it holds")
+    if not gained and not lost:
+        return stand, hold, ("", "")
+    require(q is not None, f"{where}: holds something else than the scene")
+    require(len(gained) + len(lost) == 1 and robot["gripper"], f"{where}: holds something else by more than one thing")
+    (it,), way = (*gained, *lost), ("left", "open") if lost else ("taken", "close")
+    name, moves = it["name"], grip.get("kind") == "vacuum" or (opens if lost else -opens) > SAME_WIDTH
+    require(moves, f"{where}: {name} {way[0]} by a gripper that does not {way[1]}")
+    thing = {"name": name, "shape": it["shape"], "pose": (tool_at(robot, q) @ frame(it["pose"])).tolist()}
+    if lost:
+        return [*stand, thing], kept, ("left", name)
+    rest = [one for one in stand if not same(one, thing)]
+    require(len(rest) == len(stand) - 1, f"{where}: holds {name}, which does not stand there like that")
+    require({*it["touch_links"]} <= {*grip["links"]}, f"{where}: more than fingers may touch {name}")
+    return rest, [*kept, it], ("taken", name)
 
 
 def excused(world: World, curve: Curve, motion: Motion, robot: Json, exempt: Json, request: Json) -> Iterator[str]:
@@ -164,134 +142,102 @@ def excused(world: World, curve: Curve, motion: Motion, robot: Json, exempt: Jso
         require(0 <= begin <= end <= curve.length + SLACK, "an exempt stretch that is not on the curve")
         stretch = f"from s = {begin:.6g} to {end:.6g}"
         for pair in each["pairs"]:
+            names = " x ".join(pair)
             require(pair[0] != pair[1] and {*pair} <= {it.name for it in world.solids}, f"{pair}: no such pair")
-            if deep is not None:
-                first = motion.number == 0 and motion.result is not None and begin <= (motion.part or [0.0])[0] + SLACK
-                require(first and deep > 0, f"{pair} may overlap {stretch}, which is not where all begins")
-                asked = 0.1 if request is None else request.get("start_overlap", OVERLAP)
-                require(
-                    deep <= asked + LITTLE, f"{pair} may be {1e3 * deep:.4f} mm deep, {1e3 * asked:g} mm were asked for"
-                )
-                there = overlap(world, curve, begin, *pair, exactly=True)
-                require(
-                    deep <= there + LITTLE, f"{pair} may be {1e3 * deep:.4f} mm deep, at the start {1e3 * there:.4f}"
-                )
-                yield f"{' x '.join(pair)}: at most {1e3 * deep:.4f} mm deep {stretch}, shown"
+            if deep is None:
+                try:
+                    rule = ruled(world, curve, motion, robot, begin, end, frozenset(pair))
+                except Invalid as why:
+                    raise Invalid(f"{names} is not judged {stretch}: {why}") from why
+                yield f"not judged: {names} {stretch} ({rule})"
                 continue
-            rule, why = ruled(world, curve, motion, robot, (begin, end), frozenset(pair))
-            require(rule, f"{' x '.join(pair)} is not judged {stretch}: {why or 'no rule allows that'}")
-            yield f"not judged: {' x '.join(pair)} {stretch} ({rule})"
+            first = motion.number == 0 and motion.result is not None and begin <= (motion.part or [0.0])[0] + SLACK
+            require(first and deep > 0, f"{names} may overlap {stretch}, which is not where all begins")
+            asked = 0.1 if request is None else request.get("start_overlap", OVERLAP)
+            there, claimed = (
+                overlap(world, curve, begin, *pair, exactly=True),
+                f"{names} may be {1e3 * deep:.4f} mm deep",
+            )
+            require(deep <= asked + LITTLE, f"{claimed}, {1e3 * asked:g} mm were asked for")
+            require(deep <= there + LITTLE, f"{claimed}, at the start {1e3 * there:.4f}")
+            yield f"{names}: at most {1e3 * deep:.4f} mm deep {stretch}, shown"
 
 
 def ruled(
-    world: World, curve: Curve, motion: Motion, robot: Json, stretch: tuple[float, float], pair: frozenset[str]
-) -> tuple[str, str]:
-    """The rule by which a pair may touch on a stretch, or "" and why not."""
-
-    def link(name: str) -> str:
-        return world.label("link", name)
-
-    def object_(name: str) -> str:
-        return world.label("standing", name)
-
-    for way in robot["retreats"]:
-        if pair in [frozenset(map(link, each)) for each in way["pairs"]]:
-            rest = np.array(next(pose["q"] for pose in robot["named_poses"] if pose["name"] == way["pose"]), float)
-            ends, knots = (rest, np.array(way["to"], float)), np.cumsum([0.0, *curve.steps])
-            if curve.length == 0 and np.abs(curve.points[:, : len(rest)] - rest).max() <= SLACK:
-                return f"it stays in {way['pose']}", ""
-            for k, (low, high) in ((0, knots[:2]), (len(knots) - 2, knots[-2:])):
-                piece = curve.points[k : k + 2, : len(rest)]
-                straight = not np.append([0.0, 0.0], np.pad(curve.d, 1)[k : k + 2]).any()
-                same = np.abs(piece - (ends if k == 0 else ends[::-1])).max() <= SLACK
-                if straight and same and low - SLACK <= stretch[0] and stretch[1] <= high + SLACK:
-                    return f"the way out of {way['pose']}", ""
-            return "", f"only on the straight way out of {way['pose']} or back"
-    fingers = {link(name) for name in world.grip["links"]}
-    if motion.result is None:
-        thing = object_(motion.begin[1]) if motion.begin else ""
-        return ("fingers and what they take or leave" if thing in pair and pair - {thing} <= fingers else ""), ""
+    world: World, curve: Curve, motion: Motion, robot: Json, begin: float, end: float, pair: frozenset[str]
+) -> str:
+    """The rule by which a pair may touch on a stretch; Invalid if there is none."""
+    fingers = {world.label("link", name) for name in world.grip["links"]}
     standing = {it.name for it in world.solids if it.kind == "standing"}
-    for exchange, close_by, others, longest in (
-        (motion.end, True, ("taken", fingers), APPROACH),
-        (motion.begin, False, ("left", fingers), APPROACH),
-        (motion.begin, False, ("taken", standing), SUPPORT),
-        (motion.end, True, ("left", standing), SUPPORT),
-    ):
-        kind, group = others
-        if exchange is None or exchange[0] != kind or object_(exchange[1]) not in pair:
+    for way in robot["retreats"]:
+        if pair in [frozenset(world.label("link", name) for name in each) for each in way["pairs"]]:
+            rest = next(pose["q"] for pose in robot["named_poses"] if pose["name"] == way["pose"])
+            ends, points = np.array([rest, way["to"]], float), curve.points[:, : world.column]
+            if curve.length == 0 and np.abs(points - rest).max() <= SLACK:
+                return f"it stays in {way['pose']}"
+            knots, d = np.cumsum([0.0, *curve.steps]), np.pad(curve.d, 1)
+            for k, along in ((0, ends), (len(d) - 2, ends[::-1])):
+                whole = np.abs(points[k : k + 2] - along).max() <= SLACK and not d[k : k + 2].any()
+                if whole and knots[k] - SLACK <= begin and end <= knots[k + 1] + SLACK:
+                    return f"the way out of {way['pose']}"
+            raise Invalid(f"only on the straight way out of {way['pose']} or back")
+    if motion.result is None:
+        thing = world.label("standing", motion.begin[1])
+        require(motion.begin[0] and thing in pair and pair - {thing} <= fingers, "no rule allows that")
+        return "fingers and what they take or leave"
+    rules = [(motion.end, curve.length, begin, "taken", fingers), (motion.begin, 0.0, end, "left", fingers)]
+    rules += [(motion.begin, 0.0, end, "taken", standing), (motion.end, curve.length, begin, "left", standing)]
+    for (kind, name), near, far, wanted, others in rules:
+        thing = world.label("standing", name)
+        if kind != wanted or thing not in pair or not pair - {thing} <= others:
             continue
-        thing = object_(exchange[1])
-        if not pair - {thing} <= group:
-            continue
-        near, far = (curve.length, stretch[0]) if close_by else (0.0, min(stretch[1], curve.length))
-        samples, why = tool_line(world, curve, near, far, longest)
-        if why:
-            return "", why
-        (other,) = pair - {thing}
-        places = samples[:1] if group is fingers else samples
+        samples = tool_line(world, curve, near, min(far, curve.length), APPROACH if others is fingers else SUPPORT)
+        (other,), places = pair - {thing}, samples[:1] if others is fingers else samples
         depths = [overlap(world, curve, s, thing, other) for s in places]
-        most = MEANT_OVERLAP if close_by or group is fingers else max(MEANT_OVERLAP, depths[0])
-        if max(depths) > most + 1e-6:
-            return "", f"{thing} is up to {1e3 * max(depths):.2f} mm deep in {other} there"
-        what = "fingers and what they take or leave" if group is fingers else "a thing and what it stands on"
-        return f"{what}, looked at in {len(samples)} places", ""
-    return "", ""
+        most = depths[0] if wanted == "taken" and others is standing else 0.0
+        deep = f"{thing} is up to {1e3 * max(depths):.2f} mm deep in {other} there"
+        require(max(depths) <= max(MEANT_OVERLAP, most) + 1e-6, deep)
+        what = "fingers and what they take or leave" if others is fingers else "a thing and what it stands on"
+        return f"{what}, looked at in {len(samples)} places"
+    raise Invalid("no rule allows that")
 
 
-def tool_line(world: World, curve: Curve, near: float, far: float, longest: float) -> tuple[Array, str]:
-    """Places from a contact to the other end of a stretch, and what is wrong if the tool does not go straight there
-    along its approach, at most so far and never back."""
+def tool_line(world: World, curve: Curve, near: float, far: float, longest: float) -> Array:
+    """Places from a contact to the other end of a stretch; Invalid if the tool does not go straight there along its
+    approach, at most so far and never back."""
     count = math.ceil(abs(far - near) / SPACING)
-    if count > MOST_SAMPLES:
-        return np.zeros(0), f"{abs(far - near):.3g} rad are no straight line of a tool"
-    samples = near + (far - near) * np.arange(count + 1) / max(count, 1)
-    body, at = world.tool
+    require(count <= MOST_SAMPLES, f"{abs(far - near):.3g} rad are no straight line of a tool")
+    samples, (body, at) = near + (far - near) * np.arange(count + 1) / max(count, 1), world.tool
     T = placed(world.bodies, curve.at(samples))[body] @ at
     moved, turns = T[:, :3, 3] - T[0, :3, 3], T[:, :3, :3]
     approach = turns[0] @ np.array(world.grip["approach"], float)
     travel = -(moved @ approach)
     aside = np.linalg.norm(moved + travel[:, None] * approach, axis=1).max()
     turned = np.sqrt(((turns - turns[0]) ** 2).sum((1, 2)) / 2).max()
-    if aside > OFF or turned > TURNED or np.diff(travel).min(initial=0.0) < -OFF / 10:
-        return samples, "the tool leaves the straight line along its approach there"
-    return samples, "" if travel.max() <= longest + OFF else f"the tool is {1e3 * travel.max():.0f} mm away there"
+    straight = aside <= OFF and turned <= TURNED and np.diff(travel).min(initial=0.0) >= -OFF / 10
+    require(straight, "the tool leaves the straight line along its approach there")
+    require(travel.max() <= longest + OFF, f"the tool is {1e3 * travel.max():.0f} mm away there")
+    return samples
 
 
 def overlap(world: World, curve: Curve, s: float, one: str, two: str, *, exactly: bool = False) -> float:
     """How deep two things overlap at most at a place, metres: the least over some directions, between pieces."""
-    at = placed(world.bodies, curve.at(np.array([s])))[:, 0]
-    body, tool = world.tool
-    deepest = 0.0
-    firsts, seconds = ([it for it in world.solids if it.name == name] for name in (one, two))
-    for first, second in ((a, b) for a in firsts for b in seconds):
-        axes = [at[first.body] @ first.at, at[second.body] @ second.at, at[body] @ tool]
-        n = np.vstack([x for T in axes for x in (T[:3, :3].T, -T[:3, :3].T)])
-        for i, j in ((i, j) for i in range(first.end - first.first) for j in range(second.end - second.first)):
-            directions, gap = n, -math.inf
-            for step in (0.3, 0.1, 0.03, 0.01, 0.003, *((1e-3, 3e-4, 1e-4, 3e-5, 1e-5) if exactly else ())):
-                gaps = _gaps(world, at, first.first + i, second.first + j, directions)
-                gap, best = max(gap, gaps.max()), directions[gaps.argmax()]
-                if gap >= (0.0 if exactly else -MEANT_OVERLAP):
+    at, (body, tool), deepest = placed(world.bodies, curve.at(np.array([s])))[:, 0], world.tool, 0.0
+    enough, steps = (0.0, STEPS) if exactly else (-MEANT_OVERLAP, STEPS[:5])
+    for a, b in product(*([it for it in world.solids if it.name == name] for name in (one, two))):
+        axes = [T[:3, :3].T for T in (at[a.body] @ a.at, at[b.body] @ b.at, at[body] @ tool)]
+        for i, j in product(range(a.first, a.end), range(b.first, b.end)):
+            n, gap = np.vstack([sign * own for own in axes for sign in (1, -1)]), -math.inf
+            for step in steps:
+                ones = np.ones(len(n), int)
+                gaps = world.gaps(i * ones, j * ones, ones, n, at[[a.body, b.body], None])
+                gap, best = max(gap, gaps.max()), n[gaps.argmax()]
+                if gap >= enough:
                     break
-                around = best + step * np.vstack([np.zeros(3), NEARBY])
-                directions = around / np.linalg.norm(around, axis=1)[:, None]
+                n = best + step * np.vstack([np.zeros(3), NEARBY])
+                n /= np.linalg.norm(n, axis=1)[:, None]
             deepest = max(deepest, -gap)
     return deepest
-
-
-def _gaps(world: World, at: Array, a: int, b: int, n: Array) -> Array:
-    """Gaps (m,) between two pieces along directions n (m, 3)."""
-    reaches = [
-        world.reach(np.full(len(n), k), np.full(len(n), k + 1), x, np.tile(at[world.on[k]], (len(n), 1, 1)))
-        for k, x in ((a, -n), (b, n))
-    ]
-    return -reaches[0] - reaches[1]
-
-
-TURNS = np.arange(64) * (math.pi * (3 - math.sqrt(5)))
-HEIGHTS = np.linspace(-1, 1, 64)
-NEARBY = np.column_stack([np.sqrt(1 - HEIGHTS**2) * np.cos(TURNS), np.sqrt(1 - HEIGHTS**2) * np.sin(TURNS), HEIGHTS])
 
 
 def reached(document: Json, last: Motion) -> Iterator[str]:
@@ -299,28 +245,27 @@ def reached(document: Json, last: Motion) -> Iterator[str]:
     request, robot = document["request"], document["robot"]
     if request is None or "segments" in document:
         return
-    near, index = request["start_tolerance"] + JOIN, last.result["goal_index"]
+    near, index, goals = request["start_tolerance"] + JOIN, last.result["goal_index"], request["goals"]
     turns = np.array(robot.get("continuous") or [False] * len(robot["joint_names"]))
 
-    def away(q: Json, end: Array) -> float:
+    def met(q: Json, end: Array) -> bool:
+        require(len(q) == len(turns), "a start or a goal of other joints")
         off = np.abs(np.array(q, float) - end)
-        return float(np.where(turns, np.abs((off + math.pi) % (2 * math.pi) - math.pi), off).max())
+        return bool(np.where(turns, np.abs((off + math.pi) % (2 * math.pi) - math.pi), off).max() <= near)
 
-    require(len(request["start"]) == len(turns), "a start of other joints")
-    begins = last.part is not None or away(request["start"], last.points[0]) <= near
+    begins = met(request["start"], last.points[0]) or last.part is not None
     require(begins, "it does not begin at the start that was asked for")
     begun = "it begins where the request asks" if last.part is None else "it begins on its way"
     if index is None:
         yield f"{begun}; it ends at no goal"
         return
-    require(0 <= index < len(request["goals"]), "a goal that is not there")
-    goal = request["goals"][index]
-    if "joints" in goal:
-        same = len(goal["joints"]) == len(turns) and away(goal["joints"], last.points[-1]) <= near
-        require(same, f"it does not end at goal {index}")
-    elif goal["room"] is None:
-        require(close(tool_at(robot, last.points[-1:])[0], frame(goal["pose"])), f"it does not end at goal {index}")
-    else:
+    require(0 <= index < len(goals), "a goal that is not there")
+    whole = last.part is None or last.part[1] >= last.result["path"]["length"] - SLACK
+    require(whole, f"it ends before goal {index}")
+    goal, end = goals[index], last.points[-1]
+    if goal.get("room") is not None:
         yield f"{begun}; not verified: that it ends within the tolerances of goal {index}"
         return
+    ends = met(goal["joints"], end) if "joints" in goal else close(tool_at(robot, end), frame(goal["pose"]))
+    require(ends, f"it does not end at goal {index}")
     yield f"{begun} and ends at goal {index}"

@@ -1,19 +1,13 @@
 """Checks the trail of a proof: that the clearance claimed of a motion follows from it.
 
-Nothing here searches. A trail names stretches of the curve, pairs of convex pieces, and at both ends of
-each stretch a direction between the two. This file puts the pieces there, measures, and compares.
-
-A unit direction n from b to a shows a gap of ``min n.a - max n.b`` between two pieces, over all their points; where it
-is negative, they overlap by no more than that. The largest such gap over all n is their distance, or minus the depth to
+A trail names stretches of the curve, pairs of convex pieces, and at both ends of each stretch a direction between the
+two. A unit direction n from b to a shows a gap of ``min n.a - max n.b``, over all points of two pieces; where it is
+negative, they overlap by no more than that. The largest such gap over all n is their distance, or minus the depth to
 which they overlap. If no point of the one moves by more than w against the other, each gap changes by w at most, and so
-does the largest. On a stretch along which points move by m in all, gaps g before and h after leave at a place that is u
-from the one end and m - u from the other at least ``max(g - u, h - m + u)``, so nowhere less than
+does the largest. On a stretch along which points move by m in all (``World.levers``), gaps g before and h after leave
+at a place that is u from the one end and m - u from the other at least ``max(g - u, h - m + u)``, so nowhere less than
 ``min(g, h, (g + h - m) / 2)``, and one of them alone at least ``g - m`` (Schwarzer, Saha and Latombe, IEEE T-RO 21(3),
 2005); nothing in this needs gaps to be positive.
-
-How m is bounded: a joint that turns by t moves a point by at most r t, r being how far from its axis the point can ever
-be, one that slides by t moves it by t; see ``World.levers``. Two pieces of the robot move against each other only by
-joints that carry one of them.
 """
 
 from __future__ import annotations
@@ -31,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from auditor.schema import Invalid
+from auditor.schema import Invalid, require
 
 Array = Any
 Json = Any
@@ -40,12 +34,7 @@ ROUNDING = 2e-8  # metres: directions are written to nine digits
 SLACK = 1e-9  # of joints, places and frames: rounding
 LEAST_CLAIM = 1e-6  # metres: a gap that rounding cannot make up
 MOST_BYTES, MOST_ENTRIES, MOST_WORK, MOST_BODIES = 100_000_000, 50_000_000, 200_000_000, 500
-AT_ONCE = 2_000_000  # products of directions and points that are held at a time
-
-
-def require(holds: Any, why: str) -> None:
-    if not np.all(holds):
-        raise Invalid(why)
+AT_ONCE = 2_000_000  # products of directions and points
 
 
 def unpacked(text: str, kind: str, columns: int, *, small: bool = True) -> Array:
@@ -87,8 +76,8 @@ def pieces(name: str, solid: Json, at: Array, boxes: Json) -> list[Array]:
         parts = [(part["shape"], at @ frame(part["pose"])) for part in solid["parts"]]
         return [piece for shape, T in parts for piece in pieces(name, shape, T, boxes)]
     half = np.array(solid["size"] if kind == "box" else [0, 0, length], float) / 2
-    sizes = [*half, r, length, solid.get("resolution", 1), solid.get("cell", 1)]
-    require(min(sizes) >= 0, f"{name}: a {kind} of negative size")
+    positive = min(*half, r, length, solid.get("resolution", 1), solid.get("cell", 1)) >= 0
+    require(positive, f"{name}: a {kind} of negative size")
     spans = np.array([[-half, half]])
     if kind in ("cloud", "heights"):
         spans, (low, high) = unpacked(boxes[name], "<f8", 6).reshape(-1, 2, 3), cells(solid)
@@ -138,12 +127,12 @@ class Curve:
     def __init__(self, waypoints: Array, blends: Json):
         if len(waypoints) == 1:  # an arm that stays where it is
             waypoints, blends = np.vstack([waypoints, waypoints]), [*blends, 0.0]
-        self.points, self.steps = waypoints, np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
-        steps = self.steps
-        knots, d = np.cumsum([0.0, *steps]), np.array([*blends] or [0.0] * len(waypoints), float)
+        ways = np.diff(waypoints, axis=0)
+        self.points, self.steps = waypoints, np.linalg.norm(ways, axis=1)
+        knots, d = np.cumsum([0.0, *self.steps]), np.array([*blends] or [0.0] * len(waypoints), float)
         fits = len(d) == len(knots) > 1 and (d >= 0).all() and not d[[0, -1]].any()
-        require(fits and (d[1:] + d[:-1] <= steps * (1 + SLACK)).all(), "no curve, or blends that overlap")
-        self.tangents = np.diff(waypoints, axis=0) / np.maximum(steps, 1e-300)[:, None]
+        require(fits and (d[1:] + d[:-1] <= self.steps * (1 + SLACK)).all(), "no curve, or blends that overlap")
+        self.tangents = ways / np.maximum(self.steps, 1e-300)[:, None]
         self.corners, self.d, self.length = knots[1:-1], d[1:-1], knots[-1]
 
     def at(self, s: Array, *, walked: bool = False) -> Array:
@@ -153,9 +142,8 @@ class Curve:
         x = s[:, None] - self.corners
         y = np.clip(x / np.maximum(self.d, 1e-300), -1, 1)
         area = (y + 1) / 2 + (y**2 - 1) * 5 / 16 - (y**6 - 1) / 48  # the integral of f from -1 to y
-        return (
-            first + s[:, None] * tangents[0] + (self.d * area + np.maximum(x - self.d, 0)) @ np.diff(tangents, axis=0)
-        )
+        turns = (self.d * area + np.maximum(x - self.d, 0)) @ np.diff(tangents, axis=0)
+        return first + s[:, None] * tangents[0] + turns
 
 
 class Solid(NamedTuple):
@@ -189,12 +177,15 @@ class World:
         tipped = len(tips) == 2 and {*tips} <= {it["link"] for it in self.grip["closed"]}
         require(kind != "revolute" or tipped, "a width between links that are no fingers")
         fingers = [*self.fingers()]
-        require(len(self.bodies) < MOST_BODIES, "more bodies than an arm has")
-        require([0 <= b["parent"] < k for k, b in enumerate(self.bodies) if k], "a body before its parent")
-        moved = [b["q_index"] for b in self.bodies[1 : self.arm]]  # those of fingers come after
-        require([0 <= k < self.column for k in moved], "a body that no joint moves")
-        require([abs(np.linalg.norm(b["axis"]) - 1) < SLACK for b in self.bodies[1:]], "an axis that is no unit vector")
-        rest, every = placed(self.bodies, np.append(np.zeros(self.column), x)[None])[:, 0], list[tuple[Any, ...]]()
+        for k, it in enumerate(self.bodies[1:], start=1):
+            moved = 0 <= it["q_index"] < self.column + (k >= self.arm)
+            there = 0 <= it["parent"] < k < MOST_BODIES and abs(np.linalg.norm(it["axis"]) - 1) < SLACK
+            require(moved and there, f"body {k}: before its parent, or moved by no joint, or along no unit vector")
+        self.tool = body, at = robot["tool_body"], frame(robot["tool_placement"])
+        riding = [body, *(it["body"] for it in (*robot["shapes"], *robot.get("link_frames", ())))]
+        require([0 <= k < self.arm for k in riding], "a link or a tool on a body that is not there")
+        every = list[tuple[Any, ...]]()
+        rest = placed(self.bodies, np.append(np.zeros(self.column), x)[None])[:, 0]
         for shape in sorted(robot["shapes"], key=lambda shape: alone and shape["link"] in self.grip["links"]):
             solid, body, home, at = shape["shape"], shape["body"], shape["body"], frame(shape["pose"])
             if shape["link"] in self.grip["links"]:
@@ -203,9 +194,7 @@ class World:
                 body, at = (body, at) if alone else (home, np.linalg.inv(rest[home]) @ rest[body] @ at)
             every.append(("link", shape["link"], solid, body, home, at))
         require(not fingers, "fingers that no link has")
-        self.tool = body, at = robot["tool_body"], frame(robot["tool_placement"])
-        riding = [body, *(it["body"] for it in (*robot["shapes"], *robot.get("link_frames", ())))]
-        require([0 <= k < self.arm for k in riding], "a link or a tool on a body that is not there")
+        body, at = self.tool
         every += [("held", it["name"], it["shape"], body, body, at @ frame(it["pose"])) for it in hold]
         every += [("standing", it["name"], it["shape"], 0, 0, frame(it["pose"])) for it in stand]
         links, objects = {shape["link"] for shape in robot["shapes"]}, [it["name"] for it in (*stand, *hold)]
@@ -295,6 +284,11 @@ class World:
                 out[some] += (own[some] @ self.points[k].T + self.balls[k] + self.discs[k] * across).max(axis=1)
         return out
 
+    def gaps(self, a: Array, b: Array, many: Any, n: Array, at: Array) -> Array:
+        """Gaps (m,) that unit vectors n (m, 3) show between pieces a and b to b + many - 1 (m,), ``at`` being frames
+        (2, m, 4, 4) of their bodies."""
+        return -self.reach(a, a + 1, -n, at[0]) - self.reach(b, b + many, n, at[1])
+
     def stands(self, width: float) -> bool:
         """Whether fingers that are a part of what carries them leave this width between them."""
         grip, gap = self.grip, 2 * self.x
@@ -316,10 +310,10 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     claimed = 1e9 if proof["clearance"] is None else float(proof["clearance"])
     require(claimed > max(float(proof["padding"]), LEAST_CLAIM) and proof["padding"] >= 0, "a claim that shows no gap")
     s, pairs = unpacked(proof["s"], "<f8", 1)[:, 0], unpacked(proof["pairs"], "<i4", 3).astype(int)
-    wanted = [*world.wanted()]
+    wanted, least = [*world.wanted()], math.inf
     if not wanted:
         require(proof["clearance"] is None, "a clearance of nothing")
-        return math.inf
+        return least
     require(len(s) > 1 and s[0] <= begin + SLACK and s[-1] >= end - SLACK, "it does not reach both ends")
     require((s >= -SLACK).all() and s[-1] <= curve.length + SLACK, "places beyond the curve")
     rows, n = np.split(unpacked(proof["rows"], "<i4", 9).astype(int), [3], axis=1)
@@ -337,38 +331,34 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     at, walked, most = placed(world.bodies, curve.at(s)), curve.at(s, walked=True), np.abs(curve.points).max(axis=0)
     levers = cache(lambda first, end, other: world.levers(first, end, other, most))
     way = [levers(i, i + 1, world.on[j]) + levers(j, j + more, world.on[i]) for i, j, more in pairs.tolist()]
+    m, x = ((walked[right] - walked[left]) * np.array(way)[number]).sum(1), n / np.maximum(length, 0.5)[..., None]
     a, b, many = pairs[number].T
-    m, gaps = ((walked[right] - walked[left]) * np.array(way)[number]).sum(1), list[Array]()
-    for k, place in enumerate((left, right)):
-        x = n[:, k] / np.maximum(length[:, k], 0.5)[:, None]
-        gap = -world.reach(a, a + 1, -x, at[world.on[a], place]) - world.reach(b, b + many, x, at[world.on[b], place])
-        gaps.append(np.where(length[:, k] > 0.5, gap, -math.inf))
-    g, h = gaps
+    there = [at[world.on[[a, b]], place] for place in (left, right)]
+    gaps = [world.gaps(a, b, many, x[:, k], there[k]) for k in (0, 1)]
+    g, h = np.where(length.T > 0.5, gaps, -math.inf)
     bound = np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
-    least, faults, found = math.inf, list[tuple[Any, ...]](), defaultdict[tuple[int, int], Any](list)
-    for i, j, *row in zip(*(column.tolist() for column in (a, b, many, left, right, bound)), strict=True):
-        found[world.of[i].first, world.of[j].first].append((i, j, *row))
-    inside = (s[1:] > begin + SLACK) & (s[:-1] < end - SLACK) if end > begin else np.ones(len(s) - 1, bool)
+    found = defaultdict[tuple[int, int], Any](list)
+    for (i, j, count), low, high, gap in zip(
+        *(each.tolist() for each in (pairs[number], left, right, bound)), strict=True
+    ):
+        found[world.of[i].first, world.of[j].first].append((i, j, count, low, high, gap))
+    outside = (s[1:] <= begin + SLACK) | (s[:-1] >= end - SLACK) if end > begin else np.zeros(len(s) - 1, bool)
     for first, second in wanted:
-        shape = first.end - first.first, second.end - second.first, len(s) - 1
-        require(math.prod(shape) <= MOST_ENTRIES, f"{first.name} x {second.name}: a trail of too many places")
+        pair, shape = {first.name, second.name}, (first.end - first.first, second.end - second.first, len(s) - 1)
+        require(math.prod(shape) <= MOST_ENTRIES, f"{pair}: a trail of too many places")
         apart = np.full(shape, -math.inf)
         for i, j, count, low, high, gap in found[first.first, second.first]:
             part = apart[i - first.first, j - second.first :][:count, low:high]
             np.maximum(part, gap, out=part)
         sure = apart.min(axis=(0, 1), initial=math.inf)
-        sure[~inside] = math.inf
-        for each in proof["exempt"]:
-            if {first.name, second.name} in map(set, each["pairs"]):
-                on = (s[:-1] >= each["s_start"] - SLACK) & (s[1:] <= each["s_end"] + SLACK)
-                deep = -math.inf if each.get("depth") is None else -each["depth"] - ROUNDING
-                sure[on & (sure >= deep)] = math.inf
-        least = min(least, sure.min())
-        for k in np.flatnonzero(~(sure >= claimed - ROUNDING)).tolist():
-            faults.append((s[k], sure[k], s[k + 1], first.name, second.name))
-    if faults:
-        low, gap, high, *pair = min(faults)
-        what = f"{1e3 * gap:.4f} mm are shown" if gap > -math.inf else "nothing is shown"
-        where = f"{' x '.join(pair)} from s = {low:.9g} to {high:.9g}"
-        raise Invalid(f"{where}: {what}, {1e3 * claimed:.4f} mm claimed", faults)
-    return float(least)
+        sure[outside] = math.inf
+        for each in (each for each in proof["exempt"] if pair in map(set, each["pairs"])):
+            on = (s[:-1] >= each["s_start"] - SLACK) & (s[1:] <= each["s_end"] + SLACK)
+            deep = -math.inf if each.get("depth") is None else -each["depth"] - ROUNDING
+            sure[on & (sure >= deep)] = math.inf
+        least = min(least, float(sure.min()))
+        for k in np.flatnonzero(~(sure >= claimed - ROUNDING)):
+            what = f"{1e3 * sure[k]:.4f} mm are shown" if sure[k] > -math.inf else "nothing is shown"
+            where = f"{first.name} x {second.name} from s = {s[k]:.9g} to {s[k + 1]:.9g}"
+            raise Invalid(f"{where}: {what}, {1e3 * claimed:.4f} mm claimed")
+    return least

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from auditor.schema import Invalid, check_file
+from auditor.schema import Invalid, check_file, require
 from auditor.task_rules import excused, motions, reached
 from auditor.time_law import in_time
-from auditor.trails import SLACK, Curve, World, digest, require, shown
+from auditor.trails import SLACK, Curve, World, digest, shown
 from auditor.verify_constraints import kept
 
 __all__ = ["Invalid", "World", "digest", "verify"]
@@ -44,7 +44,8 @@ def verify(document: Json, named: Json = ()) -> Iterator[str]:
     """
     check_file(document)
     require(document.get("ok", True), "a task that failed")
-    robot, section, allowed = document["robot"], document["sections"]["evidence"], document["allowed"]
+    robot, section, allowed, asked = (document[key] for key in ("robot", "sections", "allowed", "request"))
+    section, n, stood = section["evidence"], len(robot["joint_names"]), None
     require(document["version"] == 3, "a file of another version")
     require(section["version"] == 4, f"evidence of version {section['version']}, which is not read: write it anew")
     for part in ("robot", "scene"):
@@ -53,40 +54,37 @@ def verify(document: Json, named: Json = ()) -> Iterator[str]:
     for pair in allowed:
         words = "the file lets them touch everywhere; if they may, name them: --allow A B"
         require(set(pair) in map(set, named), f"{' x '.join(pair)}: {words}")
-    n = len(robot["joint_names"])
-    every, endless = [*motions(document)], np.array(robot.get("continuous") or [False] * n)
+    every, endless = motions(document), np.array(robot.get("continuous") or [False] * n)
     require([len(row) == n for row in (endless, *robot["limits"].values())], "limits of other joints")
     require(len(every) == len(section["proofs"]), "other motions than the evidence is for")
-    lower, upper = (np.array(robot["limits"][side], float) for side in ("lower", "upper"))
-    lower, upper = np.where(endless, -MOST_TURNED, lower), np.where(endless, MOST_TURNED, upper)
-    stood = None
+    lower, upper = (
+        np.where(endless, most, np.array(robot["limits"][side], float))
+        for side, most in (("lower", -MOST_TURNED), ("upper", MOST_TURNED))
+    )
     for proof, motion in zip(section["proofs"], every, strict=True):
-        name, points, result = motion.name, motion.points, motion.result
+        name, points, result, claim = motion.name, motion.points, motion.result, motion.claim
         require((points >= lower - SLACK) & (points <= upper + SLACK), f"{name}: a joint leaves its limits")
-        same = proof["motion"] == motion.number and proof["gripper"] == motion.widths
-        require(same, f"{name}: the evidence is for another")
+        same = all(claim[key] == proof[key] for key in ("clearance", "padding", "exempt", "part"))
+        same &= proof["motion"] == motion.number and proof["gripper"] == motion.widths
+        require(same, f"{name}: the evidence is for another motion, or the certificate claims something else")
         (x, last), alone = proof["moved"], result is None
+        require(claim["certified"] and (alone or result["ok"]), f"{name}: a certificate that is none")
         world = World(robot, motion.stand, motion.hold, allowed, section["boxes"], last, alone)
-        hands = [World(robot, (), (), (), {}, at) for at in (x, last)] if alone else [world, world]
+        hands = [World(robot, (), (), (), {}, at) for at in (x, last)]
         fits = (alone or x == last) and stood in (None, x) and all(map(World.stands, hands, motion.widths))
         require(fits, f"{name}: fingers elsewhere")
         curve = Curve(np.column_stack([points, np.linspace(x, last, len(points))]), motion.blends)
-        begin, end = motion.part or (0.0, curve.length)
-        claim = motion.claim
-        same = all(claim[key] == proof[key] for key in ("clearance", "padding", "exempt", "part"))
-        require(same, f"{name}: the certificate claims something else")
-        require(claim["certified"] and (alone or result["ok"]), f"{name}: a certificate that is none")
-        low, high = proof["part"] or (0.0, curve.length)
+        (begin, end), (low, high) = (part or (0.0, curve.length) for part in (motion.part, proof["part"]))
         covers = low <= begin + SLACK and high >= end - SLACK
         require(covers, f"{name}: from s = {begin:.6g} to {end:.6g} it moves, from {low:.6g} to {high:.6g} is proven")
-        having = [] if alone else [result, document["request"] or {}, *motion.hold]
+        having = [] if alone else [result, asked or {}, *motion.hold]
         constraints = [constraint for each in having for constraint in each.get("constraints", ())]
         try:
-            rules = [*excused(world, curve, motion, robot, proof["exempt"], document["request"])]
+            rules = [*excused(world, curve, motion, robot, proof["exempt"], asked)]
             least = shown(world, proof, curve, low, high)
             for constraint in constraints:
                 kept(world, robot, constraint, curve, begin, end)
-            paced = [] if alone else in_time(robot, result, document["request"], Curve(points, motion.blends))
+            paced = [] if alone else in_time(robot, result, asked, Curve(points, motion.blends))
         except (Invalid, LookupError, ValueError) as why:
             raise Invalid(f"{name}: {why.args[0]}") from why
         part = f" from s = {low:.6g} to {high:.6g}" if proof["part"] else ""

@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from auditor.trails import SLACK, Curve, World, chain, frame, placed, require
+from auditor.schema import require
+from auditor.trails import SLACK, Curve, World, chain, frame, placed
 
 Array = Any
 Json = Any

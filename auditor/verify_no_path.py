@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from auditor.schema import check_file
-from auditor.trails import SLACK, Solid, World, cells, chain, digest, frame, placed, require, unpacked
+from auditor.schema import check_file, require
+from auditor.trails import SLACK, Solid, World, cells, chain, digest, frame, placed, unpacked
 
 Array = Any
 Json = Any

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from auditor.__main__ import judged, main
@@ -82,9 +83,9 @@ def elsewhere_between(task: Document) -> None:
         (nothing_around, "other obstacles than follow"),
         (another_at_the_start, "other obstacles than follow"),
         (one_more, "other obstacles than follow"),
-        (left_elsewhere, "blue_block is not where or what it was"),
-        (held_elsewhere, "blue_block is taken elsewhere than where it stands"),
-        (held_smaller, "holds blue_block, which does not stand there"),
+        (left_elsewhere, "other obstacles than follow"),
+        (held_elsewhere, "holds blue_block, which does not stand there like that"),
+        (held_smaller, "holds blue_block, which does not stand there like that"),
         (held_against_all, "more than fingers may touch blue_block"),
         (never_taken, "is not judged|evidence is for another|claims something else"),
         (taken_open, "taken by a gripper that does not close"),
@@ -166,6 +167,19 @@ def test_a_plan_that_ends_elsewhere_than_its_request_asks_is_refused(plan: Docum
     plan["request"]["goals"][0]["joints"][0] += 0.02
     with pytest.raises(Invalid, match="does not end at goal 0"):
         list(judged(plan))
+
+
+def test_a_motion_that_stops_on_its_way_reaches_no_goal(plan: Document) -> None:
+    points, law = np.array(plan["result"]["path"]["waypoints"]), plan["result"]["trajectory"]
+    middle, h = 0.4 * float(np.linalg.norm(points[1] - points[0])), 20.0
+    a = middle / h**2
+    law |= {"durations": [h, h], "duration": 2 * h, "part": [0.0, middle]}
+    law["coefficients"] = [[0.0, 0.0, a / 2, 0.0], [middle / 2, a * h, -a / 2, 0.0]]
+    plan["result"]["motion"]["duration"] = 2 * h
+    with pytest.raises(Invalid, match="ends before goal 0"):
+        list(judged(plan))
+    plan["result"]["goal_index"] = None
+    assert "it begins on its way; it ends at no goal" in list(judged(plan))
 
 
 def test_pairs_that_a_file_allows_have_to_be_named(plan: Document) -> None:
