@@ -1,8 +1,8 @@
 """What a file may hold: every key is known and every value of its kind, or the file proves nothing.
 
-A kind is ``num`` (finite), ``int``, ``text``, ``flag``, ``null``, ``any``, ``=word``, a number n for n numbers, the name
-of an object, or several of these with ``|`` between them; ``kind*`` is a list and ``kind*n`` a list of n. An object has
-its keys, a ``?`` after those that may be missing, and those of the objects named among them.
+A kind is ``num`` (finite), ``int``, ``text``, ``flag``, ``null``, ``any``, ``=word``, a number n for n numbers, the
+name of an object, or several of these with ``|`` between them; ``kind*`` is a list and ``kind*n`` a list of n. An
+object has its keys, a ``?`` after those that may be missing, and those of the objects named among them.
 """
 
 from __future__ import annotations
@@ -174,4 +174,4 @@ def _is(value: Json, kind: str) -> bool:
         return isinstance(value, list) and len(value) == int(kind) and all(_is(entry, "num") for entry in value)
     if kind == "int":
         return type(value) is int and abs(value) < 2**63
-    return kind == "any" or kind == f"={value}" or type(value) is TYPES.get(kind)
+    return kind == "any" or type(value) is TYPES.get(kind) or kind == f"={value}"

@@ -55,9 +55,8 @@ def in_time(robot: Json, result: Json, request: Json, curve: Curve) -> list[str]
     joins = np.abs(np.append(c[1:, 0], end) - reached).max() <= NEAR and abs(c[0, 0] - begin) <= SLACK
     require(joins, "s(t) jumps, or does not run from the one end to the other")
     speeds = np.abs(np.append(c[1:, 1], 0.0) - speed).max() <= near
-    require(
-        speeds and (law["part"] is not None or abs(c[0, 1]) <= near), "ds/dt jumps, or s(t) does not rest at an end"
-    )
+    rested = law["part"] is not None or abs(c[0, 1]) <= near
+    require(speeds and rested, "ds/dt jumps, or s(t) does not rest at an end")
     turn = np.clip(-c[:, 2] / np.where(c[:, 3] == 0, 1.0, 3 * c[:, 3]), 0, h)
     require(min(c[:, 1].min(), speed.min(), cubic(c, turn, 1).min()) >= -near, "s(t) turns back")
     rests = np.append(c[c[:, 1] <= near, 0], end)
@@ -111,7 +110,7 @@ def peaks(curve: Curve, h: Array, c: Array, reached: Array, straight: Array) -> 
 def exceeded(pieces: Array, most: Array) -> int | None:
     """The number of a joint that may exceed a limit (n,) in one of the pieces (k, 18, n), None if none does."""
     for halved in range(HALVINGS + 1):
-        over = np.abs(pieces) > most
+        over = ~(np.abs(pieces) <= most)  # nor is it shown of what is no number
         pieces = pieces[over.any(axis=(1, 2))]
         if not len(pieces):
             return None

@@ -333,23 +333,21 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     way = [levers(i, i + 1, world.on[j]) + levers(j, j + more, world.on[i]) for i, j, more in pairs.tolist()]
     m, x = ((walked[right] - walked[left]) * np.array(way)[number]).sum(1), n / np.maximum(length, 0.5)[..., None]
     a, b, many = pairs[number].T
-    there = [at[world.on[[a, b]], place] for place in (left, right)]
-    gaps = [world.gaps(a, b, many, x[:, k], there[k]) for k in (0, 1)]
+    bodies = world.on[np.stack([a, b])]
+    gaps = [world.gaps(a, b, many, x[:, k], at[bodies, place]) for k, place in enumerate((left, right))]
     g, h = np.where(length.T > 0.5, gaps, -math.inf)
     bound = np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
     found = defaultdict[tuple[int, int], Any](list)
-    for (i, j, count), low, high, gap in zip(
-        *(each.tolist() for each in (pairs[number], left, right, bound)), strict=True
-    ):
-        found[world.of[i].first, world.of[j].first].append((i, j, count, low, high, gap))
+    for row, (i, j) in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
+        found[world.of[i].first, world.of[j].first].append(row)
     outside = (s[1:] <= begin + SLACK) | (s[:-1] >= end - SLACK) if end > begin else np.zeros(len(s) - 1, bool)
     for first, second in wanted:
         pair, shape = {first.name, second.name}, (first.end - first.first, second.end - second.first, len(s) - 1)
         require(math.prod(shape) <= MOST_ENTRIES, f"{pair}: a trail of too many places")
         apart = np.full(shape, -math.inf)
-        for i, j, count, low, high, gap in found[first.first, second.first]:
-            part = apart[i - first.first, j - second.first :][:count, low:high]
-            np.maximum(part, gap, out=part)
+        for row in found[first.first, second.first]:
+            part = apart[a[row] - first.first, b[row] - second.first :][: many[row], left[row] : right[row]]
+            np.maximum(part, bound[row], out=part)
         sure = apart.min(axis=(0, 1), initial=math.inf)
         sure[outside] = math.inf
         for each in (each for each in proof["exempt"] if pair in map(set, each["pairs"])):
