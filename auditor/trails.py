@@ -197,9 +197,8 @@ class World:
         body, at = self.tool
         every += [("held", it["name"], it["shape"], body, body, at @ frame(it["pose"])) for it in hold]
         every += [("standing", it["name"], it["shape"], 0, 0, frame(it["pose"])) for it in stand]
-        links, objects = {shape["link"] for shape in robot["shapes"]}, [it["name"] for it in (*stand, *hold)]
-        require(len(set(objects)) == len(objects), "two objects of one name")
-        self.twice = links.intersection(objects)
+        self.links, self.objects = {it["link"] for it in robot["shapes"]}, {it["name"] for it in (*stand, *hold)}
+        require(len(self.objects) == len(stand) + len(hold), "two objects of one name")
         for kind, name, solid, body, home, at in every:
             require(0 <= home <= body < len(self.bodies), f"{name}: on a body that is not there")
             own, first = pieces(name, solid, at, boxes), len(self.pieces)
@@ -228,7 +227,9 @@ class World:
             yield shape["shape"], body, shape["body"], frame(np.column_stack([np.eye(3), -at])) @ frame(shape["pose"])
 
     def label(self, kind: str, name: str) -> str:
-        plain = name not in self.twice and not name.endswith((" (link)", " (object)"))
+        """What a certificate calls a link or an object; a link that has no shape is called like no object."""
+        others = self.objects if kind == "link" else self.links
+        plain = name not in others and not name.endswith((" (link)", " (object)"))
         return name if plain else f"{name} ({'link' if kind == 'link' else 'object'})"
 
     def wanted(self) -> Iterator[tuple[Solid, Solid]]:

@@ -12,6 +12,7 @@ import pytest
 
 from auditor.__main__ import judged, main
 from auditor.schema import Invalid
+from auditor.trails import World
 from planner_service import PlannerService, PlanRequest, Scene
 from planner_service.records.evidence import with_evidence
 from planner_service.records.plan_file import SavedPlan
@@ -187,6 +188,24 @@ def test_pairs_that_a_file_allows_have_to_be_named(plan: Document) -> None:
     with pytest.raises(Invalid, match="link_5 x wall: the file lets them touch everywhere"):
         list(judged(plan))
     assert any("link_5" in line and "allowed" in line for line in judged(plan, [("wall", "link_5")]))
+
+
+def test_what_a_robot_says_of_its_links_says_nothing_of_an_obstacle(
+    plan: Document, resealed: Callable[[Document], Document]
+) -> None:
+    links = [*dict.fromkeys(shape["link"] for shape in plan["robot"]["shapes"])]
+    plan["robot"]["allowed_contacts"] += [{"links": [link, "wall"], "reason": "adjacent"} for link in links]
+    plan["scene"]["obstacles"][0]["pose"]["position"] = [0.2, 0.0, 0.2]
+    with pytest.raises(Invalid, match="x wall from s"):
+        list(judged(resealed(plan)))
+
+
+def test_what_is_held_may_touch_links_and_no_obstacle_of_another_name(plan: Document) -> None:
+    (wall,) = plan["scene"]["obstacles"]
+    plan["robot"]["gripper"]["links"].append("wall")
+    held = {**wall, "name": "block", "touch_links": ["wall"]}
+    world = World(plan["robot"], [wall], [held], (), {}, 0.0)
+    assert {"block", "wall"} in [{one.name, two.name} for one, two in world.wanted()]
 
 
 def test_a_proof_of_a_part_is_no_proof_of_the_motion(plan: Document) -> None:
