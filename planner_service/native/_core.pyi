@@ -298,6 +298,24 @@ class Projector:
     ) -> tuple[float, ...] | None: ...
     def take(self) -> int: ...
 
+def body_poses(table: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose of every body (b, 12): ``BodyPose`` (robot/kinematic_tree.py).
+
+    Args:
+        table: ``BodyTree.table``.
+        q: Finite joint values (n,).
+
+    Raises:
+        ValueError: They are not finite.
+    """
+
+def body_poses_batch(table: NDArray[np.float64], q: NDArray[np.float64], portable: bool) -> NDArray[np.float64]:
+    """For configurations (m, n): body, column of T, row of T, configuration (b, 4, 3, m).
+
+    Args:
+        portable: With sines that have the same bits on every processor.
+    """
+
 class ToolArm:
     """An arm as inverse kinematics sees it (kinematics/tool_arm.py).
 

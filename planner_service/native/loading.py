@@ -1,19 +1,24 @@
-"""Loading the compiled core, where it was built."""
+"""Loading the compiled core."""
 
 from __future__ import annotations
 
-import logging
 from functools import lru_cache
 from types import ModuleType
 
 from planner_service.concurrency.library_import import loaded
 
-__all__ = ["load_core"]
+__all__ = ["NOT_BUILT", "load_core"]
+
+NOT_BUILT = "the compiled part of planner_service is missing: install it anew, from a wheel or with a C++17 compiler"
 
 
 @lru_cache(maxsize=1)
-def load_core() -> ModuleType | None:
-    """The extension module; None, which is logged once, where it was not built."""
+def load_core() -> ModuleType:
+    """The extension module.
+
+    Raises:
+        ImportError: it was not built.
+    """
 
     def core() -> ModuleType:
         from planner_service.native import _core
@@ -23,5 +28,4 @@ def load_core() -> ModuleType | None:
     try:
         return loaded(core)
     except ImportError as error:
-        logging.getLogger("planner_service").info("collision checks without the compiled core: %s", error)
-        return None
+        raise ImportError(f"{NOT_BUILT} ({error})") from error

@@ -1,8 +1,7 @@
 """Moving bodies and their forward kinematics, for one configuration or many.
 
-A body is everything that moves as one: the links between two joints. ``BodyTree`` computes poses in one fixed order of
-operations, so that a pose has the same bits alone and in a batch, and whatever BLAS is installed: collision verdicts
-depend on these bits.
+A body is everything that moves as one: the links between two joints. Compiled code computes their poses in one fixed
+order of operations, so that a pose has the same bits alone and in a batch: collision verdicts depend on these bits.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +19,12 @@ from planner_service.geometry.arrays import (
     FloatArray,
     Vector,
     axis_matrix,
-    cosines_and_sines,
     read_only,
     set_fields,
 )
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import numbers
+from planner_service.native.loading import load_core
 
 __all__ = [
     "MAX_MULTIPLIER",
@@ -45,10 +45,11 @@ MIN_MULTIPLIER, MAX_MULTIPLIER = 1e-6, 1e3
 BodyPose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """r00, r01, r02, r10, ..., r22, x, y, z."""
 
-IDENTITY: BodyPose = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-
 PRISMATIC = 3
 """Kind of a step that slides; steps of kind 0, 1, 2 turn about x, y, z."""
+
+REAL = "fiub"
+"""Kinds of numpy's real numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,36 +127,6 @@ class LinkFrame:
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 
-@dataclass(frozen=True)
-class _Step:
-    """The motion of one body: an optional fixed rotation, a motion along or about an axis, another rotation."""
-
-    parent: int
-    q_index: int
-    kind: int
-    sign: float
-    offset: tuple[float, float, float]
-    slide: tuple[float, float, float]
-    before: Matrix | None
-    after: Matrix | None
-    multiplier: float
-
-    def row(self) -> list[float]:
-        """All fields in a row of 31 numbers; a 1 comes before each rotation, and 0 in place of none."""
-        before, after = ([0.0] * 10 if matrix is None else [1.0, *matrix] for matrix in (self.before, self.after))
-        return [
-            self.parent,
-            self.q_index,
-            self.kind,
-            self.sign,
-            *self.offset,
-            *self.slide,
-            *before,
-            *after,
-            self.multiplier,
-        ]
-
-
 class BodyTree:
     """Poses of the bodies of one robot.
 
@@ -167,59 +138,16 @@ class BodyTree:
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
-        self._steps = tuple(_step(body) for body in bodies[1:])
-        self._plain = tuple(
-            (s.parent, s.q_index, s.multiplier, s.kind, s.sign, *s.offset, s.before, s.after, s.slide)
-            for s in self._steps
-        )
-        self._n = 1 + max((step.q_index for step in self._steps), default=-1)
-        self._columns = np.array([step.q_index for step in self._steps], dtype=np.intp)
-        self._multipliers = read_only([step.multiplier for step in self._steps])
-        self._offsets = read_only([step.offset for step in self._steps]).reshape(-1, 3).T[:, :, None, None]
-        self._slides = read_only([step.slide for step in self._steps]).reshape(-1, 3)[:, :, None, None, None]
-        self.table = read_only([step.row() for step in self._steps]).reshape(-1, 31)
-        parents = [step.parent for step in self._steps]
-        self._parents = slice(0, -1) if parents == list(range(len(parents))) else parents
+        self._n = 1 + max((body.q_index for body in bodies[1:]), default=-1)
+        self.table = read_only([_row(body) for body in bodies[1:]]).reshape(-1, 31)
 
     def poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
-        """Pose of every body in the world, by scalar arithmetic; q must be finite."""
-        values: Sequence[float] = q.tolist() if isinstance(q, np.ndarray) else q
-        if len(values) != self._n:
-            raise InvalidRequest("q", values, f"{self._n} numbers")
-        sin, cos = math.sin, math.cos
-        out = [IDENTITY]
-        for parent, q_index, multiplier, kind, sign, x, y, z, before, after, slide in self._plain:
-            a, b, c, d, e, f, g, h, i, px, py, pz = out[parent]
-            px += a * x + b * y + c * z
-            py += d * x + e * y + f * z
-            pz += g * x + h * y + i * z
-            if before is not None:
-                a, b, c, d, e, f, g, h, i = _times((a, b, c, d, e, f, g, h, i), before)
-            angle = multiplier * values[q_index]
-            if kind == PRISMATIC:
-                u, v, w = slide
-                px += (a * u + b * v + c * w) * angle
-                py += (d * u + e * v + f * w) * angle
-                pz += (g * u + h * v + i * w) * angle
-            else:
-                s = sign * sin(angle)
-                k = cos(angle)
-                if kind == 1:
-                    a, c = a * k - c * s, c * k + a * s
-                    d, f = d * k - f * s, f * k + d * s
-                    g, i = g * k - i * s, i * k + g * s
-                elif kind == 2:
-                    a, b = a * k + b * s, b * k - a * s
-                    d, e = d * k + e * s, e * k - d * s
-                    g, h = g * k + h * s, h * k - g * s
-                else:
-                    b, c = b * k + c * s, c * k - b * s
-                    e, f = e * k + f * s, f * k - e * s
-                    h, i = h * k + i * s, i * k - h * s
-                if after is not None:
-                    a, b, c, d, e, f, g, h, i = _times((a, b, c, d, e, f, g, h, i), after)
-            out.append((a, b, c, d, e, f, g, h, i, px, py, pz))
-        return out
+        """Pose of every body in the world; q must be finite."""
+        values = np.asarray(q)
+        if values.shape != (self._n,) or values.dtype.kind not in REAL:
+            raise InvalidRequest("q", q, f"{self._n} numbers")
+        core: Any = load_core()
+        return list(map(tuple, core.body_poses(self.table, np.ascontiguousarray(values, np.float64)).tolist()))
 
     def poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
         """Rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for configurations (m, n), bit for bit as ``poses``.
@@ -230,64 +158,9 @@ class BodyTree:
         q = numbers("Q", Q, f"configurations of shape (m, {self._n})")
         if q.ndim != 2 or q.shape[1] != self._n:
             raise InvalidRequest("Q", q.shape, f"configurations of shape (m, {self._n})")
-        m, count = q.shape[0], len(self._steps)
-        moved = q.T[self._columns] * self._multipliers[:, None]
-        turns = np.empty((count, 2, 1, 1, m))
-        if portable:
-            cosines, sines = cosines_and_sines(moved.ravel())
-        else:
-            # math's sine and not numpy's, which picks its own by instruction set
-            angles = moved.ravel().tolist()
-            cosines, sines = (np.fromiter(map(f, angles), np.float64, len(angles)) for f in (math.cos, math.sin))
-        turns[:, 0], turns[:, 1] = cosines.reshape(count, 1, 1, m), sines.reshape(count, 1, 1, m)
-        out = np.empty((count + 1, 4, 3, m))  # body, column of T, row of T, configuration
-        out[0] = BASE
-        for frames, step, turn in zip(out[1:], self._steps, turns, strict=True):
-            columns = out[step.parent] if step.before is None else _turned(out[step.parent], step.before)
-            if step.kind == PRISMATIC:
-                frames[:3] = columns[:3]
-            else:
-                _spin(columns, step, turn, frames)
-        moves = _combination(out[self._parents], self._offsets)
-        for frames, step, move, slide, way in zip(out[1:], self._steps, moves, self._slides, moved, strict=True):
-            np.add(out[step.parent, 3], move, out=frames[3])
-            if step.kind == PRISMATIC:
-                frames[3] += _combination(frames[None], slide)[0] * way
+        core: Any = load_core()
+        out = core.body_poses_batch(self.table, np.ascontiguousarray(q), portable)
         return out[:, :3].transpose(3, 0, 2, 1), out[:, 3].transpose(2, 0, 1)
-
-
-BASE = np.eye(4, 3)[:, :, None]
-PLANES = (slice(1, 3), slice(2, None, -2), slice(0, 2))
-"""The two columns that a turn about x, y, z mixes, in right-handed order: (y, z), (z, x), (x, y)."""
-
-
-def _spin(columns: FloatArray, step: _Step, turn: FloatArray, here: FloatArray) -> None:
-    """Turn columns about a coordinate axis; ``turn`` holds cosines and sines."""
-    plane = PLANES[step.kind]
-    (u_cos, w_cos), (u_sin, w_sin) = columns[:3][plane] * turn
-    first, second = here[:3][plane]
-    if step.sign > 0:
-        np.add(u_cos, w_sin, out=first)
-        np.subtract(w_cos, u_sin, out=second)
-    else:
-        np.subtract(u_cos, w_sin, out=first)
-        np.add(w_cos, u_sin, out=second)
-    here[step.kind] = columns[step.kind]
-    if step.after is not None:
-        here[:3] = _turned(here, step.after)
-
-
-def _combination(frames: FloatArray, weights: FloatArray) -> FloatArray:
-    """Weighted columns of frames (k, 4, 3, m), added left to right; weights (3, k, 1, 1)."""
-    total: FloatArray = frames[:, 0] * weights[0]
-    total += frames[:, 1] * weights[1]
-    total += frames[:, 2] * weights[2]
-    return total
-
-
-def _turned(columns: FloatArray, matrix: Matrix) -> FloatArray:
-    a, b, c = columns[0], columns[1], columns[2]
-    return np.stack([a * matrix[j] + b * matrix[3 + j] + c * matrix[6 + j] for j in range(3)])
 
 
 def _times(left: Matrix, right: Matrix) -> Matrix:
@@ -300,14 +173,18 @@ def _times(left: Matrix, right: Matrix) -> Matrix:
     )  # fmt: skip
 
 
-UNIT_MATRIX: Matrix = IDENTITY[:9]
+UNIT_MATRIX: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
-def _step(body: Body) -> _Step:
-    rotation: Matrix = tuple(body.placement[:3, :3].ravel().tolist())  # type: ignore[assignment]
-    offset = tuple(body.placement[:3, 3].tolist())
+def _row(body: Body) -> list[float]:
+    """The motion of a body for compiled code: a fixed rotation, a motion along or about an axis, another rotation.
+
+    In this order: its parent, its entry of q, the kind and the sign of its motion, its offset in the parent, the way it
+    slides, both rotations (each 1 and nine entries, or ten 0 for none), and the multiplier.
+    """
+    before: Matrix = tuple(body.placement[:3, :3].ravel().tolist())  # type: ignore[assignment]
     axis = body.axis.tolist()
-    kind, sign, after = 2, 1.0, None
+    kind, sign, after = 2, 1.0, UNIT_MATRIX
     if body.prismatic:
         kind = PRISMATIC
     elif sorted(abs(v) for v in axis) == [0.0, 0.0, 1.0]:
@@ -315,11 +192,11 @@ def _step(body: Body) -> _Step:
         sign = axis[kind]
     else:  # an oblique axis: turn it onto z, turn about z, turn back
         onto = _onto_z(axis)
-        rotation = _times(rotation, onto)
+        before = _times(before, onto)
         after = (onto[0], onto[3], onto[6], onto[1], onto[4], onto[7], onto[2], onto[5], onto[8])
-    before = None if rotation == UNIT_MATRIX else rotation
-    slide = (axis[0], axis[1], axis[2])
-    return _Step(body.parent, body.q_index, kind, sign, offset, slide, before, after, float(body.multiplier))
+    turns = [[0.0] * 10 if matrix == UNIT_MATRIX else [1.0, *matrix] for matrix in (before, after)]
+    offset = body.placement[:3, 3].tolist()
+    return [body.parent, body.q_index, kind, sign, *offset, *axis, *turns[0], *turns[1], float(body.multiplier)]
 
 
 def _onto_z(axis: Sequence[float]) -> Matrix:

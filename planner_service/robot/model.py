@@ -338,12 +338,7 @@ class Robot:
         """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
         try:
             return self._tree.poses(q)
-        except (
-            TypeError,
-            ValueError,
-            LookupError,
-            ArithmeticError,
-        ):  # no check before: this is called all the time
+        except (TypeError, ValueError):  # no check before: this is called all the time
             raise InvalidRequest("q", q, f"{self.n} finite numbers") from None
 
     def body_poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:

@@ -32,22 +32,63 @@ Pose pose_of(const std::vector<double>& numbers) {
     return out;
 }
 
+// The bodies of a robot, from BodyTree.table.
+Arm bodies_of(const Rows& table, std::size_t joints) {
+    require(table.shape(1) == Arm::width, "a table of bodies");
+    Arm out;
+    out.joints = joints;
+    out.bodies = table.shape(0);
+    for (std::size_t k = 0; k < out.bodies; ++k) {
+        const double* row = table.data() + k * Arm::width;
+        require(row[0] >= 0.0 && row[0] <= static_cast<double>(k), "parents before children");
+        require(row[1] >= 0.0 && row[1] < static_cast<double>(joints), "no such joint");
+    }
+    out.table.assign(table.data(), table.data() + table.size());
+    return out;
+}
+
+nb::object body_poses(const Rows& table, const Row& q) {
+    const Arm arm = bodies_of(table, q.shape(0));
+    for (std::size_t k = 0; k < arm.joints; ++k) require(std::isfinite(q.data()[k]), "finite joint values");
+    std::vector<Frame> frames(arm.bodies + 1);
+    place(arm, q.data(), frames);
+    std::vector<double> out;
+    for (const Frame& frame : frames) {
+        out.insert(out.end(), frame.R, frame.R + 9);
+        out.insert(out.end(), frame.p, frame.p + 3);
+    }
+    return matrix_of(std::move(out), 12);
+}
+
+nb::object body_poses_batch(const Rows& table, const Rows& q, bool portable) {
+    const Arm arm = bodies_of(table, q.shape(1));
+    const std::size_t rows = q.shape(0);
+    for (std::size_t k = 0; k < q.size(); ++k) require(!std::isinf(q.data()[k]), "finite joint values");
+    std::vector<double> out((arm.bodies + 1) * 12 * rows);
+    {
+        nb::gil_scoped_release released;
+        std::vector<Frame> frames(arm.bodies + 1);
+        for (std::size_t m = 0; m < rows; ++m) {
+            place(arm, q.data() + m * arm.joints, frames, portable ? Sines::PORTABLE : Sines::LIBRARY);
+            for (std::size_t body = 0; body <= arm.bodies; ++body)
+                for (std::size_t k = 0; k < 12; ++k) {  // of four columns: the three of the rotation, and the position
+                    const std::size_t column = k / 3, row = k % 3;
+                    const Frame& frame = frames[body];
+                    out[(body * 12 + k) * rows + m] = column < 3 ? frame.R[3 * row + column] : frame.p[row];
+                }
+        }
+    }
+    return array_of<double>(std::move(out), {arm.bodies + 1, 4, 3, rows});
+}
+
 class ToolArm {
   public:
     ToolArm(const Rows& table, std::size_t tool_body, const Rows& chain, const Row& tool, double scale, const Row& lower,
             const Row& upper, const std::vector<double>& closed_form, nb::callable hypot)
         : hypot_(std::move(hypot)) {
-        arm_.joints = lower.shape(0);
-        arm_.bodies = table.shape(0);
-        require(table.shape(1) == Arm::width && tool_body <= arm_.bodies && tool.shape(0) == 12 && chain.shape(1) == 7 &&
-                    upper.shape(0) == arm_.joints,
+        arm_ = bodies_of(table, lower.shape(0));
+        require(tool_body <= arm_.bodies && tool.shape(0) == 12 && chain.shape(1) == 7 && upper.shape(0) == arm_.joints,
                 "tables of an arm");
-        for (std::size_t k = 0; k < arm_.bodies; ++k) {
-            const double* row = table.data() + k * Arm::width;
-            require(row[0] >= 0.0 && row[0] <= static_cast<double>(k), "parents before children");
-            require(row[1] >= 0.0 && row[1] < static_cast<double>(arm_.joints), "no such joint");
-        }
-        arm_.table.assign(table.data(), table.data() + table.size());
         arm_.tool_body = tool_body;
         for (std::size_t k = 0; k < chain.shape(0); ++k) {
             const double* row = chain.data() + 7 * k;
@@ -111,6 +152,8 @@ class ToolArm {
 }  // namespace
 
 void bind(nb::module_& m) {
+    m.def("body_poses", &body_poses);
+    m.def("body_poses_batch", &body_poses_batch);
     nb::class_<ToolArm>(m, "ToolArm")
         .def(nb::init<const Rows&, std::size_t, const Rows&, const Row&, double, const Row&, const Row&,
                       const std::vector<double>&, nb::callable>())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import random
 import sys
@@ -373,19 +372,9 @@ def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("absent")
-def test_without_the_kernel_answers_are_the_same_and_it_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, logger="planner_service"):
-        pair = checkers(*case("wxai bin"))
-        checkers(*case("wxai shelf"))
-    assert [checker.instruction_set for checker in pair] == [None, None]
-    assert ["compiled core" in record.getMessage() for record in caplog.records] == [True]
-    assert compare(pair, 30, 3).differences == []
-
-
-@pytest.mark.usefixtures("absent")
-def test_a_kernel_that_must_be_there_and_is_not_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="not built"):
-        CollisionChecker(load_robot("wxai"), load_scene("bin"), backend="native")
+def test_without_compiled_code_it_is_said_what_to_install() -> None:
+    with pytest.raises(ImportError, match=r"install it anew, from a wheel or with a C\+\+17 compiler"):
+        load_robot("wxai").body_poses([0.0] * 6)
 
 
 def test_a_backend_that_does_not_exist_is_refused() -> None:
