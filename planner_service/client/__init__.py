@@ -3,9 +3,9 @@
 ``pick``, ``place``, ``plan_pick_place`` and ``move_linear`` are called as the library's are, with a ``Remote``.
 """
 
-from planner_service.client.answers import Checked, CheckedState
 from planner_service.client.problems import ServerRefused, ServerUnavailable, StaleVersion
 from planner_service.client.remote import Remote, move_linear, pick, place, plan_pick_place
+from planner_service.records.http.replies import Checked, CheckedState
 
 __all__ = [
     "Checked",

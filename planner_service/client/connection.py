@@ -13,7 +13,7 @@ from concurrent.futures import TimeoutError as NotYet
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,12 +21,16 @@ from planner_service.client.problems import ServerRefused, ServerUnavailable, er
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, PlannerServiceError
 from planner_service.files.json_reader import MAX_BYTES, parse_json
+from planner_service.files.schema import Record
 from planner_service.geometry.validation import number
+from planner_service.records.http.replies import read_reply
 
 if TYPE_CHECKING:
     import httpx
 
 __all__ = ["Answer", "Connection"]
+
+R = TypeVar("R", bound=Record)
 
 WAIT = 20
 """Seconds that one request waits for an answer; then it is asked for again."""
@@ -72,6 +76,14 @@ class Answer:
         if not isinstance(document, dict):
             raise InvalidFile(self.url, ["expected an object"])
         return document
+
+    def read(self, model: type[R]) -> R:
+        """The answer that it is.
+
+        Raises:
+            InvalidFile: it is something else.
+        """
+        return read_reply(model, self.document(), self.url)
 
 
 class Connection:

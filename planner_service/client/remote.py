@@ -24,53 +24,50 @@ from numpy.typing import ArrayLike
 
 from planner_service import tasks
 from planner_service.certify import Certificate, ExemptInterval
-from planner_service.client.answers import (
-    Checked,
-    ServedRobot,
-    read_certificate,
-    read_checked,
-    read_explanation,
-    read_fraction,
-    read_replanned,
-    read_robot,
-)
-from planner_service.client.bodies import (
-    constraints_body,
-    curve_body,
-    goals_body,
-    handling_body,
-    pace_body,
-    planner_body,
-    pose_body,
-    request_body,
-    settings_body,
-    target_body,
-)
+from planner_service.client.bodies import constraints_body, goals_body, request_body, target_body
 from planner_service.client.connection import Answer, Connection
+from planner_service.client.problems import ServerUnavailable
 from planner_service.client.scenes import ScenesOnServer
 from planner_service.client.threads import Threads
 from planner_service.collision import CancelToken, EdgeStep
+from planner_service.collision.budget import Cancelled
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import constraint_names
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.files.schema import plain
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import instance, items, whole
+from planner_service.geometry.validation import instance, items, numbers, whole
 from planner_service.grasping.grasps import top_grasps
 from planner_service.infeasibility.remedies import Explanation
-from planner_service.kinematics.inverse import require_joint_rate
+from planner_service.kinematics.inverse import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.batch import Batch
 from planner_service.planning.pipeline import require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in
-from planner_service.planning.result import Origin, PlanResult
+from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, require_grower
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.presentation.progress import bar
+from planner_service.records.http.bodies import HandlingBody, PaceBody, PlannerBody, SettingsBody, sent
+from planner_service.records.http.replies import (
+    CertificateReply,
+    Checked,
+    CheckReply,
+    ExplainReply,
+    LineSections,
+    ReplannedRecord,
+    RoadmapReply,
+    RobotReply,
+    ServedRobot,
+    read_reply,
+)
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
 from planner_service.records.request import astray
+from planner_service.records.result import ExemptRecord
+from planner_service.records.values import PoseRecord
 from planner_service.replanning.result import Replanned, request_for, underway
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot, joint_vector
@@ -78,7 +75,7 @@ from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import kept_upright, require_poses
-from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE, Target
+from planner_service.tasks.tool_motions import Target
 from planner_service.timing.laws import Trapezoidal
 
 __all__ = ["Remote", "move_linear", "pick", "place", "plan_pick_place"]
@@ -287,9 +284,17 @@ class Remote:
                 path, padding=padding, exempt=exempt, constraints=constraints, part=part, cancel=cancel
             )
         stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
-        body = {**curve_body(path, padding, stretches, constraints), "part": part}
+        curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
+        body = {
+            "waypoints": plain(curve.waypoints),
+            "blends": plain(curve.blends),
+            "padding": padding,
+            "exempt": [sent(ExemptRecord, "exempt", stretch) for stretch in stretches],
+            "constraints": constraints_body(constraints),
+            "part": part,
+        }
         answer = self._work("certify", body, cancel)
-        certificate = read_certificate(answer.document(), answer.url)
+        certificate: Certificate = answer.read(CertificateReply).certificate.value
         names = constraint_names(kept_in(self.scene, constraints)) if certificate.certified else ""
         asked = padding, stretches, None if part is None else tuple(part), names
         kept = ", ".join(dict.fromkeys(each.name for each in certificate.kept))
@@ -311,7 +316,10 @@ class Remote:
         rows = [self._joints(f"states[{k}]", q) for k, q in enumerate(states)]
         pairs = [[self._joints(f"edges[{k}]", q) for q in edge] for k, edge in enumerate(edges)]
         answer = self._work("check", {"states": rows, "edges": pairs})
-        return read_checked(answer.document(), answer.url, len(rows), len(pairs))
+        checked: Checked = answer.read(CheckReply).value
+        if (len(checked.states), len(checked.edges)) != (len(rows), len(pairs)):
+            raise InvalidFile(answer.url, [f"expected {len(rows)} states and {len(pairs)} edges"])
+        return checked
 
     def explain(
         self,
@@ -338,10 +346,12 @@ class Remote:
         with bar("explaining", progress):
             answer = self._work("explain", body, cancel)
         document = answer.document()
-        plan = document.pop("result", None)
-        read = self._reader.plan(plan if isinstance(plan, dict) else {}, answer.url)
-        _require_asked(answer, read.request, request)
-        explained = read_explanation(document, answer.url, _of_server(read.result, self.world, request))
+        plan = document.get("result")
+        document["result"] = self._reader.shared(plan if isinstance(plan, dict) else {}, answer.url)
+        read = read_reply(ExplainReply, document, answer.url, self.robot.n)
+        _require_asked(answer, read.result.value.request, request)
+        explained: Explanation = read.value
+        explained = replace(explained, result=_of_server(explained.result, self.world, request))
         changes = []
         if explained.way is not None:
             _require_there(answer, request, explained.way, self.robot)
@@ -387,10 +397,16 @@ class Remote:
             "at_time": at_time,
             "latency": latency,
             "goals": goals_body(goal),
-            "request": settings_body(request),
+            "request": sent(SettingsBody, "request", request),
         }
         answer = self._work("replan", body, cancel, gripper=False)
-        return read_replanned(self._saved_plan(answer, answer.document(), new), answer.url)
+        plan = self._saved_plan(answer, answer.document(), new)
+        failure = plan.result.failure
+        if "replanned" not in plan.sections and failure is not None:  # no worker came to it, or workers were lost
+            if failure.reason is Reason.PREEMPTED:
+                raise Cancelled(failure.detail)
+            raise ServerUnavailable(answer.url, failure.detail)
+        return ReplannedRecord.of_plan(plan, answer.url)
 
     def build_roadmap(
         self, planner: Grower, *, seed: int = 0, padding: float = 0.001, cancel: CancelToken | None = None
@@ -406,8 +422,8 @@ class Remote:
         require_grower(planner)
         if _cancelled(cancel):
             return self._here.build_roadmap(planner, seed=seed, padding=padding, cancel=cancel)
-        body = {"planner": planner_body(planner), "seed": seed, "padding": padding}
-        built = self._work("roadmaps", body, cancel).document().get("id")
+        body = {"planner": sent(PlannerBody, "planner", planner), "seed": seed, "padding": padding}
+        built = self._work("roadmaps", body, cancel).read(RoadmapReply).id
         answer = self._server.connection.fetch("GET", f"/roadmaps/{built}")
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "roadmap.npz"
@@ -503,8 +519,8 @@ class _Server:
     @cached_property
     def robot(self) -> ServedRobot:
         """The server's robot."""
-        answer = self.connection.fetch("GET", "/robot")
-        return read_robot(answer.document(), answer.url)
+        served: ServedRobot = self.connection.fetch("GET", "/robot").read(RobotReply).value
+        return served
 
     def remember(self, trajectory: Trajectory | None, job: str) -> None:
         """Remember under which id the server keeps a motion."""
@@ -580,7 +596,7 @@ def pick(
     if _cancelled(handling.cancel):
         return tasks.pick(remote._here, q, target, grasps, handling)
     body = {"q": start.tolist(), "target": target, "grasps": _poses("grasps", grasps)}
-    body |= {"handling": handling_body(handling)}
+    body |= {"handling": sent(HandlingBody, "handling", handling)}
     lean = handling.upright
     upright = [] if lean is None else [kept_upright(grasp, lean) for grasp in grasps]
     return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
@@ -600,7 +616,7 @@ def place(
     if _cancelled(handling.cancel):
         return tasks.place(remote._here, q, carried, poses, handling)
     body = {"q": start.tolist(), "carried": carried, "poses": _poses("poses", poses)}
-    body |= {"handling": handling_body(handling)}
+    body |= {"handling": sent(HandlingBody, "handling", handling)}
     return remote._task("place", body, _at(start, handling.request), handling.cancel)
 
 
@@ -628,7 +644,7 @@ def plan_pick_place(
     if _cancelled(cancel):
         return tasks.plan_pick_place(remote._here, target, onto, request, upright=upright, cancel=cancel)
     body = {"target": target, "onto": onto, "start": start.tolist(), "upright": upright}
-    body |= {"request": settings_body(request)}
+    body |= {"request": sent(SettingsBody, "request", request)}
     obstacle = remote.scene.obstacle(target)
     kept = [] if upright is None else [kept_upright(grasp, upright) for grasp in top_grasps(remote.robot, obstacle)]
     return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
@@ -677,7 +693,7 @@ def move_linear(
         "points": points,
         "max_joint_rate": min(require_joint_rate(max_joint_rate), sys.float_info.max),  # JSON has no infinity
         "partial": partial,
-        "pace": pace_body(pace),
+        "pace": sent(PaceBody, "pace", pace),
         "padding": padding,
         "constraints": constraints_body(constraints),
     }
@@ -687,7 +703,7 @@ def move_linear(
     _require_there(answer, PlanRequest(at, at), plan.result, remote.robot, task=True)
     if plan.result.ok and plan.result.constraints != kept_in(remote.scene, constraints):
         raise InvalidFile(answer.url, ["constraints: others than were asked for"])
-    return replace(plan.result, fraction=read_fraction(plan, answer.url))
+    return replace(plan.result, fraction=LineSections.of_plan(plan, answer.url).fraction)
 
 
 def _started(remote: Remote, q: ArrayLike, handling: Handling | None) -> tuple[FloatArray, Handling]:
@@ -707,4 +723,4 @@ def _at(start: FloatArray, request: PlanRequest | None) -> PlanRequest:
 
 def _poses(name: str, poses: Sequence[Pose]) -> list[Any]:
     require_poses(name, poses)
-    return [pose_body(pose) for pose in poses]
+    return [sent(PoseRecord, name, pose) for pose in poses]

@@ -5,15 +5,14 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from planner_service.client.connection import Connection
 from planner_service.client.problems import ServerRefused, StaleVersion
-from planner_service.errors import InvalidFile, PlannerServiceError
-from planner_service.files.schema import read_record
-from planner_service.records.scene import PlanReading, SceneRecord
+from planner_service.errors import PlannerServiceError
+from planner_service.records.http.replies import SceneReply, StoredReply
+from planner_service.records.scene import SceneRecord
 from planner_service.scene.scene import Scene
 
 __all__ = ["ScenesOnServer"]
@@ -22,9 +21,6 @@ MAX_KEPT = 32
 """Scenes of its own that a client leaves on a server; the one unused for longest is deleted first."""
 
 PREFIX = "client-"
-
-FIELDS = ("name", "description", "hash", "obstacles", "attached")
-"""Of a stored scene, those of its record; its version is beside them."""
 
 
 class ScenesOnServer:
@@ -43,13 +39,8 @@ class ScenesOnServer:
             InvalidFile: what the server sent is no scene.
         """
         answer = self._connection.fetch("GET", _address(name))
-        document = answer.document()
-        version = document.get("version")
-        record = {field: document[field] for field in FIELDS if field in document}
-        scene: Scene = read_record(SceneRecord, record, Path(answer.url), PlanReading()).value
-        if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-            raise InvalidFile(answer.url, [f"version: got {version!r:.100}; expected a whole number from 1"])
-        return scene, version
+        stored = answer.read(SceneReply)
+        return stored.value, stored.version
 
     def put(self, name: str, scene: Scene, *, before: int | None = None) -> int:
         """Store a scene under a name, and the version it then has.
@@ -73,10 +64,7 @@ class ScenesOnServer:
                 if same and (before == 0 or latest - 1 == before):
                     return latest
             raise
-        version = answer.document().get("version")
-        if not isinstance(version, int):
-            raise InvalidFile(answer.url, [f"version: got {version!r:.100}; expected a whole number"])
-        return version
+        return answer.read(StoredReply).version
 
     def reference(self, scene: Scene, *, again: bool = False) -> dict[str, Any]:
         """How requests name a scene of the client's own, which is sent if the server does not have it.

@@ -55,9 +55,16 @@ class PlanReader:
         return task
 
     def _read(self, model: type[R], document: Mapping[str, Any], file: Path) -> R:
-        self._require_this_world(document, file)
-        reading = PlanReading(joints=self.world.robot.n)
-        return read_record(model, {**document, "robot": self._robot[0], "scene": self._scene[0]}, file, reading)
+        return read_record(model, self.shared(document, str(file)), file, PlanReading(joints=self.world.robot.n))
+
+    def shared(self, document: Mapping[str, Any], source: str) -> dict[str, Any]:
+        """The document of a plan or a task with this world's robot and scene in place of its own, which are as these.
+
+        Raises:
+            InvalidFile: It was made in another world.
+        """
+        self._require_this_world(document, Path(source))
+        return {**document, "robot": self._robot[0], "scene": self._scene[0]}
 
     def _require_this_world(self, document: Mapping[str, Any], file: Path) -> None:
         scene, own = document.get("scene"), self._scene[1]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from pydantic import Discriminator, Field, JsonValue, Tag
@@ -51,6 +51,8 @@ _PLANNERS: Mapping[str, type[Any]] = MappingProxyType({**PLANNERS, RoadmapRefere
 """Those that a name and settings make; of a roadmap the hash is kept."""
 
 MAX_GOALS = 10_000
+
+C = TypeVar("C", bound="ChoiceRecord")
 
 
 class JointGoal(Record):
@@ -103,10 +105,34 @@ GoalRecord = Annotated[
 
 
 class ChoiceRecord(Record):
-    """A planner or a timing law: its name, and all of its settings."""
+    """A planner or a timing law: its name, and all of its settings.
+
+    Attributes:
+        what: What it is, for messages.
+    """
+
+    what: ClassVar[str]
 
     name: Text
     settings: dict[str, JsonValue]
+
+    @classmethod
+    def find(cls: type[C], value: Any) -> C | None:
+        """Its record, None if it is not one that a name and settings make."""
+        choice = cls.choice(value)
+        return None if choice is None else cls(**choice)
+
+    @classmethod
+    def fields_of(cls, value: Any) -> dict[str, Any]:
+        choice = cls.choice(value)
+        if choice is None:
+            raise InvalidRequest(cls.what, value, f"a {cls.what} of this package")
+        return choice
+
+    @classmethod
+    def choice(cls, value: Any) -> dict[str, Any] | None:
+        """Its name and settings, None if they do not make it."""
+        raise NotImplementedError
 
     def made(self, kind: str, known: Mapping[str, type[Any]]) -> Any:
         """What the name and the settings make.
@@ -127,16 +153,16 @@ class ChoiceRecord(Record):
 class PlannerRecord(ChoiceRecord):
     """A planner; an optimisation has its method among its settings, a roadmap its hash."""
 
+    what = "planner"
+
     @classmethod
-    def find(cls, planner: Any) -> PlannerRecord | None:
-        """Its record, None if it is not one that a name and settings make."""
-        if isinstance(planner, Optimise):
-            choice, method = _choice(planner, {planner.name: Optimise}), _choice(planner.method, METHODS)
+    def choice(cls, value: Any) -> dict[str, Any] | None:
+        if isinstance(value, Optimise):
+            choice, method = _choice(value, {value.name: Optimise}), _choice(value.method, METHODS)
             if choice is None or method is None:
                 return None
-            return cls(name=planner.name, settings={**choice["settings"], "method": method})
-        choice = _choice(RoadmapReference(planner.hash) if isinstance(planner, Roadmap) else planner, _PLANNERS)
-        return None if choice is None else cls(**choice)
+            return {"name": value.name, "settings": {**choice["settings"], "method": method}}
+        return _choice(RoadmapReference(value.hash) if isinstance(value, Roadmap) else value, _PLANNERS)
 
     @cached_property
     def value(self) -> Any:
@@ -150,11 +176,11 @@ class PlannerRecord(ChoiceRecord):
 class TimingRecord(ChoiceRecord):
     """A timing law."""
 
+    what = "timing law"
+
     @classmethod
-    def find(cls, timing: Any) -> TimingRecord | None:
-        """Its record, None if it is not one that a name and settings make."""
-        choice = _choice(timing, TIMINGS)
-        return None if choice is None else cls(**choice)
+    def choice(cls, value: Any) -> dict[str, Any] | None:
+        return _choice(value, TIMINGS)
 
     @cached_property
     def value(self) -> Any:
@@ -208,16 +234,17 @@ class RequestRecord(GrownRecord):
         Raises:
             InvalidRequest: The same, but it has constraints: they would be lost.
         """
-        planner, timing = PlannerRecord.find(request.planner), TimingRecord.find(request.timing)
-        polish = None if request.polish is None else PlannerRecord.find(request.polish)
-        if planner is None or timing is None or (polish is None) != (request.polish is None):
+        planner, timing = PlannerRecord.choice(request.planner), TimingRecord.choice(request.timing)
+        if not (planner and timing and (request.polish is None or PlannerRecord.choice(request.polish))):
             if request.constraints:
                 field, given = ("timing", request.timing) if timing is None else ("planner", request.planner)
                 raise InvalidRequest(f"request.{field}", given, "one of this package, as there are constraints to save")
             return None
-        goals = plain(_goals(request.goal))
-        choices = {"planner": planner, "timing": timing, "polish": polish, "goals": goals}
-        return cls.model_validate(cls.fields_of(request) | choices)
+        return cls.of(request)
+
+    @classmethod
+    def fields_of(cls, value: PlanRequest) -> dict[str, Any]:
+        return super().fields_of(value) | {"goals": plain(_goals(value.goal))}
 
     @cached_property
     def value(self) -> PlanRequest:

@@ -18,10 +18,19 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.package_data import RELEASE
-from planner_service.serve.bodies import BODIES, EditsBody, SceneBody
+from planner_service.records.http.bodies import EditsBody, SceneBody
+from planner_service.records.http.replies import (
+    AcceptedReply,
+    JobsReply,
+    RobotReply,
+    RunsReply,
+    SceneReply,
+    ScenesReply,
+    StoredReply,
+)
+from planner_service.records.http.verbs import ANSWERS, VERBS
 from planner_service.serve.documentation import SECURITY, documentation_page, with_models
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
-from planner_service.serve.replies import AcceptedReply, JobsReply, RunsReply, SceneReply, ScenesReply, StoredReply
 from planner_service.serve.server import PlanningServer, StoredAnswer
 from planner_service.serve.state.content_files import StateUnusable
 
@@ -40,19 +49,6 @@ ETAG = re.compile(r'"([1-9]\d{0,14})"')
 KEY = re.compile(r"[\x21-\x7e]{1,255}")
 
 Handler = Callable[[Request], Awaitable[Response]]
-
-SUMMARIES: Mapping[str, str] = {
-    "plans": "Plan a motion",
-    "certify": "Prove that a path, or a finished plan or task, is free",
-    "check": "Check configurations and straight edges",
-    "pick": "Plan to take an object",
-    "place": "Plan to set a carried object down",
-    "pick_place": "Plan a whole pick-and-place",
-    "move_linear": "Plan straight motions of the tool",
-    "replan": "Plan a new motion for a robot that is moving",
-    "explain": "Explain why there is no plan, and what would help",
-    "roadmaps": "Grow a roadmap",
-}
 
 
 def create_app(server: PlanningServer) -> FastAPI:
@@ -114,8 +110,10 @@ async def _http_error(request: Request, error: Exception) -> Response:
 # Parts of the description.
 
 
-def _reply(description: str, model: type | None = None) -> dict[str, Any]:
-    schema = {"type": "object"} if model is None else {"$ref": f"#/components/schemas/{model.__name__}"}
+def _reply(description: str, *models: type) -> dict[str, Any]:
+    """A reply that is one of these models."""
+    schemas: list[dict[str, Any]] = [{"$ref": f"#/components/schemas/{model.__name__}"} for model in models]
+    schema = schemas[0] if len(schemas) == 1 else {"anyOf": schemas}
     return {"description": description, "content": {JSON: {"schema": schema}}}
 
 
@@ -141,24 +139,24 @@ IF_MATCH = _header("If-Match", 'The version that is to be changed, such as "3"')
 
 def _add_work(app: FastAPI, server: PlanningServer) -> None:
     """A route for each kind of work: all of them are jobs."""
-    work = {f"/{kind}": _working(server, kind) for kind in BODIES}
+    work = {f"/{kind}": _working(server, kind) for kind in VERBS}
     app.add_middleware(_Shortcut, work)
-    for kind, body in BODIES.items():
+    for kind, verb in VERBS.items():
         key = _header("Idempotency-Key", "Sent again, it gets the same answer; and a closed connection cancels nothing")
         app.add_api_route(
             f"/{kind}",
             work[f"/{kind}"],
             methods=["POST"],
-            summary=SUMMARIES[kind],
+            summary=verb.summary,
             operation_id=kind,
             status_code=202,
             response_class=Response,
             responses={
-                200: _reply("The answer; that there is no plan is one"),
+                200: _reply("The answer; that there is no plan is one", *verb.answers),
                 202: _reply("Accepted", AcceptedReply),
                 **_problems(400, 408, 410, 413, 415, 422, 429, 503, 507),
             },
-            openapi_extra={**_takes(body), "parameters": [WAIT, key]},
+            openapi_extra={**_takes(verb.body), "parameters": [WAIT, key]},
         )
 
 
@@ -194,7 +192,7 @@ def _working(server: PlanningServer, kind: str) -> Handler:
         seconds = _seconds_to_wait(request)
         return await _response(server, request, job, seconds, cancel=key is None)
 
-    work.__doc__ = BODIES[kind].__doc__
+    work.__doc__ = VERBS[kind].body.__doc__
     return work
 
 
@@ -288,7 +286,7 @@ def _add_plans(app: FastAPI, server: PlanningServer) -> None:
         summary="Get the answer of a request",
         operation_id="get_plan",
         responses={
-            200: _reply("The plan file, the task file, or the answer of another kind"),
+            200: _reply("The plan file, the task file, or the answer of another kind", *ANSWERS),
             202: _reply("It is not finished", AcceptedReply),
             **_problems(404, 408, 410, 422, 503, 507),
         },
@@ -503,7 +501,9 @@ def _add_about(app: FastAPI, server: PlanningServer) -> None:
     described = with_models(app)
     app.openapi = described  # type: ignore[method-assign]
 
-    @app.get("/robot", summary="Get the robot", operation_id="get_robot", responses={200: _reply("The robot")})
+    @app.get(
+        "/robot", summary="Get the robot", operation_id="get_robot", responses={200: _reply("The robot", RobotReply)}
+    )
     async def get_robot() -> Response:
         """Joints, limits, named poses and gripper, and the whole robot as plan files have it."""
         return Response(server.robot_document, media_type=JSON)

@@ -10,10 +10,12 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from planner_service.serve import replies
-from planner_service.serve.bodies import BODIES, EditsBody, SceneBody
+from planner_service.records.http import replies
+from planner_service.records.http.bodies import EditsBody, SceneBody
+from planner_service.records.http.verbs import ANSWERS, VERBS
 
 __all__ = ["SECURITY", "documentation_page", "with_models"]
 
@@ -33,7 +35,9 @@ def with_models(app: FastAPI) -> Callable[[], dict[str, Any]]:
     @cache
     def described() -> dict[str, Any]:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        models = [*BODIES.values(), SceneBody, EditsBody, *(getattr(replies, name) for name in replies.__all__)]
+        models: dict[type[BaseModel], None] = dict.fromkeys(
+            [*(verb.body for verb in VERBS.values()), SceneBody, EditsBody, *ANSWERS, *replies.OTHERS]
+        )
         _, schemas = models_json_schema(
             [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
         )

@@ -28,12 +28,13 @@ from planner_service.files.schema import read_record
 from planner_service.parallel.pool import Backend, Raised
 from planner_service.planning.request import World
 from planner_service.presentation.page import OpenPage, show_page
-from planner_service.records.plan_file import SavedPlan, StepRecord, plan_or_task
-from planner_service.records.robot import RobotRecord
+from planner_service.records.http.bodies import AfterTask, Body, EditsBody, SceneBody, SceneVersion, read_body
+from planner_service.records.http.replies import RobotReply
+from planner_service.records.http.verbs import VERBS
+from planner_service.records.plan_file import SavedPlan, plan_or_task
 from planner_service.records.scene import PlanReading, SceneRecord
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene.scene import Scene
-from planner_service.serve.bodies import BODIES, AfterTask, Body, EditsBody, SceneBody, SceneVersion, read_body
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.metrics import Metrics
 from planner_service.serve.problems import Problem, Refused, problem_of
@@ -160,7 +161,7 @@ class PlanningServer:
         for scene in scenes:
             if all(stored.name != scene.name for stored in store.scenes()):
                 store.put_scene(scene.name, scene.hash, _scene_document(scene))
-        self.robot_document = _robot_document(world)
+        self.robot_document = json.dumps(RobotReply.of(world).document(), allow_nan=False).encode("ascii")
 
     async def start(self) -> None:
         """Start the workers, and what was accepted before."""
@@ -195,7 +196,7 @@ class PlanningServer:
         work = json.loads(self._store.work(job.id))
         left = None if work["deadline"] is None else work["deadline"] - time.time()
         try:
-            body = read_body(BODIES[job.kind], work["body"].encode(), self._world.robot)
+            body = read_body(VERBS[job.kind].body, work["body"].encode(), self._world.robot)
         except InvalidRequest as error:
             self._end(live, Assignment(job.id, job.kind), _refusal(error))
         else:
@@ -278,7 +279,7 @@ class PlanningServer:
             earlier = None if key is None else self._store.accepted(kind, body, key)
             if earlier is not None:  # whether or not what it names is still there
                 return earlier.id
-            read: Any = read_body(BODIES[kind], body, self._world.robot)
+            read: Any = read_body(VERBS[kind].body, body, self._world.robot)
             sources = self._sources(read)
             deadline = None if read.deadline is None else time.time() + read.deadline
             work = json.dumps({"body": body.decode(), "sources": sources, "deadline": deadline}).encode()
@@ -646,23 +647,6 @@ def _planners(body: Any) -> list[Any]:
 
 def _scene_document(scene: Scene) -> bytes:
     return json.dumps(SceneRecord.of(scene).document(), allow_nan=False).encode("ascii")
-
-
-def _robot_document(world: World) -> bytes:
-    robot = world.robot
-    step = StepRecord.find(world.edge_step)
-    gripper = robot.gripper
-    document = {
-        "name": robot.name,
-        "hash": robot.hash,
-        "joint_names": list(robot.joint_names),
-        "named_poses": {name: q.tolist() for name, q in robot.named_poses},
-        "gripper": None if gripper is None else {"lower": gripper.lower, "upper": gripper.upper},
-        "robot": RobotRecord.of(robot).document(),
-        "allowed": [list(pair) for pair in world.allowed],
-        "edge_step": None if step is None else step.document(),
-    }
-    return json.dumps(document, allow_nan=False).encode("ascii")
 
 
 def _is_problem(content: bytes) -> bool:

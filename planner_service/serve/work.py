@@ -22,25 +22,34 @@ from planner_service.collision import CancelToken, CheckCounts
 from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.json_reader import parse_json
-from planner_service.files.schema import plain, read_record
+from planner_service.files.schema import Record, read_record, recorded
 from planner_service.grasping.grasps import top_grasps
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.task_result import Handling
-from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
-from planner_service.records.failure import ContactRecord, FailureRecord
+from planner_service.records.http import bodies
+from planner_service.records.http.bodies import PaceBody
+from planner_service.records.http.replies import (
+    CertificateReply,
+    Checked,
+    CheckedState,
+    CheckReply,
+    Explained,
+    ExplainReply,
+    LineSections,
+    ProofReply,
+    ReplannedRecord,
+    RoadmapReply,
+)
+from planner_service.records.http.verbs import VERBS
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify
-from planner_service.records.result import CertificateRecord, CountsRecord, PathRecord, TrajectoryRecord
 from planner_service.records.scene import PlanReading, SceneRecord
-from planner_service.replanning.result import Outcome, Replanned
+from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.model import Robot
-from planner_service.serve import bodies
-from planner_service.serve.bodies import PaceBody
 from planner_service.serve.problems import Problem, problem_of
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
@@ -48,8 +57,6 @@ from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.tool_motions import move_linear
 
 __all__ = [
-    "FILES",
-    "TASKS",
     "Answer",
     "Assignment",
     "Cancellation",
@@ -59,11 +66,6 @@ __all__ = [
     "Source",
     "unrun",
 ]
-
-FILES = frozenset({"plans", "move_linear", "replan", "pick", "place", "pick_place"})
-"""Kinds of requests whose answer is a plan file or a task file, also if they are not carried out."""
-
-TASKS = frozenset({"pick", "place", "pick_place"})
 
 MAX_SERVICES = 16
 """Worlds for which a worker stays prepared."""
@@ -110,7 +112,7 @@ class Assignment:
     """A request with all that it reads.
 
     Attributes:
-        kind: One of ``BODIES``.
+        kind: One of ``VERBS``.
         body: The body of that kind, read; None for a request that is not carried out and whose answer is no file.
         sources: By what they are: ``scene``, ``after``, ``plan``, ``roadmap``.
     """
@@ -339,22 +341,23 @@ def _file_answer(saved: SavedPlan | SavedTask, failure: Failure | None, counts: 
     return Answer(saved.file_text().encode("ascii"), failure is None, reason, counts=counts)
 
 
-def _json_answer(document: Any, *, ok: bool = True, counts: CheckCounts | None = None) -> Answer:
+def _json_answer(model: type[Record], value: Any, *, ok: bool = True, counts: CheckCounts | None = None) -> Answer:
+    document = recorded("answer", lambda: model.of(value)).document()
     content = json.dumps(document, allow_nan=False).encode("ascii")
     return Answer(content, ok, counts=CheckCounts() if counts is None else counts)
 
 
 def unrun(item: Assignment, world: World, ending: Ending) -> Answer:
     """The answer to a request that was not carried out, or not to its end: a file that says so, or a problem."""
-    begin = None
-    if item.kind in FILES:
+    begin, verb = None, VERBS.get(item.kind)
+    if verb is not None and verb.is_file:
         with suppress(InvalidRequest):  # it could not be carried out, either
             begin = _world(item, world)
-    if begin is None:
+    if begin is None or verb is None:
         problem = Problem(PROBLEMS[ending], DETAILS[ending], {"reason": ending.value.value})
         return Answer(problem.content, False, ending.value.value, refused=True)
     failure = Failure(Stage.ENDPOINTS, ending.value, DETAILS[ending])
-    if item.kind in TASKS:
+    if verb.is_task:
         return _file_answer(SavedTask(begin, item.kind, (), CheckCounts(), 0.0, failure), failure, CheckCounts())
     request = item.body.request.value if item.kind == "plans" else None
     result = PlanResult(None, None, failure, (), deterministic=False)
@@ -372,20 +375,12 @@ def _certify(call: _Call, body: bodies.CertifyBody) -> Answer:
     if body.plan is not None:
         saved = call.saved("plan")
         proven = recertify(saved, allowed=saved.allowed)
-        motions = []
-        for motion in proven.motions:
-            entry = {"name": motion.name, "certificate": CertificateRecord.of(motion.certificate).document()}
-            if motion.gripper is not None:
-                entry["gripper"] = CertificateRecord.of(motion.gripper.certificate).document()
-            motions.append(entry)
-        document = {"certified": proven.certified, "problems": list(proven.problems), "motions": motions}
-        return _json_answer(document, ok=proven.certified)
+        return _json_answer(ProofReply, proven, ok=proven.certified)
     path = JointPath(np.array(body.waypoints, dtype=np.float64), np.array(body.blends or (), dtype=np.float64))
     terms = {name: body.arguments[name] for name in ("padding", "exempt", "constraints", "part")}
     certificate = call.service.certify(path, **terms, cancel=call.cancel)
     counts = CheckCounts(distances=certificate.distances)
-    document = {"certificate": CertificateRecord.of(certificate).document()}
-    return _json_answer(document, ok=certificate.certified, counts=counts)
+    return _json_answer(CertificateReply, {"certificate": certificate}, ok=certificate.certified, counts=counts)
 
 
 def _check(call: _Call, body: bodies.CheckBody) -> Answer:
@@ -394,13 +389,12 @@ def _check(call: _Call, body: bodies.CheckBody) -> Answer:
     for q in body.states:
         call.poll()
         free = asking.state_is_free(q)
-        contacts = () if free else telling.contacts(q)
-        states.append({"free": free, "contacts": [ContactRecord.of(contact).document() for contact in contacts]})
+        states.append(CheckedState(free, () if free else telling.contacts(q)))
     edges = []
     for start, end in body.edges:
         call.poll()
         edges.append(asking.edge_is_free(start, end))
-    return _json_answer({"states": states, "edges": edges, "counts": CountsRecord.of(asking.counts).document()})
+    return _json_answer(CheckReply, Checked(tuple(states), tuple(edges), asking.counts))
 
 
 def _pick(call: _Call, body: bodies.PickBody) -> Answer:
@@ -443,8 +437,8 @@ def _move_linear(call: _Call, body: bodies.MoveLinearBody) -> Answer:
     for name in ("deadline", "scene", "gripper_width"):
         del given[name]
     result = move_linear(call.service, given.pop("start"), given.pop("goal"), cancel=call.cancel, **given)
-    sections = {} if result.fraction is None else {"fraction": result.fraction}
-    return call.planned(result, sections if body.pace is None else {**sections, "pace": body.pace.document()})
+    said = {"fraction": result.fraction, "pace": body.pace}
+    return call.planned(result, LineSections.of(said).document())
 
 
 def _replan(call: _Call, body: bodies.ReplanBody) -> Answer:
@@ -454,31 +448,18 @@ def _replan(call: _Call, body: bodies.ReplanBody) -> Answer:
     terms = {"at_time": body.at_time, "latency": body.latency, "goal": body.goal}
     request = None if body.request is None else call.request(body.request.value)
     replanned = call.service.replan(_previous(saved), request=request, cancel=call.cancel, **terms)
-    failure = call.ended(replanned.failure)
-    section = {
-        "outcome": replanned.outcome.value,
-        "splice": replanned.splice,
-        "ahead": plain(replanned.ahead),
-        "failure": None if failure is None else FailureRecord.of(failure).document(),
-        "stop": None if replanned.stop is None else _stop(replanned.stop),
-    }
-    return call.planned(replanned.result, {"replanned": section})
-
-
-def _stop(stop: Trajectory) -> dict[str, Any]:
-    return {"path": PathRecord.of(stop.path).document(), "trajectory": TrajectoryRecord.of(stop).document()}
+    section = ReplannedRecord.of(replace(replanned, failure=call.ended(replanned.failure)))
+    return call.planned(replanned.result, {"replanned": section.document()})
 
 
 def _previous(saved: SavedPlan) -> PlanResult | Replanned:
     """The motion that a plan file of this server holds."""
-    pace = read_record(PaceBody, saved.sections.get("pace", {}), Path("pace"), PlanReading()).value
-    origin = Origin(saved.begin, saved.request, pace if saved.request is None else None)
+    pace = LineSections.of_plan(saved, "plan").pace or PaceBody()
+    origin = Origin(saved.begin, saved.request, pace.value if saved.request is None else None)
     result = replace(saved.result, origin=origin)
-    section = saved.sections.get("replanned")
-    if not isinstance(section, dict) or saved.request is None:
+    if "replanned" not in saved.sections or saved.request is None:
         return result
-    ahead = np.array(section["ahead"], dtype=np.float64).reshape(-1, saved.robot.n)
-    return Replanned(Outcome(section["outcome"]), result, section["splice"], saved.request, None, ahead)
+    return replace(ReplannedRecord.of_plan(saved, "plan"), result=result)
 
 
 def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
@@ -491,20 +472,7 @@ def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
         progress=False,
         cancel=call.cancel,
     )
-    remedies = []
-    for remedy in explained.remedies:
-        plan = SavedPlan(replace(call.service.world, scene=remedy.scene), remedy.request, remedy.result)
-        remedies.append({"text": remedy.text, "plan": plan.document()})
-    document = {
-        "result": SavedPlan.of(explained.result).document(),
-        "no_path": None if explained.no_path is None else NoPathRecord.of(explained.no_path).document(),
-        "reached": None if explained.reached is None else ReachedRecord.of(explained.reached).document(),
-        "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
-        "remedies": remedies,
-        "plans": explained.plans,
-        "complete": explained.complete,
-    }
-    return _json_answer(document, counts=explained.result.counts)
+    return _json_answer(ExplainReply, Explained(explained, call.service.world), counts=explained.result.counts)
 
 
 def _roadmaps(call: _Call, body: bodies.RoadmapBody) -> Answer:
@@ -514,20 +482,9 @@ def _roadmaps(call: _Call, body: bodies.RoadmapBody) -> Answer:
         file = Path(folder) / "roadmap.npz"
         roadmap.save(file)
         data = file.read_bytes()
-    built = roadmap.built
-    assert built is not None
-    summary = {
-        "id": roadmap.hash,
-        "milestones": len(roadmap.milestones),
-        "edges": len(roadmap.edges),
-        "built": {
-            "planner": built.planner,
-            "settings": dict(built.settings),
-            "seed": built.seed,
-            "counts": CountsRecord.of(built.counts).document(),
-        },
-    }
-    return replace(_json_answer(summary, counts=built.counts), roadmap=(roadmap.hash, data))
+    assert roadmap.built is not None
+    answer = _json_answer(RoadmapReply, roadmap, counts=roadmap.built.counts)
+    return replace(answer, roadmap=(roadmap.hash, data))
 
 
 KINDS: Mapping[str, Callable[[_Call, Any], Answer]] = {

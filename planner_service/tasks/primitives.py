@@ -52,9 +52,6 @@ LEAVE = "leave"
 FINGER_ROOM = 0.012
 """Metres between each finger and the object when the gripper opens for it."""
 
-LINE_POINTS = 60
-"""Configurations computed along a straight tool line; only as many are kept as hold the tool on it."""
-
 MAX_WHYS = 8
 """Poses out of reach that are looked at to tell what would bring the tool to the nearest of them."""
 
@@ -367,7 +364,7 @@ class _Task:
                 for q in self._fitting(number, contact, first=lengths is USUAL_APPROACHES):
                     for length in lengths:
                         back = contact.tool @ Pose((-length * x, -length * y, -length * z))
-                        line = straight_tool_line(self._service.robot, q, back, points=LINE_POINTS)
+                        line = straight_tool_line(self._service.robot, q, back)
                         if line.stopped is None:
                             yield number, contact, self._thinned(line.waypoints)
                         else:

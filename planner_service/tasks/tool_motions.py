@@ -23,7 +23,14 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, flag, instance, number
 from planner_service.kinematics.cartesian_waypoints import line_blends, stop_rows, thinned, thinned_along
 from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.kinematics.inverse import ToolLine, require_joint_rate, shifted, straight_tool_line
+from planner_service.kinematics.inverse import (
+    LINE_POINTS,
+    MAX_JOINT_RATE,
+    ToolLine,
+    require_joint_rate,
+    shifted,
+    straight_tool_line,
+)
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanAccounting
@@ -32,14 +39,7 @@ from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.model import joint_vector
 from planner_service.service import PlannerService
 
-__all__ = ["LINE_POINTS", "MAX_JOINT_RATE", "move_circular", "move_linear"]
-
-LINE_POINTS = 60
-"""Configurations computed along a straight tool line; only as many are kept as hold the tool on it."""
-
-MAX_JOINT_RATE = 100.0
-"""Radians per metre of the tool. Fewer than 1 % of random lines of 5 to 30 cm need more on the WidowX AI, the Panda and
-the UR5; the tool could only creep there, at 2 to 7 cm/s."""
+__all__ = ["move_circular", "move_linear"]
 
 LEAST_BLEND = 1e-4
 """Radians. The corners of a tool's path turn by little, so that even narrow blends save a stop."""

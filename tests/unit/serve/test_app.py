@@ -18,3 +18,20 @@ def test_the_description_in_the_repository_is_the_servers_own() -> None:
     if os.environ.get("WRITE_OUTPUTS"):
         FILE.write_text(described, "utf-8")
     assert FILE.read_text("utf-8") == described
+
+
+def test_every_answer_has_a_typed_schema() -> None:
+    described = create_app(Mock(spec=PlanningServer)).openapi()
+    schemas = [
+        (path, kind["schema"])
+        for path, operations in described["paths"].items()
+        for operation in operations.values()
+        for status, reply in operation["responses"].items()
+        if status.startswith("2")
+        for media, kind in reply.get("content", {}).items()
+        if media == "application/json"
+    ]
+    assert len(schemas) > 20
+    for path, schema in schemas:
+        names = [one["$ref"].rpartition("/")[2] for one in schema.get("anyOf", [schema])]
+        assert all("properties" in described["components"]["schemas"][name] for name in names), path

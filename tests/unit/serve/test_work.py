@@ -10,10 +10,11 @@ import pytest
 
 from planner_service.optimize import Chomp, Optimise
 from planner_service.planning.request import PlanRequest, World
+from planner_service.records.http.bodies import PlanBody, read_body
+from planner_service.records.http.verbs import VERBS
 from planner_service.records.plan_file import SavedPlan, plan_or_task
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
-from planner_service.serve.bodies import BODIES, PlanBody, read_body
 from planner_service.serve.work import Assignment, Ending, Following, ServerWork, Source, unrun
 from planner_service.service import PlannerService
 from tests.support.optional import present
@@ -43,7 +44,9 @@ def test_what_was_made_with_another_robot_is_refused() -> None:
     work = ServerWork(World(load_robot("wxai"), Scene()))
     work.connect([].append)
     for body, field in ((b'{"plan": "one", "at_time": 0.0}', "replan"), (b'{"plan": "one"}', "certify")):
-        item = Assignment("two", field, read_body(BODIES[field], body, work.world.robot), {"plan": Source("0", file)})
+        item = Assignment(
+            "two", field, read_body(VERBS[field].body, body, work.world.robot), {"plan": Source("0", file)}
+        )
         answer = work(item)
         assert answer.refused
         assert json.loads(answer.content)["detail"].startswith("plan: got 'planar2'; expected one made with")
@@ -61,7 +64,7 @@ def test_a_robot_with_another_range_of_the_gripper_is_another_robot() -> None:
     narrow = replace(robot, gripper=replace(present(robot.gripper), upper=0.02), gripper_width=0.01)
     service = PlannerService(robot.with_gripper(0.05), "empty")
     file = SavedPlan.of(service.plan(PlanRequest(robot.home, robot.home))).file_text().encode()
-    body = read_body(BODIES["replan"], b'{"plan": "one", "at_time": 0.0}', narrow)
+    body = read_body(VERBS["replan"].body, b'{"plan": "one", "at_time": 0.0}', narrow)
     work = ServerWork(World(narrow, Scene()))
     work.connect([].append)
     answer = work(Assignment("two", "replan", body, {"plan": Source("0", file)}))

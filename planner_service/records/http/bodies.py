@@ -28,8 +28,10 @@ from planner_service.files.schema import (
     at_most,
     of_length,
     read_record,
+    recorded,
 )
 from planner_service.geometry.shapes import Pose
+from planner_service.kinematics.inverse import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import Optimise
 from planner_service.planning.request import Pace, PlanRequest
@@ -48,18 +50,18 @@ from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanRe
 from planner_service.records.values import Constraints, PoseRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
-from planner_service.tasks.tool_motions import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.timing.laws import Trapezoidal
 
 __all__ = [
-    "BODIES",
     "AfterTask",
     "Body",
     "CertifyBody",
     "CheckBody",
     "EditsBody",
     "ExplainBody",
+    "HandlingBody",
     "MoveLinearBody",
+    "PaceBody",
     "PickBody",
     "PickPlaceBody",
     "PlaceBody",
@@ -68,7 +70,9 @@ __all__ = [
     "RoadmapBody",
     "SceneBody",
     "SceneVersion",
+    "SettingsBody",
     "read_body",
+    "sent",
 ]
 
 MAX_TIME_LIMIT = 600.0
@@ -106,6 +110,15 @@ def read_body(model: type[B], data: bytes, robot: Robot) -> B:
     """
     place = Path("body")
     return read_record(model, parse_json(place, data), place, BodyReading(joints=robot.n, robot=robot))
+
+
+def sent(model: type[Record], field: str, value: Any) -> dict[str, Any] | None:
+    """What a client sends of a value; None of None.
+
+    Raises:
+        InvalidRequest: It cannot be sent; the message names ``field``, or what of the value is the reason.
+    """
+    return None if value is None else recorded(field, lambda: model.of(value)).document()
 
 
 # Kinds of values.
@@ -495,21 +508,6 @@ class RoadmapBody(InWorld):
     planner: PlannerBody
     seed: Count = 0
     padding: float = 0.001
-
-
-BODIES: dict[str, type[Body]] = {
-    "plans": PlanBody,
-    "certify": CertifyBody,
-    "check": CheckBody,
-    "pick": PickBody,
-    "place": PlaceBody,
-    "pick_place": PickPlaceBody,
-    "move_linear": MoveLinearBody,
-    "replan": ReplanBody,
-    "explain": ExplainBody,
-    "roadmaps": RoadmapBody,
-}
-"""The bodies of requests for work, by their route and kind."""
 
 
 class SceneBody(Record):
