@@ -41,10 +41,9 @@ from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import plan, require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in
+from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in, torque_limits
 from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
-from planner_service.planning.timing_stage import torque_limits
 from planner_service.presentation.page import OpenPage, Showable, show_page
 from planner_service.presentation.progress import bar
 from planner_service.replanning.replan import replan
@@ -135,7 +134,7 @@ class PlannerService:
 
     def _window(self, q: ArrayLike | None) -> tuple[CollisionChecker, Prepared[Certifier]]:
         """What plans and proves where continuous joints have made some turns; the usual if they have not."""
-        robot = self.robot if q is None else self.robot.around(q)
+        robot = self.robot.around(q) if q is not None and any(self.robot.continuous) else self.robot
         if robot is self.robot:
             return self._planning, self._certifier
         known = self._windows.get(robot)
@@ -182,8 +181,7 @@ class PlannerService:
         flag("trace", trace)
         tracer = Tracer() if trace else None
         checker, certifier = self._window(request.start if not isinstance(request.planner, Roadmap) else None)
-        result = plan(request, checker, certifier, cancel=cancel, tracer=tracer)
-        return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
+        return plan(request, checker, certifier, cancel=cancel, tracer=tracer, origin=Origin(self.world, request))
 
     def explain(
         self,
@@ -278,7 +276,7 @@ class PlannerService:
 
         def followed(points: FloatArray) -> PlanResult:
             blends = np.full(len(points), request.blend)
-            asked = FollowRequest(points, (), Pace.of(request), blends, constraints=request.constraints)
+            asked = FollowRequest(points, (), request.pace, blends, constraints=request.constraints)
             result = follow(asked, checker, certifier, cancel=cancel)
             return replace(result, goal_index=way.goal_index, origin=Origin(self.world, None, asked.pace))
 

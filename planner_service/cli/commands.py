@@ -28,10 +28,9 @@ from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.files.package_data import RELEASE
 from planner_service.parallel.named import engine_named
-from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.request import Pace, PlanRequest, torques_of
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.planning.task_result import task_lines, task_rows
-from planner_service.planning.timing_stage import torques_of
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.explanation import ReachedRecord

@@ -203,7 +203,7 @@ class CollisionChecker:
         """What was asked so far, of this checker and its variants, by all threads."""
         return self.ledger.counts
 
-    @property
+    @cached_property
     def reach(self) -> FloatArray:
         """Metres that any point of the robot, and of what it carries, moves per unit of each joint at most, (n,)."""
         return read_only(self._reach)

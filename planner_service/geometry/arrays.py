@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,6 +29,7 @@ __all__ = [
     "frozen",
     "joint_distance",
     "minus",
+    "polyline_length",
     "product",
     "read_only",
     "rpy_matrix",
@@ -86,6 +88,12 @@ def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:
     for x, y in zip(a, b, strict=True):
         total += (y - x) * (y - x)
     return math.sqrt(total)
+
+
+def polyline_length(points: FloatArray) -> float:
+    """L2 length of a polyline (N, n)."""
+    rows = points.tolist()
+    return math.fsum(joint_distance(a, b) for a, b in pairwise(rows))
 
 
 def vector(values: Sequence[float]) -> Vector:

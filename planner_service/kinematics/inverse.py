@@ -9,19 +9,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, items, number, numbers, whole
 from planner_service.kinematics.tool_arm import descended, tool_arm
-from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.kinematics.wxai_inverse import WxaiInverse
 from planner_service.presentation.measures import range_text
+from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
 __all__ = [
@@ -36,8 +37,10 @@ __all__ = [
     "TURN_METRES",
     "LineStop",
     "LineStopReason",
+    "ToolChain",
     "ToolLine",
     "closest_configuration",
+    "configurations_at",
     "interpolate",
     "inverse_is_complete",
     "inverse_kinematics",
@@ -94,6 +97,59 @@ RATE_SLACK = 1e-6
 
 LIMIT_SLACK = 1e-9
 """A joint value at most this far outside its limits (rad) is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolChain:
+    """A robot reduced to the joints that move its tool.
+
+    Attributes:
+        robot: A robot of these joints alone, without shapes; the whole robot if all of its joints move the tool.
+        columns: The entries of the whole robot's q that they are.
+        still: q (n,) of the whole robot; the other joints stay at its values.
+    """
+
+    robot: Robot
+    columns: Sequence[int]
+    still: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, still: FloatArray) -> ToolChain:
+        """The chain of ``robot`` with its other joints at the values of ``still``, n finite numbers.
+
+        Raises:
+            InvalidRequest: No joint moves the tool, or a joint outside the chain is beyond its limits.
+        """
+        columns = _tool_joints(robot)
+        if len(columns) == robot.n:
+            return cls(robot, columns, still)
+        if not columns:
+            raise InvalidRequest("tool_frame", robot.tool_frame, "a tool that a joint moves; ask for joint values")
+        locked = {}
+        limits = zip(*(bound.tolist() for bound in robot.bounds), strict=True)
+        for index, (name, value, (low, high)) in enumerate(zip(robot.joint_names, still.tolist(), limits, strict=True)):
+            if index not in columns:
+                if not low - LIMIT_SLACK <= value <= high + LIMIT_SLACK:
+                    raise InvalidRequest(f"still: {name}", value, f"within {range_text(low, high, value)}")
+                locked[name] = low  # any value will do: it does not move the chain
+        bare = replace(robot, shapes=(), gripper=None, retreats=())
+        return cls(bare.locked(locked), columns, still)
+
+    def of_whole(self, q: FloatArray) -> FloatArray:
+        """The chain's part of configurations (..., n)."""
+        return np.asarray(q[..., self.columns])
+
+    def whole(self, Q: FloatArray) -> FloatArray:
+        """Configurations (m, n) of the whole robot for configurations (m, k) of the chain."""
+        out = np.repeat(self.still[np.newaxis], len(Q), axis=0)
+        out[:, self.columns] = Q
+        return out
+
+
+@lru_cache(maxsize=32)
+def _tool_joints(robot: Robot) -> list[int]:
+    """The entries of q that move the tool, sorted."""
+    return sorted({robot.bodies[index].q_index for index in chain_to_base(robot.bodies, robot.tool_body)})
 
 
 class LineStopReason(Enum):
@@ -195,13 +251,21 @@ def inverse_kinematics(
     whole("seed", seed, 0, 2**63 - 1)
     starts: tuple[Any, ...] = items("seeds", seeds, object, "configurations")
     given = [finite_numbers(f"seeds[{i}]", q, robot.n) for i, q in enumerate(starts)]
-    chain = ToolChain.of(robot, robot.home if still is None else finite_numbers("still", still, robot.n))
-    given = [chain.of_whole(q) for q in given]
+    rest = robot.home if still is None else finite_numbers("still", still, robot.n)
+    return configurations_at(robot, pose, seed=seed, seeds=given, still=rest).copy()
+
+
+def configurations_at(
+    robot: Robot, pose: Pose, *, still: FloatArray, seed: int = 0, seeds: Sequence[FloatArray] = ()
+) -> FloatArray:
+    """``inverse_kinematics`` of configurations that are known to be n finite numbers; read-only."""
+    chain = ToolChain.of(robot, still)
+    given = [chain.of_whole(q) for q in seeds]
     if robot.inverse == "wxai":
         solutions = WxaiInverse.of(chain.robot).solve(pose, [q.tolist() for q in given])
     else:
         solutions = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
-    return chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n))
+    return frozen(chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n)))
 
 
 def inverse_is_complete(robot: Robot, pose: Pose) -> bool:

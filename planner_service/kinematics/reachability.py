@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike
 from planner_service.geometry.arrays import FloatArray, as_sent, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, whole
-from planner_service.kinematics.inverse import inverse_kinematics, sampled_range, tool_error
+from planner_service.kinematics.inverse import ToolChain, inverse_kinematics, sampled_range, tool_error
 from planner_service.kinematics.numeric_inverse import approach
 from planner_service.kinematics.tool_arm import descended
-from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.robot.model import Robot
 
 __all__ = ["Cause", "LimitExcess", "Slip", "Suggestion", "Unreachable", "why_unreachable"]

@@ -27,6 +27,7 @@ from planner_service.kinematics.inverse import (
     SAMPLED_SHARE,
     LineStop,
     LineStopReason,
+    ToolChain,
     ToolLine,
     interpolate,
     nearest_configuration,
@@ -36,7 +37,6 @@ from planner_service.kinematics.inverse import (
     tool_error,
     travel,
 )
-from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.path.corner_blend import integral
 from planner_service.path.joint_path import MIN_FORWARD
 from planner_service.robot.model import Robot

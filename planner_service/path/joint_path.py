@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, frozen, read_only, set_fields
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, frozen
 from planner_service.geometry.validation import FLOAT64, numbers, whole
 from planner_service.path.corner_blend import Blends
 
@@ -46,6 +46,8 @@ MIN_FORWARD = 0.2
 would advance while the robot stands still."""
 
 ORDERS = range(4)
+
+WAYPOINTS = "rows of equally many numbers, shape (N, n)"
 
 NO_BLENDS = frozen(np.zeros(0))
 
@@ -83,7 +85,7 @@ def require_order(order: object) -> int:
 
 
 def _waypoints(values: Any) -> FloatArray:
-    points = numbers("waypoints", values, "rows of equally many numbers, shape (N, n)")
+    points = np.array(values) if _are_floats(values) else numbers("waypoints", values, WAYPOINTS)
     if points.ndim != 2 or 0 in points.shape:
         raise InvalidRequest("waypoints", points.shape, "shape (N, n) with N >= 1 waypoints of n >= 1 joints")
     if not np.isfinite(points).all():
@@ -97,7 +99,7 @@ def _widths(values: Any, count: int) -> list[float]:
     if values is NO_BLENDS:
         return [0.0] * count
     expected = f"{count} finite numbers, each 0 or at least {MIN_WIDTH:g}, the first and the last 0, or none"
-    given = numbers("blends", values, expected)
+    given = values if _are_floats(values) else numbers("blends", values, expected)
     if given.shape == (0,):
         return [0.0] * count
     widths: list[float] = given.tolist()
@@ -151,7 +153,7 @@ class _Polyline:
     @classmethod
     def through(cls, points: FloatArray, steps: FloatArray) -> _Polyline:
         """The polyline through points so far apart, of which none coincides with the one before it."""
-        knots = read_only(list(accumulate(steps.tolist(), initial=0.0)))
+        knots = np.array(list(accumulate(steps.tolist(), initial=0.0)))
         lengths, moves = knots[1:] - knots[:-1], points[1:] - points[:-1]
         tangents = moves / steps[:, np.newaxis]
         turns: tuple[int, ...] = ()
@@ -163,7 +165,8 @@ class _Polyline:
             if noise.max() > NOISY:
                 turning |= _turned(tangents, lengths, ROUNDING * np.abs(points).max(), turning)
             turns = tuple((np.flatnonzero(turning) + 1).tolist())
-        return cls(frozen(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
+        points.flags.writeable = knots.flags.writeable = False
+        return cls(points, knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
 
     def turns_back(self, k: int) -> bool:
         """Whether the corner at inner point k almost turns back."""
@@ -235,6 +238,10 @@ class JointPath:
         breaks: s from 0 to ``length`` where straight pieces and blends meet, and at waypoints that are not blended,
             shape (m + 1,).
         blended: Which of the m pieces between breaks are blends, shape (m,).
+        length: L2 joint arc length of the polyline.
+        n: Number of joints.
+        tangents: Unit tangents of the lines between waypoints, (N - 1, n).
+        turns: Indices of inner waypoints where the polyline turns, blended or not.
 
     Raises:
         InvalidRequest: Another shape, a number that is not finite, blends that overlap, or one at a corner that turns
@@ -246,6 +253,10 @@ class JointPath:
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
     blended: BoolArray = field(init=False)
+    length: float = field(init=False)
+    n: int = field(init=False)
+    tangents: FloatArray = field(init=False)
+    turns: tuple[int, ...] = field(init=False)
     _polyline: _Polyline = field(init=False)
     _lines: IntArray = field(init=False)
     _rows: IntArray = field(init=False)
@@ -266,11 +277,26 @@ class JointPath:
         """Set all fields: the curve along a polyline with these blend widths."""
         blends = _allowed_blends(polyline, widths)
         pieces = list(_pieces(polyline.knots.tolist(), blends))
-        rows = np.array([piece[2] for piece in pieces], dtype=np.intp)
-        breaks = read_only([*(piece[0] for piece in pieces), polyline.knots[-1]])
-        lines = np.array([piece[1] for piece in pieces], dtype=np.intp)
-        set_fields(self, waypoints=polyline.points, blends=read_only(blends), knots=polyline.knots, breaks=breaks)
-        set_fields(self, blended=rows >= 0, _polyline=polyline, _lines=lines, _rows=rows)
+        starts, lines, rows = (np.array([piece[k] for piece in pieces]) for k in range(3))
+        arrays = {
+            "blends": np.array(blends),
+            "breaks": np.append(starts, polyline.knots[-1]),
+            "blended": rows >= 0,
+            "_lines": lines.astype(np.intp),
+            "_rows": rows.astype(np.intp),
+        }
+        for array in arrays.values():
+            array.flags.writeable = False
+        self.__dict__.update(
+            arrays,
+            waypoints=polyline.points,
+            knots=polyline.knots,
+            length=float(polyline.knots[-1]),
+            n=polyline.points.shape[1],
+            tangents=polyline.tangents,
+            turns=polyline.turns,
+            _polyline=polyline,
+        )
 
     @cached_property
     def _curves(self) -> Blends:
@@ -289,27 +315,7 @@ class JointPath:
         blended = f", {int(self.blended.sum())} blends" if np.any(self.blended) else ""
         return f"JointPath(<{len(self.waypoints)} waypoints{blended}, {self.n} joints, length {self.length:.6g}>)"
 
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(self.waypoints.shape[1])
-
-    @property
-    def length(self) -> float:
-        """L2 joint arc length of the polyline."""
-        return float(self.knots[-1])
-
-    @property
-    def tangents(self) -> FloatArray:
-        """Unit tangents of the lines between waypoints, (N - 1, n)."""
-        return self._polyline.tangents
-
-    @property
-    def turns(self) -> tuple[int, ...]:
-        """Indices of inner waypoints where the polyline turns, blended or not."""
-        return self._polyline.turns
-
-    @property
+    @cached_property
     def corners(self) -> tuple[int, ...]:
         """Indices of inner waypoints where the direction jumps, so that the robot has to stop."""
         blends = self.blends.tolist()
@@ -423,7 +429,8 @@ class JointPath:
         """
         rows = np.flatnonzero(self.blends > 0.0)
         columns = self.knots[rows, None], self.blends[rows, None], self.waypoints[rows]
-        blends = frozen(np.concatenate([*columns, self.tangents[rows - 1], self.tangents[rows]], axis=1))
+        blends = np.concatenate([*columns, self.tangents[rows - 1], self.tangents[rows]], axis=1)
+        blends.flags.writeable = False
         return (self.waypoints, self.knots, self.tangents, self.breaks, self._lines, self._rows, blends)
 
     def reversed(self) -> JointPath:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -109,8 +110,17 @@ class Trajectory:
     ) -> Trajectory:
         """A trajectory from arrays of compiled code, which has checked and computed what ``Trajectory`` does."""
         trajectory = object.__new__(cls)
-        set_fields(trajectory, path=path, durations=durations, coefficients=coefficients, dilation=dilation, part=None)
-        set_fields(trajectory, knots=knots, geometry=geometry, _ends=ends)
+        trajectory.__dict__.update(
+            path=path,
+            durations=durations,
+            coefficients=coefficients,
+            dilation=dilation,
+            part=None,
+            knots=knots,
+            geometry=geometry,
+            _ends=ends,
+            duration=float(knots[-1]),
+        )
         return trajectory
 
     def __repr__(self) -> str:
@@ -135,7 +145,7 @@ class Trajectory:
         """s where it ends."""
         return self.path.length if self.part is None else self.part[1]
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Seconds from start to end; 0 for a path of one point."""
         return float(self.knots[-1])

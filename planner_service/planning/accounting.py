@@ -1,8 +1,12 @@
-"""What one call costs, stage by stage, within what limits, and what its result will say."""
+"""What one call costs, stage by stage, within what limits, and what its result will say; and the stages that end each.
+
+The tool's speed is not a polynomial in time, so its peak is found by sampling, ever denser around the highest samples.
+"""
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -17,20 +21,22 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval, KeptRefusal, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, SearchStopped, TimeBoxSpent
-from planner_service.concurrency.polling import Prepared
+from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints import Constraint
 from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set
 from planner_service.kinematics.projection import Projector, projector_of
+from planner_service.kinematics.tool_speed import peak_tool_speed, tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import (
     Failure,
     KeptPadding,
     MotionReport,
     NearEnd,
+    Origin,
     PlanResult,
     PolishReport,
     Reason,
@@ -39,8 +45,11 @@ from planner_service.planning.result import (
 )
 from planner_service.presentation.measures import clearance_text
 from planner_service.roadmap import Roadmap
+from planner_service.robot.model import JointLimits, Robot
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND
+from planner_service.timing.laws import TimingFailed, stop_duration, time_with_peaks
+from planner_service.timing.segments import SpeedLimit
 from planner_service.timing.torque_limits import TorqueLimits
 
 T = TypeVar("T")
@@ -55,11 +64,16 @@ __all__ = [
     "narrower",
     "proof_note",
     "require_proven",
+    "timed",
     "told_of_stages",
+    "tool_speed_limit",
     "unproven",
 ]
 
 logger = logging.getLogger(__name__)
+
+LONG = 200
+"""Waypoints beyond which a path may take long to time: then the time limit is watched meanwhile."""
 
 _told: ContextVar[Callable[[StageReport], object] | None] = ContextVar("_told", default=None)
 
@@ -103,6 +117,8 @@ class PlanAccounting:
         seconds: Wall time.
         cancel: Ends it when cancelled.
         roadmap: That of the request.
+        tracer: Told how the search goes; None if nobody asked.
+        origin: What the result says that it comes from.
 
     Attributes:
         notes: As in the result; so are ``deterministic``, ``padding``, ``near_ends``, ``attempts``, ``roadmap`` and
@@ -120,14 +136,17 @@ class PlanAccounting:
         seconds: float | None = None,
         cancel: CancelToken | None = None,
         roadmap: Roadmap | None = None,
+        tracer: Tracer | None = None,
+        origin: Origin | None = None,
     ) -> None:
         self.ledger, self._robot = checker.ledger, checker.robot
-        self._tally = checker.ledger.own
+        self.tally = checker.ledger.own
         self._states, self._search_states = states, search_states
         self._seconds, self._cancel = seconds, cancel
+        self.tracer, self._origin = tracer, origin
         self._reports: dict[Stage, StageReport] = {}
         self._stage = Stage.ENDPOINTS
-        self._hits = Counter(self._tally.hits)
+        self._hits = Counter(self.tally.hits)
         self.notes: list[str] = []
         self.deterministic = True
         self.padding = 0.0
@@ -151,6 +170,12 @@ class PlanAccounting:
         if constraints:
             self.constraints = constraint_set(self._robot, tuple(constraints))
             self.projector = projector_of(self.constraints)
+
+    def require_end(self, end: str, *Q: FloatArray) -> None:
+        """Refuse configurations (n,) of an end as ``require_kept`` and ``require_held`` do."""
+        for q in Q:
+            self.require_kept(end, q)
+            self.require_held(end, q)
 
     def require_kept(self, end: str, q: FloatArray) -> None:
         """Refuse an end that does not keep the constraints.
@@ -183,14 +208,24 @@ class PlanAccounting:
             raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end}: {objection}"))
 
     @contextmanager
-    def during(self, stage: Stage) -> Iterator[StageEntry]:
-        """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up."""
+    def during(self, stage: Stage, *, improving: str = "") -> Iterator[StageEntry]:
+        """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up.
+
+        Args:
+            improving: What the block does to a path which is a plan without it, such as "shortened": a limit then ends
+                the block alone, and the entry says so.
+        """
         self._stage = stage
         entry = StageEntry()
-        tally, clock = self._tally, time.perf_counter()
+        tally, clock = self.tally, time.perf_counter()
         before = tally.states, tally.edges, tally.distances, tally.projections
         try:
             yield entry
+        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+            if not improving:
+                raise
+            self.stopped_by(stopped)
+            entry.note = f"not {improving}: {stopped}"
         finally:
             if self.projector is not None:
                 tally.projections += self.projector.take()
@@ -214,15 +249,6 @@ class PlanAccounting:
     def back_to(self, stage: Stage, padding: float, end_trouble: str) -> None:
         """Take it that ``stage`` goes on, as it was before others in between."""
         self._stage, self.padding, self.end_trouble = stage, padding, end_trouble
-
-    @contextmanager
-    def improving(self, entry: StageEntry, what: str) -> Iterator[None]:
-        """A block that improves a path which is a plan without it: a limit ends the block alone."""
-        try:
-            yield
-        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
-            self.stopped_by(stopped)
-            entry.note = f"not {what}: {stopped}"
 
     def stopped_by(self, stopped: SearchStopped) -> None:
         """Note that a limit had a say in the result: only a number of checks is the same every time."""
@@ -285,6 +311,8 @@ class PlanAccounting:
             constraints=() if self.constraints is None else self.constraints.constraints,
             near_ends=() if path is None else self.near_ends,
             no_path=no_path,
+            trace=None if self.tracer is None else self.tracer.trace,
+            origin=self._origin,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
@@ -340,7 +368,7 @@ class PlanAccounting:
     @property
     def _blocked(self) -> tuple[tuple[str, str, float], ...]:
         """What the search ran into, most frequent first, with shares."""
-        hits = self._tally.hits - self._hits
+        hits = self.tally.hits - self._hits
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
         return tuple((a, b, count / total) for (a, b), count in worst)
@@ -355,14 +383,12 @@ class PlanContext:
         checker: Judges and counts, without padding; its limits are those of the call.
         certifier: Proves the path in the end.
         accounting: Told by each stage what the result will say.
-        tracer: Told how the search goes; None if nobody asked.
     """
 
     request: PlanRequest
     checker: CollisionChecker
     certifier: Prepared[Certifier]
     accounting: PlanAccounting
-    tracer: Tracer | None = None
 
 
 def certify(
@@ -386,7 +412,7 @@ def certify(
 
 def proof_note(proof: Certificate) -> str:
     """What the CERTIFY stage says of a proof, or of its refusal."""
-    if not proof.certified:
+    if proof.refusal is not None:
         return f"refused: {proof.refusal}"
     return "; ".join([f"proven: {clearance_text(proof.clearance)}", *map(str, proof.kept)])
 
@@ -418,7 +444,7 @@ def require_proven(certificate: Certificate) -> Certificate:
     Raises:
         NoPlan: It is not.
     """
-    if not certificate.certified:
+    if certificate.refusal is not None:
         raise unproven(certificate)
     return certificate
 
@@ -435,6 +461,72 @@ def narrower(path: JointPath, refusal: Refusal | KeptRefusal, first: int = 0) ->
         return None
     widths = np.where(meant, path.blends / 2.0, path.blends)
     return path.with_blends(np.where(widths < MIN_BLEND, 0.0, widths))
+
+
+def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting) -> tuple[Trajectory, MotionReport]:
+    """The path in time, and how the robot then moves, as the TIMING stage.
+
+    Raises:
+        NoPlan: The timing law has no solution.
+    """
+    limits, torque_limits = pace.limits(robot), accounting.torque_limits
+
+    def away(work: Callable[[], T]) -> T:
+        return waited(work) if len(path.knots) > LONG else work()
+
+    with accounting.during(Stage.TIMING) as entry:
+        try:
+            limit = tool_speed_limit(path, pace, robot)
+            trajectory, ratios = away(lambda: time_with_peaks(pace.timing, path, limits, limit, torque_limits))
+            tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
+            if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
+                factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
+                trajectory, ratios = trajectory.dilated(factor), ratios.dilated(factor)
+                if torque_limits is not None:
+                    ratios = replace(ratios, torques=torque_limits.samples(trajectory).peaks())
+            stops = away(lambda: _stop_duration(trajectory, pace, robot, limits, torque_limits))
+        except TimingFailed as failed:
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
+        entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
+        settle = robot.settle_time if path.length > 0.0 else 0.0
+        return trajectory, MotionReport(ratios, tool_speed, trajectory.duration, stops, settle)
+
+
+def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
+    """The largest ds/dt at which the tool is no faster than allowed; None without a limit."""
+    speed = pace.max_tool_speed
+    if speed is None:
+        return None
+
+    def limit(s: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore"):
+            return np.asarray(speed / tool_speeds(robot, path(s), path(s, 1)))
+
+    return limit
+
+
+def _stop_duration(
+    trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits, torque_limits: TorqueLimits | None
+) -> float:
+    """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
+    path = trajectory.path
+    if not path.blended.any():
+        return trajectory.duration
+    try:
+        return _stopping(path, pace, robot, limits, torque_limits)
+    except TimingFailed:
+        return math.inf
+
+
+def _stopping(
+    path: JointPath, pace: Pace, robot: Robot, limits: JointLimits, torque_limits: TorqueLimits | None
+) -> float:
+    if pace.max_tool_speed is None:
+        return stop_duration(path, pace.timing, limits, torque_limits)
+    sharp = path.with_blends(None)
+    speed_limit = tool_speed_limit(sharp, pace, robot)
+    stopping, _ = time_with_peaks(pace.timing, sharp, limits, speed_limit, torque_limits)
+    return stopping.duration * max(1.0, peak_tool_speed(robot, stopping) / pace.max_tool_speed)
 
 
 def _blocked_in_words(blocked: tuple[tuple[str, str, float], ...]) -> str:

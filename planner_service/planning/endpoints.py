@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from planner_service.certify import MARGIN, ExemptInterval
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
-from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only, set_fields
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
+from planner_service.kinematics.inverse import configurations_at, inverse_is_complete, inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
@@ -82,6 +82,7 @@ class Ends:
         start_padding: Metres that ``start`` keeps from everything, at most what was requested.
         goals: Free goals, nearest first.
         arrived_at: The index of a requested goal that is ``begin`` itself; None if there is none.
+        padding: Metres that all of the ends keep from everything.
     """
 
     begin: FloatArray
@@ -90,11 +91,10 @@ class Ends:
     start_padding: float
     goals: tuple[GoalState, ...]
     arrived_at: int | None = None
+    padding: float = field(init=False)
 
-    @property
-    def padding(self) -> float:
-        """Metres that all of the ends keep from everything."""
-        return min(self.start_padding, *(goal.padding for goal in self.goals))
+    def __post_init__(self) -> None:
+        set_fields(self, padding=min(self.start_padding, *(goal.padding for goal in self.goals)))
 
     def all_of(self, request: PlanRequest, robot: Robot) -> tuple[FloatArray, ...] | None:
         """Every configuration that would do as an end of the motion; None if others may do, too."""
@@ -150,9 +150,7 @@ def _ends(context: PlanContext) -> Ends:
     begin = _clamped(context, np.asarray(request.start))
     start, retreat = _beyond_retreat(context, begin)
     departure = None if retreat is None else _fixed_way(context, retreat)
-    for q in (begin, start):
-        context.accounting.require_kept("start", q)
-        context.accounting.require_held("start", q)
+    context.accounting.require_end("start", begin, start)
     try:
         start_padding = _padding_at(context, start, "start")
     except NoPlan as no_plan:
@@ -170,7 +168,7 @@ def _ends(context: PlanContext) -> Ends:
     for index, ((name, stated), given) in enumerate(zip(request.named_goals(), requested, strict=True)):
         if not isinstance(given, Pose | PoseGoal):
             _note_clamped(context, name, np.asarray(stated), given)
-        context.checker.ledger.poll()
+            context.checker.ledger.poll()
         try:
             candidates = _configurations(context, name, given, begin)
         except NoPlan as no_plan:
@@ -185,9 +183,7 @@ def _ends(context: PlanContext) -> Ends:
                 arrived_at = index
             goal, arrival = _beyond_retreat(context, q)
             try:
-                for end in (q, goal):
-                    context.accounting.require_kept(name, end)
-                    context.accounting.require_held(name, end)
+                context.accounting.require_end(name, q, goal)
                 goals.append(GoalState(goal, index, arrival, _padding_at(context, goal, name)))
             except NoPlan as no_plan:
                 if not failures and no_plan.failure.reason is Reason.GOAL_IN_COLLISION:
@@ -200,7 +196,8 @@ def _ends(context: PlanContext) -> Ends:
             words = f"all {len(failures)} ends that would do are refused ({', '.join(sorted(pairs))})"
             first = replace(first, detail=f"{first.detail}; {words}")
         raise NoPlan(_explained(context, first, requested[0], colliding, begin))
-    goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
+    if len(goals) > 1:
+        goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
     return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
 
 
@@ -295,8 +292,8 @@ def _configurations(
     solutions = list[FloatArray]()
     for pose in poses:
         context.checker.ledger.poll()
-        found = inverse_kinematics(robot, pose, still=begin)
-        solutions += [read_only(q) for q in found] if not any(robot.continuous) else _nearest_turns(robot, found, begin)
+        found = configurations_at(robot, pose, still=begin)
+        solutions += _nearest_turns(robot, found, begin) if any(robot.continuous) else list(found)
     if not solutions:
         x, y, z = (given if isinstance(given, Pose) else given.pose).position
         tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
@@ -340,8 +337,9 @@ def _ways_round(robot: Robot, goal: FloatArray, begin: FloatArray) -> list[Float
 def _beyond_retreat(context: PlanContext, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:
     """Where planning goes on from q: the end of the fixed way out, if q is a colliding pose that has one."""
     checker = context.checker
+    poses = dict(checker.robot.named_poses)
     for retreat in checker.robot.retreats:
-        rest = checker.robot.pose(retreat.pose)
+        rest = poses[retreat.pose]
         if _farthest(q, rest) > SAME_POSE or checker.state_is_free(q):
             continue
         pairs = checker.parts.labels.links(retreat.pairs)
@@ -455,8 +453,7 @@ def _with_nearest_free(context: PlanContext, failure: Failure, q: FloatArray) ->
         if not checker.state_is_free(q):
             return False
         with suppress(NoPlan):
-            context.accounting.require_kept("start", q)
-            context.accounting.require_held("start", q)
+            context.accounting.require_end("start", q)
             return True
         return False
 

@@ -20,11 +20,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import NoPlan, PlanAccounting, certified_path, require_proven
+from planner_service.planning.accounting import NoPlan, PlanAccounting, certified_path, require_proven, timed
 from planner_service.planning.kept_padding import padding_kept
-from planner_service.planning.request import Pace, clamp_note, clamped, kept_in
+from planner_service.planning.request import Pace, clamp_note, clamped, kept_in, torques_of
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import timed, torques_of
 from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 
@@ -126,8 +125,7 @@ def follow(
 
     def stages() -> PlanResult:
         with accounting.during(Stage.ENDPOINTS):
-            accounting.require_kept("start", points[0])
-            accounting.require_held("start", points[0])
+            accounting.require_end("start", points[0])
             accounting.require_held("goal", points[-1])
             _judge_first(checker, points, request.contacts)
         with accounting.during(Stage.STRAIGHT_LINE) as entry:

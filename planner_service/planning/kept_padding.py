@@ -72,7 +72,7 @@ def padding_kept(
         exempt = (*plain, *(ExemptInterval(each.s_start, each.s_end, each.pairs, "close") for each in near))
         return certifier.certify(path, padding=padding, exempt=exempt, part=span, charge=accounting.ledger.charge)
 
-    with accounting.during(Stage.CERTIFY) as entry, accounting.improving(entry, "proven with more padding"):
+    with accounting.during(Stage.CERTIFY, improving="proven with more padding") as entry:
         entry.note = proof_note(certificate)
         proof = proven(asked, ())
         if proof.certified:

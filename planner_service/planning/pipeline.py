@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.values import Constraint
 from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, joint_distance
+from planner_service.geometry.arrays import FloatArray, joint_distance, polyline_length
 from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath
@@ -26,20 +25,19 @@ from planner_service.planning.accounting import (
     NoPlan,
     PlanAccounting,
     PlanContext,
-    StageEntry,
     certified_path,
     certify,
     require_proven,
+    timed,
     unproven,
 )
 from planner_service.planning.endpoints import Ends, find_ends, padded_ends, require_ends
 from planner_service.planning.kept_padding import line_keeps_padding, padding_kept
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
-from planner_service.planning.request import Pace, PlanRequest, kept_in
-from planner_service.planning.result import KeptPadding, MotionReport, PlanResult, Reason, Stage
+from planner_service.planning.request import PlanRequest, kept_in, torques_of
+from planner_service.planning.result import KeptPadding, MotionReport, Origin, PlanResult, Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, require_robot
 from planner_service.planning.search_stage import Candidates, NoProgress, SearchRound, Tries
-from planner_service.planning.timing_stage import timed, torques_of
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
@@ -47,6 +45,7 @@ from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import blended
+from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["plan", "require_plannable"]
 
@@ -64,8 +63,10 @@ POLISH_SHARE = 0.7
 """Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
 
 
-def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> tuple[Constraint, ...]:
-    """Refuse a request that cannot be asked of a robot in a scene; what its motion keeps.
+def require_plannable(
+    request: PlanRequest, robot: Robot, scene: Scene
+) -> tuple[tuple[Constraint, ...], TorqueLimits | None]:
+    """Refuse a request that cannot be asked of a robot in a scene; the constraints and the torque limits of its motion.
 
     Raises:
         InvalidRequest: Its start, a goal or its roadmap is of another robot, it is to be optimised without the compiled
@@ -77,12 +78,11 @@ def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> tuple
         require_kernel("polish" if request.polish is not None else "planner", request.optimise)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
-    torques_of(Pace.of(request), robot, scene)
-    constraints = kept_in(scene, request.constraints)
-    request.require_keeping(constraints)
+    limits, constraints = torques_of(request.pace, robot, scene), kept_in(scene, request.constraints)
     if constraints:
+        request.require_keeping(constraints)
         constraint_set(robot, constraints)
-    return constraints
+    return constraints, limits
 
 
 def plan(
@@ -92,6 +92,7 @@ def plan(
     *,
     cancel: CancelToken | None = None,
     tracer: Tracer | None = None,
+    origin: Origin | None = None,
 ) -> PlanResult:
     """What comes of a request.
 
@@ -99,7 +100,7 @@ def plan(
         InvalidRequest: As ``require_plannable``.
         UnknownName: The same.
     """
-    constraints = require_plannable(request, checker.robot, checker.scene)
+    constraints, torque_limits = require_plannable(request, checker.robot, checker.scene)
     accounting = PlanAccounting(
         checker,
         states=request.max_checks,
@@ -107,10 +108,13 @@ def plan(
         seconds=request.time_limit,
         cancel=cancel,
         roadmap=request.planner if isinstance(request.planner, Roadmap) else None,
+        tracer=tracer,
+        origin=origin,
     )
-    accounting.keep(constraints)
-    accounting.torque_limits = torques_of(Pace.of(request), checker.robot, checker.scene)
-    context = PlanContext(request, checker, certifier, accounting, tracer)
+    if constraints:
+        accounting.keep(constraints)
+    accounting.torque_limits = torque_limits
+    context = PlanContext(request, checker, certifier, accounting)
     try:
         return accounting.within_limits(lambda: _stages(context))
     except NoPlan as no_plan:
@@ -132,12 +136,17 @@ def _stages(context: PlanContext) -> PlanResult:
     if candidates is None and narrow is not None:
         candidates = search_stage.roomier(context, ends, narrow)
     proof = _found(context, ends) if candidates is None else _prove(context, ends, candidates)
+    return _finish(context, ends, _proven_again(context, ends, proof) if proof.refused else proof)
+
+
+def _proven_again(context: PlanContext, ends: Ends, proof: _Proof) -> _Proof:
+    """The first path of further searches that is proven, or the refusal of the last."""
     for number, padding in enumerate(search_stage.retry_paddings(context.request), start=1):
         if proof.refused:
             searching = SearchRound(number, padding, padding)
             candidates = search_stage.search_again(context, ends, searching, proof.certificate)
             proof = proof if candidates is None else _prove(context, ends, candidates)
-    return _finish(context, ends, proof)
+    return proof
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +171,7 @@ class _Proof:
     @property
     def refused(self) -> bool:
         """Whether it could not be proven."""
-        return not self.certificate.certified
+        return self.certificate.refusal is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,22 +236,23 @@ def _found(context: PlanContext, ends: Ends) -> _Proof:
     Raises:
         NoPlan: There is none, or the search was in vain.
     """
-    ledger, before = context.checker.ledger, context.checker.ledger.own.states
+    tally = context.accounting.tally
+    before = tally.states
     tries = Tries(pause=PAUSES[0])
     for following in (*PAUSES[1:], None):
         try:
             return _prove(context, ends, search_stage.search(context, ends, tries=tries))
         except NoProgress:
-            states = ledger.own.states - before
+            states = tally.states - before
             narrow = _otherwise(context, ends, tries, states)
             if narrow is not None:
                 return narrow
             tries = Tries(tries.pause or 0, following, tries.states + states)
-            before = ledger.own.states
+            before = tally.states
         except (CheckBudgetSpent, NoPlan) as over:
             if isinstance(over, NoPlan) and over.failure.reason is not Reason.PLANNING_FAILED:
                 raise
-            narrow = _otherwise(context, ends, tries, ledger.own.states - before)
+            narrow = _otherwise(context, ends, tries, tally.states - before)
             if narrow is not None:
                 return narrow
             raise
@@ -360,8 +370,9 @@ def _finish(context: PlanContext, ends: Ends, proof: _Proof) -> PlanResult:
         NoPlan: It is not, or the timing law has no solution.
     """
     accounting = context.accounting
-    require_proven(proof.certificate)
-    if proof.candidates is not None:
+    if proof.refused:
+        raise unproven(proof.certificate)
+    if proof.candidates is not None and accounting.roadmap is not None:
         search_stage.remember(context, proof.candidates, proof.turn)
     if proof.motion is None:
         proof = _in_time(context, proof)
@@ -394,19 +405,23 @@ def _in_time(context: PlanContext, proof: _Proof) -> _Proof:
     if report.duration <= report.stop_duration:
         return blends
     accounting = context.accounting
-    with suppress(NoPlan), accounting.improving(StageEntry(), "compared with stops"):
+    try:
         path, certificate = certified_path(
             proof.path.with_blends(None), context.certifier.get(), accounting, proof.certificate.exempt
         )
         trajectory, stopping = _timed(context, path)
-        if certificate.certified and stopping.duration < report.duration:
+        if certificate.refusal is None and stopping.duration < report.duration:
             accounting.notes.append("stops at the corners are faster here than blends: none was kept")
             return replace(proof, path=path, certificate=certificate, motion=(trajectory, stopping))
+    except NoPlan:
+        pass
+    except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+        accounting.stopped_by(stopped)
     return blends
 
 
 def _timed(context: PlanContext, path: JointPath) -> tuple[Trajectory, MotionReport]:
-    return timed(path, Pace.of(context.request), context.checker.robot, context.accounting)
+    return timed(path, context.request.pace, context.checker.robot, context.accounting)
 
 
 # Routes: from the requested start to the requested goal.
@@ -437,16 +452,15 @@ def _blended(context: PlanContext, route: _Route, candidates: Candidates) -> Joi
     path, size, accounting = route.path, context.request.blend, context.accounting
     if size == 0.0 or not set(path.corners) - set(route.kept):
         return path
-    with accounting.during(Stage.POLISH) as entry, accounting.improving(entry, "blended"):
+    with accounting.during(Stage.POLISH, improving="blended") as entry:
         entry.length = path.length
         sizes = np.full(len(path.waypoints), size)
         sizes[list(route.kept)] = 0.0
-        padded = candidates.round.checker(context, candidates.padding)
         projector = context.accounting.projector
 
         def is_free(path: JointPath, k: int) -> bool:
             kept = projector is None or blend_is_kept(path, k, projector)
-            return kept and padded.blend_is_free(path, k)
+            return kept and candidates.round.checker(context, candidates.padding).blend_is_free(path, k)
 
         path = blended(path, is_free, sizes, oracle=candidates.oracle)
         corners, stops = len(route.path.corners), len(path.corners)
@@ -466,12 +480,12 @@ def _optimum(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof
     optimum: Optimum | None = None
     left = checker.ledger.time_left()
     limited = checker.limited(deadline=None if left is None else time.monotonic() + POLISH_SHARE * left)
-    with accounting.during(Stage.POLISH) as entry, accounting.improving(entry, "optimised"), limited:
+    with accounting.during(Stage.POLISH, improving="optimised") as entry, limited:
         optimum, touch = optimum_path(settings, points, checker, candidates.round.checker(context, ends.padding))
         if not optimum.iterations:
             return None
         accounting.polish = judged(settings, optimum, touch)
-        entry.length, entry.note = search_stage.polyline_length(points), accounting.polish.note
+        entry.length, entry.note = polyline_length(points), accounting.polish.note
         if accounting.polish.kept:
             entry.length, entry.note = optimum.path.length, f"{settings.method.name}, {optimum.iterations} steps"
     if optimum is None or accounting.polish is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import NoneType
 from typing import Any
 
@@ -16,17 +17,19 @@ from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
+from planner_service.geometry.mass_properties import mass_properties
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.presentation.measures import outside_text
-from planner_service.robot.inertia import Payload
+from planner_service.robot.inertia import LinkInertia, Payload, tensor_numbers
 from planner_service.robot.model import JointLimits, Robot, joint_vector
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Attached, Scene
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
+from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = [
     "Goal",
@@ -38,6 +41,8 @@ __all__ = [
     "keeps_torques",
     "kept_in",
     "require_timing",
+    "torque_limits",
+    "torques_of",
 ]
 
 MIN_TOOL_SPEED = 1e-3
@@ -158,7 +163,13 @@ class PlanRequest:
         if names and self.polish is not None:
             raise InvalidRequest("polish", self.polish, f"None: an optimum does not keep constraints ({names})")
 
-    @property
+    @cached_property
+    def pace(self) -> Pace:
+        """How fast to move along the path."""
+        scales = self.velocity_scale, self.acceleration_scale
+        return Pace(self.timing, *scales, self.max_tool_speed, self.payload, self.torque_scale)
+
+    @cached_property
     def optimise(self) -> Optimise | None:
         """How paths are optimised, by ``polish`` or by ``planner``; None if they are not.
 
@@ -246,12 +257,10 @@ class Pace:
     @classmethod
     def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
         """The pace of a request, with another timing law if one is given."""
-        instance("request", request, PlanRequest, "a PlanRequest")
-        scales = request.velocity_scale, request.acceleration_scale
-        law = request.timing if timing is None else timing
-        return cls(law, *scales, request.max_tool_speed, request.payload, request.torque_scale)
+        pace = instance("request", request, PlanRequest, "a PlanRequest").pace
+        return pace if timing is None else replace(pace, timing=timing)
 
-    @property
+    @cached_property
     def keeps_torques(self) -> bool:
         """Whether torque limits are kept."""
         return keeps_torques(self.timing)
@@ -270,13 +279,48 @@ class Pace:
         return effective_limits(self.timing, limits)
 
 
+def torque_limits(robot: Robot, scene: Scene, payload: Payload | None = None, scale: float = 1.0) -> TorqueLimits:
+    """The torque limits of a robot that carries a payload, and the attached objects of a scene that have a mass.
+
+    Raises:
+        InvalidRequest: As ``TorqueLimits``.
+    """
+    tool = Pose.from_matrix(robot.tool_placement)
+    loads = [] if payload is None else [_payload(payload)]
+    loads += [_attached(held, held.mass) for held in scene.attached if held.mass is not None]
+    carried = (replace(load, body=robot.tool_body, pose=tool @ load.pose) for load in loads)
+    return TorqueLimits(robot, tuple(carried), scale)
+
+
+def torques_of(pace: Pace, robot: Robot, scene: Scene) -> TorqueLimits | None:
+    """The torque limits that a pace asks for; None if it asks for none.
+
+    Raises:
+        InvalidRequest: As ``TorqueLimits``.
+    """
+    return torque_limits(robot, scene, pace.payload, pace.torque_scale) if pace.keeps_torques else None
+
+
+def _payload(payload: Payload) -> LinkInertia:
+    """A payload in the tool frame."""
+    return LinkInertia("payload", 0, payload.mass, payload.inertia, Pose(payload.com))
+
+
+def _attached(held: Attached, mass: float) -> LinkInertia:
+    """An object in the tool frame whose mass is spread evenly over its shape."""
+    volume, (x, y, z), tensor = mass_properties(held.shape)
+    numbers = tensor_numbers(np.asarray(tensor) * (mass / volume))
+    return LinkInertia(held.name, 0, mass, numbers, held.pose @ Pose((float(x), float(y), float(z))))
+
+
 def kept_in(scene: Scene, asked: Sequence[Constraint]) -> tuple[Constraint, ...]:
     """What a motion in a scene keeps: what was asked for, and the constraints of what the robot carries, each once.
 
     Raises:
         InvalidRequest: There are more than 16 in all.
     """
-    return checked_constraints(list(dict.fromkeys((*asked, *scene.constraints))))
+    kept = dict.fromkeys((*asked, *scene.constraints))
+    return checked_constraints(list(kept)) if kept else ()
 
 
 def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:

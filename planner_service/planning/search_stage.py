@@ -6,11 +6,10 @@ the first tries are short. What they leave may be hard: from then on each try ge
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, cycle, islice, pairwise, repeat
+from itertools import count, islice, repeat
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from planner_service.certify import Certificate
 from planner_service.collision import Cancelled, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, joint_distance
+from planner_service.geometry.arrays import FloatArray, joint_distance, polyline_length
 from planner_service.optimize import Optimise
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
@@ -46,7 +45,6 @@ __all__ = [
     "fresh_seed",
     "fresh_tries",
     "oracle_of",
-    "polyline_length",
     "remember",
     "retry_paddings",
     "roomier",
@@ -161,7 +159,7 @@ def roomier(context: PlanContext, ends: Ends, narrow: Candidates) -> Candidates:
     left = ledger.time_left()
     deadline = None if left is None else time.monotonic() + left / 2.0
     try:
-        with context.checker.limited(states=ROOMIER_STATES, deadline=deadline):
+        with context.checker.ledger.limited(states=ROOMIER_STATES, deadline=deadline):
             leads = None
             if context.accounting.constraints is None:
                 with accounting.during(Stage.SEARCH):
@@ -243,7 +241,7 @@ def remember(context: PlanContext, candidates: Candidates, turn: int) -> None:
     pieces = roadmap.unknown_pieces(points)  # those of a longer edge, which was judged at other samples
     judged = not pieces
     if pieces:
-        with context.accounting.during(Stage.ROADMAP) as entry, context.accounting.improving(entry, "remembered"):
+        with context.accounting.during(Stage.ROADMAP, improving="remembered"):
             judged = all(candidates.oracle.edge_is_free(a, b) for a, b in pieces)
     if judged:
         context.accounting.roadmap = roadmap.with_path(points)
@@ -317,7 +315,7 @@ def _search(
         NoPlan: It finds none.
         NoProgress: The tries come to a pause.
     """
-    checker, accounting, tracer = context.checker, context.accounting, context.tracer
+    checker, accounting, tracer = context.checker, context.accounting, context.accounting.tracer
     planner = _planner(context, searching)
     lower, upper = checker.robot.limits.lower, checker.robot.limits.upper
     if context.accounting.constraints is not None:  # an end may be beyond a range by rounding
@@ -383,7 +381,7 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
         tries = fresh_tries(most, request.retries, planner.patience)
     searchers = alternating(planner) if context.accounting.constraints is None else repeat(planner)
     spent: CheckBudgetSpent | None = None
-    with checker.limited(states=max(0, most - running.tries.states)):
+    with checker.ledger.limited(states=max(0, most - running.tries.states)):
         for attempt, (states, searcher) in enumerate(zip(tries, searchers, strict=False)):
             if attempt < running.tries.first:
                 continue
@@ -394,7 +392,7 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
             seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
             try:
                 problem = running.problem if seed == running.problem.seed else replace(running.problem, seed=seed)
-                with checker.limited(states=states):
+                with checker.ledger.limited(states=states):
                     result = searcher.search(problem)
             except CheckBudgetSpent as stopped:
                 if checker.ledger.room() == 0:
@@ -435,7 +433,7 @@ def _query(running: _Search, roadmap: Roadmap) -> FloatArray | None:
     states = most // 2 if roadmap.fallback else most
     context.accounting.attempt(roadmap.name)
     checker = running.round.checker(context, running.padding)
-    with context.checker.limited(states=states):
+    with context.checker.ledger.limited(states=states):
         answer = ask(roadmap, checker, running.problem)
     entry.note = f"{roadmap.name}: {answer.note}"
     if running.round.fits(roadmap, running.padding, context.request):
@@ -452,7 +450,7 @@ def _shortened(
 ) -> tuple[FloatArray, ...]:
     """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
     request, accounting = context.request, context.accounting
-    with accounting.during(Stage.SHORTCUT) as entry, accounting.improving(entry, "shortened"):
+    with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
         length = entry.length = polyline_length(points)
         rng = np.random.default_rng([request.seed, 1])
         if isinstance(oracle, ConstrainedOracle):
@@ -460,10 +458,10 @@ def _shortened(
         else:
             points = shortcut(points, oracle, rng)
         length = entry.length = polyline_length(points)
-    if context.tracer is not None:
-        context.tracer.cut(points)
+    if accounting.tracer is not None:
+        accounting.tracer.cut(points)
     if len(points) > 2:
-        with accounting.during(Stage.POLISH) as entry, accounting.improving(entry, "tidied"):
+        with accounting.during(Stage.POLISH, improving="tidied") as entry:
             entry.length = length
             pulled = pulled_in(points, oracle)
             if request.blend > 0.0:
@@ -476,7 +474,10 @@ def _shortened(
 
 def alternating(planner: Planner) -> Iterator[Planner]:
     """The planner of each try: between those of our own search OMPL's RRTConnect, which fails elsewhere."""
-    return cycle((planner, RRTConnect()) if isinstance(planner, BalancedRRTConnect) else (planner,))
+    while True:
+        yield planner
+        if isinstance(planner, BalancedRRTConnect):
+            yield RRTConnect()
 
 
 def fresh_tries(states: int, retries: int | None, patience: int) -> Iterator[int]:
@@ -500,11 +501,6 @@ def fresh_seed(seed: int, attempt: int) -> int:
     if attempt == 0:
         return seed
     return int(np.random.SeedSequence([seed, attempt]).generate_state(1)[0])
-
-
-def polyline_length(points: FloatArray) -> float:
-    """L2 length of a polyline (N, n)."""
-    return math.fsum(joint_distance(a, b) for a, b in pairwise(points.tolist()))
 
 
 def _without_repeats(points: Sequence[FloatArray]) -> FloatArray:

@@ -37,10 +37,9 @@ from planner_service.certify.pairs import pairs_of_names
 from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
-from planner_service.planning.request import Pace, PlanRequest, World, keeps_torques, kept_in
+from planner_service.planning.request import Pace, PlanRequest, World, keeps_torques, kept_in, torques_of
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.task_result import Segment, TaskResult
-from planner_service.planning.timing_stage import torques_of
 from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.request import astray

@@ -17,14 +17,14 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent
-from planner_service.geometry.arrays import FloatArray, joint_distance
+from planner_service.geometry.arrays import FloatArray, joint_distance, polyline_length
 from planner_service.optimize import Optimise
 from planner_service.path.corner_blend import STEEPEST
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.endpoints import GoalState
 from planner_service.planning.result import Failure, Reason, Stage
-from planner_service.planning.search_stage import FIRST_TRIES, alternating, fresh_seed, polyline_length
+from planner_service.planning.search_stage import FIRST_TRIES, alternating, fresh_seed
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
 from planner_service.search.edge_cache import SearchOracle, TieredOracle

@@ -35,13 +35,13 @@ from planner_service.planning.accounting import (
     certify,
     narrower,
     require_proven,
+    tool_speed_limit,
     unproven,
 )
 from planner_service.planning.endpoints import GoalState, find_ends, require_ends
 from planner_service.planning.pipeline import plan
 from planner_service.planning.request import Goal, Pace, PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import tool_speed_limit
 from planner_service.replanning.detour import CandidatePath, Detours
 from planner_service.replanning.result import OldMotion, Outcome, Replanned, request_for, underway
 from planner_service.replanning.splice import SwitchPoint

@@ -240,7 +240,7 @@ class Robot:
             visual_as_collision=flag("visual_as_collision", visual_as_collision),
         )
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of joints in q."""
         return len(self.joint_names)
@@ -309,7 +309,7 @@ class Robot:
         """The named poses, each (n,)."""
         return dict(self.named_poses)
 
-    @property
+    @cached_property
     def home(self) -> FloatArray:
         """The pose called "home", (n,)."""
         return self.pose("home")
@@ -329,7 +329,7 @@ class Robot:
     def _tree(self) -> BodyTree:
         return BodyTree(self.bodies)
 
-    @property
+    @cached_property
     def body_table(self) -> FloatArray:
         """``BodyTree.table``, (bodies - 1, 31), for compiled code."""
         return self._tree.table

@@ -182,7 +182,7 @@ class Scene:
     def _repr_html_(self) -> str:
         return render_html(scene_blocks(self))
 
-    @property
+    @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
         """What motions keep because of what is attached, each once."""
         return tuple(dict.fromkeys(constraint for held in self.attached for constraint in held.constraints))

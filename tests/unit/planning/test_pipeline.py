@@ -40,8 +40,7 @@ from planner_service import (
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.kinematics.tool_speed import peak_tool_speed, tool_speeds
 from planner_service.planning import AllowedStretch, Pace
-from planner_service.planning.accounting import certified_path
-from planner_service.planning.timing_stage import timed
+from planner_service.planning.accounting import certified_path, timed
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.support.optional import present
 from tests.support.refusals import refused_pair

@@ -44,9 +44,8 @@ from planner_service.cli.commands import app
 from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Chomp, Figures, MethodResult, Optimum, TrajOpt
 from planner_service.optimize.problem import CurveProblem
-from planner_service.planning.accounting import NoPlan
+from planner_service.planning.accounting import NoPlan, timed
 from planner_service.planning.polishing import BENT, judged, lines
-from planner_service.planning.timing_stage import timed
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.view.still.motion_plot import plot_svg

@@ -12,10 +12,9 @@ import pytest
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Box, Pose
-from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.request import Pace, PlanRequest, torque_limits
 from planner_service.planning.result import Reason, Stage
 from planner_service.planning.task_result import Handling
-from planner_service.planning.timing_stage import torque_limits
 from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.records.recertify import recertify
 from planner_service.robot.inertia import Payload
