@@ -20,10 +20,18 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK, NumpyProver, Prover, native_prover
 from planner_service.certify.separation import Bounds
-from planner_service.constraints.values import Constraint
+from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, IntArray
-from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
+from planner_service.geometry.validation import (
+    copied_in,
+    finite_numbers,
+    function_or_none,
+    instance,
+    items,
+    number,
+    numbers,
+)
 from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import proof_text, range_text
 from planner_service.robot.model import AllowedContact, Robot
@@ -274,11 +282,32 @@ class Certifier:
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         if curve.n != self.robot.n:
             raise InvalidRequest("path", curve.n, f"a path of {self.robot.n} joints")
+        function_or_none("charge", charge, "a function of a number")
+        expected = "a sequence of ToolRegion and JointRange"
+        demands: tuple[Constraint, ...] = items("constraints", constraints, (ToolRegion, JointRange), expected)
+        checked_part = None if part is None else _part_of(curve.length, part)
+        return self.proven(curve, padding, stretches, demands, checked_part, charge, trail)
+
+    def proven(
+        self,
+        curve: JointPath,
+        padding: float = 0.0,
+        stretches: tuple[ExemptInterval, ...] = (),
+        constraints: tuple[Constraint, ...] = (),
+        checked_part: Span | None = None,
+        charge: Callable[[int], None] | None = None,
+        trail: Trail | None = None,
+    ) -> Certificate:
+        """``certify`` of a path of the robot's joints, and of values that are known to be of their kinds.
+
+        Raises:
+            InvalidRequest: As ``certify``, for what is outside the joint limits or not on the path.
+            UnknownName: As ``certify``.
+        """
         self._check_limits("waypoints", curve.waypoints)  # a blend stays in the triangle of its corner
         self._check_exempt(curve.length, stretches)
-        checked_part = None if part is None else _part_of(curve.length, part)
         judged = checked_part or (0.0, curve.length)
-        kept = prove_kept(self.robot, curve, constraints, part=judged, charge=charge)
+        kept = prove_kept(self.robot, curve, constraints, part=judged, charge=charge) if constraints else ()
         if isinstance(kept, KeptRefusal):
             return Certificate(
                 -math.inf, 0, padding, stretches, kept, checked_part, self._allowed, contacts=self._contacts

@@ -18,6 +18,7 @@ __all__ = [
     "FloatArray",
     "IntArray",
     "Vector",
+    "all_read_only",
     "along",
     "as_sent",
     "axis_matrix",
@@ -54,6 +55,11 @@ _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
 def read_only(values: ArrayLike) -> FloatArray:
     """An immutable float64 copy of ``values`` that are known to be numbers; for others see ``validation.numbers``."""
     return frozen(np.array(values, dtype=np.float64))
+
+
+def all_read_only(*values: ArrayLike) -> tuple[FloatArray, ...]:
+    """``read_only`` of each."""
+    return tuple(map(read_only, values))
 
 
 def frozen(array: AnyArray) -> AnyArray:

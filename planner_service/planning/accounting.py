@@ -403,9 +403,7 @@ def certify(
     """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
     with accounting.during(Stage.CERTIFY) as entry:
         constraints = () if accounting.constraints is None else accounting.constraints.constraints
-        proof = certifier.certify(
-            path, padding=padding, exempt=exempt, constraints=constraints, part=part, charge=accounting.ledger.charge
-        )
+        proof = certifier.proven(path, padding, tuple(exempt), constraints, part, accounting.ledger.charge)
         entry.note = proof_note(proof)
         return proof
 

@@ -15,7 +15,7 @@ import numpy as np
 from planner_service.certify import MARGIN, ExemptInterval
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
-from planner_service.geometry.arrays import FloatArray, joint_distance, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import configurations_at, inverse_is_complete, inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -94,7 +94,7 @@ class Ends:
     padding: float = field(init=False)
 
     def __post_init__(self) -> None:
-        set_fields(self, padding=min(self.start_padding, *(goal.padding for goal in self.goals)))
+        self.__dict__["padding"] = min(self.start_padding, *(goal.padding for goal in self.goals))
 
     def all_of(self, request: PlanRequest, robot: Robot) -> tuple[FloatArray, ...] | None:
         """Every configuration that would do as an end of the motion; None if others may do, too."""

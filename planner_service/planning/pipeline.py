@@ -104,7 +104,7 @@ def plan(
     accounting = PlanAccounting(
         checker,
         states=request.max_checks,
-        search_states=search_stage.search_states(request),
+        search_states=request.search_states,
         seconds=request.time_limit,
         cancel=cancel,
         roadmap=request.planner if isinstance(request.planner, Roadmap) else None,

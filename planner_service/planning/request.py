@@ -28,7 +28,7 @@ from planner_service.robot.model import JointLimits, Robot, joint_vector
 from planner_service.scene.scene import Attached, Scene
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
-from planner_service.timing.laws import Timing, ToppRa, effective_limits
+from planner_service.timing.laws import SCurve, Timing, ToppRa, effective_limits
 from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = [
@@ -44,6 +44,9 @@ __all__ = [
     "torque_limits",
     "torques_of",
 ]
+
+SEARCH_SHARE = 0.8
+"""Part of ``max_checks`` that one search may use."""
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
@@ -164,6 +167,11 @@ class PlanRequest:
             raise InvalidRequest("polish", self.polish, f"None: an optimum does not keep constraints ({names})")
 
     @cached_property
+    def search_states(self) -> int:
+        """How many of the states one search may check; the rest is kept for shortcutting and blending."""
+        return max(1, int(self.max_checks * SEARCH_SHARE))
+
+    @cached_property
     def pace(self) -> Pace:
         """How fast to move along the path."""
         scales = self.velocity_scale, self.acceleration_scale
@@ -189,7 +197,8 @@ class PlanRequest:
         Raises:
             InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
         """
-        instance("robot", robot, Robot, "a Robot")
+        if not isinstance(robot, Robot):
+            raise InvalidRequest("robot", robot, "a Robot")
         return tuple(
             goal if isinstance(goal, Pose | PoseGoal) else self.clamped(joint_vector(name, goal, robot), robot)
             for name, goal in self.named_goals()
@@ -276,7 +285,7 @@ class Pace:
                 acceleration=limits.acceleration * self.acceleration_scale,
                 jerk=limits.jerk * self.acceleration_scale,
             )
-        return effective_limits(self.timing, limits)
+        return effective_limits(self.timing, limits) if isinstance(self.timing, SCurve) else limits
 
 
 def torque_limits(robot: Robot, scene: Scene, payload: Payload | None = None, scale: float = 1.0) -> TorqueLimits:

@@ -50,11 +50,7 @@ __all__ = [
     "roomier",
     "search",
     "search_again",
-    "search_states",
 ]
-
-SEARCH_SHARE = 0.8
-"""Part of ``max_checks`` that one search may use; the rest is kept for shortcutting and blending."""
 
 RETRY_PADDING, MIN_RETRY_PADDING = 0.003, 0.0005
 """Metres of padding with which another path is searched when one cannot be certified, one after the other if less was
@@ -140,11 +136,6 @@ def oracle_of(
     return oracle if context.accounting.projector is None else ConstrainedOracle(oracle, context.accounting.projector)
 
 
-def search_states(request: PlanRequest) -> int:
-    """How many states one search may check."""
-    return max(1, int(request.max_checks * SEARCH_SHARE))
-
-
 def retry_paddings(request: PlanRequest) -> tuple[float, ...]:
     """The paddings with which another path is searched, one after the other, when one cannot be proven."""
     return tuple(dict.fromkeys(max(padding, request.padding) for padding in (RETRY_PADDING, MIN_RETRY_PADDING)))
@@ -207,8 +198,8 @@ def _searched(
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
     accounting.padding = ends.padding if leads is None else searching.padding
     oracle = oracle_of(context, searching.checker(context, accounting.padding), start, goals)
-    points = _search(context, searching, start, goals, oracle, Tries() if tries is None else tries)
-    searched = _shortened(context, points, oracle)
+    points, length = _search(context, searching, start, goals, oracle, Tries() if tries is None else tries)
+    searched = _shortened(context, points, length, oracle)
     goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == searched[0][-1].tolist())
     polylines = tuple(_without_repeats([ends.start, *points, goal]) for points in searched)
     return Candidates(polylines, searching, accounting.padding, searched, oracle)
@@ -308,8 +299,8 @@ def _search(
     goals: Sequence[FloatArray],
     oracle: SearchOracle | ConstrainedOracle,
     tries: Tries,
-) -> FloatArray:
-    """A path from the start to one of the goals, as the planner of the request finds it.
+) -> tuple[FloatArray, float]:
+    """A path from the start to one of the goals, as the planner of the request finds it, and its length.
 
     Raises:
         NoPlan: It finds none.
@@ -348,7 +339,7 @@ def _search(
         entry.length = polyline_length(points)
         if tracer is not None:
             tracer.searched(points)
-        return points
+        return points, entry.length
 
 
 def _planner(context: PlanContext, searching: SearchRound) -> Planner:
@@ -375,7 +366,7 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
     """
     context, entry = running.context, running.entry
     checker, request, accounting = context.checker, context.request, context.accounting
-    most, given_up = search_states(request), 0
+    most, given_up = request.search_states, 0
     tries: Iterable[int] = (most,)
     if planner.patience is not None:
         tries = fresh_tries(most, request.retries, planner.patience)
@@ -429,7 +420,7 @@ def _over_roadmap(running: _Search, roadmap: Roadmap) -> FloatArray | None:
 def _query(running: _Search, roadmap: Roadmap) -> FloatArray | None:
     """A path over a roadmap; None if it has none, or has spent half of the states and may leave the rest."""
     context, entry = running.context, running.entry
-    most = search_states(context.request)
+    most = context.request.search_states
     states = most // 2 if roadmap.fallback else most
     context.accounting.attempt(roadmap.name)
     checker = running.round.checker(context, running.padding)
@@ -446,12 +437,12 @@ def _query(running: _Search, roadmap: Roadmap) -> FloatArray | None:
 
 
 def _shortened(
-    context: PlanContext, points: FloatArray, oracle: SearchOracle | ConstrainedOracle
+    context: PlanContext, points: FloatArray, length: float, oracle: SearchOracle | ConstrainedOracle
 ) -> tuple[FloatArray, ...]:
     """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
     request, accounting = context.request, context.accounting
     with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
-        length = entry.length = polyline_length(points)
+        entry.length = length
         rng = np.random.default_rng([request.seed, 1])
         if isinstance(oracle, ConstrainedOracle):
             points = shortcut_on_constraints(points, oracle, rng)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -79,7 +80,7 @@ def search(problem: SearchProblem, longest: float) -> SearchResult:
         if isinstance(oracle, SearchOracle | TieredOracle) and oracle.core is not None and core is not None:
             bounds = problem.lower.tolist(), problem.upper.tolist()
             run = core.BalancedSearch(oracle.core, *bounds, longest, seed, problem.projector)
-            path = oracle.counted(lambda: run.run(start, goals))
+            path = oracle.counted(partial(run.run, start, goals))
         else:
             run = _Reference(problem, longest, seed)
             path = run.run(start, goals)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
@@ -31,6 +31,12 @@ NEAR_END = 0.2
 """Radians from a start or goal within which an edge needs no more clearance than that state."""
 
 
+class Counted(Protocol):
+    """Returns what a function returns that asks compiled code: what that judges is counted, and limits hold."""
+
+    def __call__(self, ask: Callable[[], T]) -> T: ...
+
+
 class SearchOracle:
     """The checker with the padding of the search and a memory of free edges.
 
@@ -39,6 +45,7 @@ class SearchOracle:
     Attributes:
         core: The same compiled, which answers wherever there is one; None without the kernel, or with a user's own edge
             step. Whoever asks it does so within ``counted``.
+        counted: Returns what a function returns that asks ``core``.
     """
 
     def __init__(
@@ -48,10 +55,7 @@ class SearchOracle:
         ends = [_tuple(q) for q in starts], [_tuple(q) for q in goals]
         self.core = checker.compiled_oracle(*ends)
         self._judge = _Reference(checker, *ends) if self.core is None else self.core
-
-    def counted(self, ask: Callable[[], T]) -> T:
-        """What ``ask`` returns, which asks ``core``: what that judges is counted, and limits hold."""
-        return ask() if self.core is None else self._checker.counted(self.core, ask)
+        self.counted: Counted = _uncounted if self.core is None else cast(Counted, partial(checker.counted, self.core))
 
     @property
     def states(self) -> int:
@@ -103,7 +107,7 @@ class SearchOracle:
         b: Configuration,
         known: Known,
     ) -> bool:
-        return self.counted(lambda: judge(a, b, known._value_))
+        return self.counted(partial(judge, a, b, known._value_))
 
     def boxed_in(self) -> str:
         """Which ends no motion could leave, as the end of a sentence; empty if both could be left."""
@@ -113,6 +117,10 @@ class SearchOracle:
             for end, (free, colliding) in tried
             if colliding >= MIN_MOTIONS_BOXED_IN and not free
         )
+
+
+def _uncounted(ask: Callable[[], T]) -> T:
+    return ask()
 
 
 class _Reference:

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, all_read_only
 from planner_service.geometry.validation import whole
 from planner_service.kinematics.projection import Projector
 
@@ -125,8 +124,9 @@ class SearchSpace:
     reach: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        lower, upper = _bounds(self.lower, self.upper)
-        set_fields(self, lower=lower, upper=upper)
+        lower, upper = all_read_only(self.lower, self.upper)
+        _require_bounds(lower, upper)
+        self.__dict__.update(lower=lower, upper=upper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +161,8 @@ class SearchProblem:
     projector: Projector | None = None
 
     def __post_init__(self) -> None:
-        lower, upper = _bounds(self.lower, self.upper)
-        start, goals = read_only(self.start), read_only(self.goals)
+        start, goals, lower, upper = all_read_only(self.start, self.goals, self.lower, self.upper)
+        _require_bounds(lower, upper)
         if start.shape != lower.shape:
             raise InvalidRequest("start", start.tolist(), f"{lower.size} joint values")
         if goals.ndim != 2 or len(goals) == 0 or goals.shape[1] != lower.size:
@@ -174,7 +174,7 @@ class SearchProblem:
                 expected = f"joint values within {lower.tolist()} and {upper.tolist()}"
                 raise InvalidRequest(field, points.tolist(), expected)
         require_seed(self.seed)
-        set_fields(self, start=start, goals=goals, lower=lower, upper=upper)
+        self.__dict__.update(start=start, goals=goals, lower=lower, upper=upper)
 
 
 Space = SearchSpace | SearchProblem
@@ -231,10 +231,8 @@ def require_seed(seed: int) -> None:
     whole("seed", seed, 0, 2**128 - 1)
 
 
-def _bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    low, high = read_only(lower), read_only(upper)
+def _require_bounds(low: FloatArray, high: FloatArray) -> None:
     if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
         raise InvalidRequest("lower", low.tolist(), "as many joint values as upper, at least one")
     if not all(-math.inf < a < b < math.inf for a, b in zip(low.tolist(), high.tolist(), strict=True)):
         raise InvalidRequest("upper", high.tolist(), f"finite joint values above {low.tolist()}")
-    return low, high

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -49,7 +50,7 @@ def shortcut_on_constraints(
     """
     points, draws = read_only(waypoints), rng.random(2 * tries).tolist()
     shorter: FloatArray | None = asked_of_core(
-        oracle, lambda core, asked: core.shortcut_on(points, asked, draws, misses, LONGEST)
+        oracle, lambda core, asked: partial(core.shortcut_on, points, asked, draws, misses, LONGEST)
     )
     if shorter is not None:
         return shorter

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from types import ModuleType
 from typing import Any, Protocol
@@ -100,7 +101,9 @@ def shortcut(
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
         raise InvalidRequest("waypoints", points.tolist(), "at least one row of finite joint values")
     draws = rng.random(2 * tries).tolist()
-    shorter: FloatArray | None = asked_of_core(oracle, lambda core, asked: core.shortcut(points, asked, draws, misses))
+    shorter: FloatArray | None = asked_of_core(
+        oracle, lambda core, asked: partial(core.shortcut, points, asked, draws, misses)
+    )
     if shorter is not None:
         return shorter
     chain = [tuple(q) for q in points.tolist()]
@@ -117,7 +120,7 @@ def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
     moves to the last of these places where a full check finds them free. The ends stay.
     """
     points = read_only(waypoints)
-    pulled: FloatArray | None = asked_of_core(oracle, lambda core, asked: core.pulled_in(points, asked))
+    pulled: FloatArray | None = asked_of_core(oracle, lambda core, asked: partial(core.pulled_in, points, asked))
     if pulled is not None:
         return pulled
     chain = [tuple(q) for q in points.tolist()]
@@ -138,7 +141,9 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
     The ends stay, and the result is never longer. Each corner tried costs one edge check.
     """
     points = read_only(waypoints)
-    kept: FloatArray | None = asked_of_core(oracle, lambda core, asked: core.without_short_pieces(points, asked))
+    kept: FloatArray | None = asked_of_core(
+        oracle, lambda core, asked: partial(core.without_short_pieces, points, asked)
+    )
     if kept is not None:
         return kept
     chain = list(points)
@@ -175,7 +180,7 @@ def blended(
     """
     widths, corners = path.blends.copy(), list(path.corners)
     curve = path.waypoints, path.knots, path.tangents
-    free = asked_of_core(oracle, lambda core, asked: core.blend_widths(*curve, corners, sizes, asked, least))
+    free = asked_of_core(oracle, lambda core, asked: partial(core.blend_widths, *curve, corners, sizes, asked, least))
     if free is not None:
         widths[corners] = free
         return path.with_blends(widths)
@@ -190,10 +195,10 @@ def blended(
     return path.with_blends(widths)
 
 
-def asked_of_core(oracle: Any, ask: Callable[[ModuleType, Any], Any]) -> Any:
-    """What ``ask`` makes of the compiled core and the compiled part of an oracle; None without these."""
+def asked_of_core(oracle: Any, ask: Callable[[ModuleType, Any], Callable[[], Any]]) -> Any:
+    """The answer to what ``ask`` makes of the compiled core and the compiled part of an oracle; None without these."""
     core, answers = load_core(), getattr(oracle, "core", None)
-    return None if core is None or answers is None else oracle.counted(lambda: ask(core, answers))
+    return None if core is None or answers is None else oracle.counted(ask(core, answers))
 
 
 def _only(width: float, k: int, count: int) -> FloatArray:
