@@ -93,6 +93,7 @@ class PlanRequest:
             way out, on which they are never deeper and come apart, and no other pair touches; 0 refuses such a start.
         payload: What the tool carries, by its mass, all along; for ``ToppRa(torque=True)``.
         torque_scale: Part in (0, 1] of the joints' efforts that may be used; for ``ToppRa(torque=True)``.
+        pace: Timing, scales, tool speed, payload and torque scale, as one value.
         evidence: Files of the plan have the trail of its proof, which others can check without this package.
         constraints: What must hold along the whole motion, ends included (``planner_service.constraints``), beside
             those of what the robot carries. It is searched by ``BalancedRRTConnect``, and not optimised.
@@ -121,6 +122,7 @@ class PlanRequest:
     payload: Payload | None = None
     torque_scale: float = 1.0
     evidence: bool = False
+    pace: Pace = field(init=False, repr=False)
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -133,11 +135,8 @@ class PlanRequest:
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
         _number("start_overlap", self.start_overlap, 0.0, MAX_OVERLAP)
         _number("blend", self.blend, 0.0, 3.0)
-        _require_tool_speed(self.max_tool_speed)
         if self.time_limit is not None:
             _number("time_limit", self.time_limit, 0.0, 86_400.0)
-        for name in ("velocity_scale", "acceleration_scale"):
-            _require_scale(name, getattr(self, name))
         search = callable(getattr(self.planner, "search", None)) and not isinstance(self.planner, type)
         if not isinstance(self.planner, Optimise) and not search:
             raise InvalidRequest("planner", self.planner, "a planner such as BalancedRRTConnect()")
@@ -147,9 +146,9 @@ class PlanRequest:
             raise InvalidRequest("polish", self.polish, "None: the planner optimises")
         if self.optimise is not None and self.blend == 0.0:
             raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
-        require_timing(self.timing)
-        _require_torques(self.timing, self.payload, self.torque_scale)
-        set_fields(self, constraints=checked_constraints(self.constraints))
+        scales = self.velocity_scale, self.acceleration_scale
+        pace = Pace(self.timing, *scales, self.max_tool_speed, self.payload, self.torque_scale)
+        set_fields(self, pace=pace, constraints=checked_constraints(self.constraints))
         if not isinstance(self.evidence, bool):
             raise InvalidRequest("evidence", self.evidence, "True or False")
         self.require_keeping(self.constraints)
@@ -170,12 +169,6 @@ class PlanRequest:
     def search_states(self) -> int:
         """How many of the states one search may check; the rest is kept for shortcutting and blending."""
         return max(1, int(self.max_checks * SEARCH_SHARE))
-
-    @cached_property
-    def pace(self) -> Pace:
-        """How fast to move along the path."""
-        scales = self.velocity_scale, self.acceleration_scale
-        return Pace(self.timing, *scales, self.max_tool_speed, self.payload, self.torque_scale)
 
     @cached_property
     def optimise(self) -> Optimise | None:
