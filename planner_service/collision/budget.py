@@ -265,13 +265,13 @@ class Ledger:
         threads.tally.states += judged
         threads.own.states += judged
 
-    def record(self, states: int, edges: int, hits: Mapping[tuple[str, str], int]) -> None:
-        """Record what compiled code judged, and how often each pair was found to collide."""
+    def record(self, states: int, edges: int, hits: Mapping[int, int], names: Mapping[int, tuple[str, str]]) -> None:
+        """Record what compiled code judged, and how often each pair of pieces, by its number, was found to collide."""
         self.record_states(states)
         tally = self._threads.tally
         tally.edges += edges
         for pair, count in hits.items():
-            tally.hits[pair] += count
+            tally.hits[names[pair]] += count
 
     def record_hit(self, pair: tuple[str, str]) -> None:
         """Record that a pair was found to collide, by its names."""

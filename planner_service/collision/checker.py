@@ -366,7 +366,7 @@ class CollisionChecker:
 
     def _record(self, oracle: _core.EdgeOracle) -> None:
         states, edges, hits = oracle.take()
-        self.ledger.record(states, edges, {self._parts.names[pair]: count for pair, count in hits.items()})
+        self.ledger.record(states, edges, hits, self._parts.names)
         if hits:
             self._last.hit = Collision(0, oracle.last_fraction, oracle.last_pair)
 
