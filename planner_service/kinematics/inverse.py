@@ -44,7 +44,6 @@ __all__ = [
     "interpolate",
     "inverse_is_complete",
     "inverse_kinematics",
-    "line_deviation",
     "nearest_configuration",
     "require_joint_rate",
     "require_within_limits",
@@ -308,16 +307,6 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 # --- straight tool lines
-
-
-def line_deviation(robot: Robot, q1: ArrayLike, q2: ArrayLike, pose_a: Pose, pose_b: Pose) -> tuple[float, float]:
-    """How far (m, rad) the tool deviates from a straight line while the joints go straight from ``q1`` to ``q2``.
-
-    The line runs from ``pose_a`` to ``pose_b``. Tool and line are compared at equal fractions, both ends, the quarters
-    and the middle; the distance from the line itself is no larger.
-    """
-    ends = finite_numbers("q1", q1, robot.n).tolist(), finite_numbers("q2", q2, robot.n).tolist()
-    return _deviation(robot, ends, (pose_a, pose_b), (0.0, *BETWEEN, 1.0))
 
 
 def _deviation(

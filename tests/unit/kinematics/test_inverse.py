@@ -19,7 +19,6 @@ from planner_service.kinematics.inverse import (
     ToolLine,
     interpolate,
     inverse_kinematics,
-    line_deviation,
     rotation_distance,
     straight_tool_line,
 )
@@ -345,16 +344,6 @@ def test_few_points_are_filled_up_until_the_tool_stays_on_the_line(wxai: Robot) 
     metres, radians = dense_deviation(wxai, line, begin, Pose((0.2, 0.2, 0.1), begin.quaternion))
     assert metres <= 1e-3
     assert radians <= 5e-3
-
-
-def test_line_deviation_measures_how_far_joint_motion_strays_from_the_straight_line() -> None:
-    planar = load_robot("planar2")
-    q1, q2 = np.array([0.0, 0.0]), np.array([0.2, 0.0])
-    metres, radians = line_deviation(planar, q1, q2, tool(planar, q1), tool(planar, q2))
-    assert metres == pytest.approx(1.5 * (1 - math.cos(0.1)), abs=1e-6)  # an arc of radius 1.5 and its chord
-    assert radians < 1e-7
-    end = Pose.from_rpy((1.5, 0.0, 0.002), (0.0, 0.0, 0.3))
-    assert line_deviation(planar, q1, q1, tool(planar, q1), end) == pytest.approx((0.002, 0.3), abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["wxai", "numeric"])
