@@ -27,6 +27,11 @@ class Provided(Generic[P, T]):
         self._function = function
         return function
 
+    @property
+    def known(self) -> bool:
+        """Whether it was provided."""
+        return self._function is not None
+
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         if self._function is None:
             raise BrokenInvariant("planner_service.conveniences was not imported")
