@@ -312,3 +312,9 @@ def test_the_ledger_remembers_which_pairs_blocked() -> None:
         assert not checker.edge_is_free(START, GOAL)
     assert checker.state_is_free(START)
     assert dict(checker.ledger.hits) == {("forearm", "pin"): 3}
+
+
+def test_hits_of_several_pieces_of_two_owners_add_up() -> None:
+    ledger = Ledger()
+    ledger.record(5, 1, {0: 2, 1: 3, 2: 4}, {0: ("arm", "post"), 1: ("arm", "post"), 2: ("arm", "wall")})
+    assert (ledger.counts, ledger.hits) == (CheckCounts(5, 1), {("arm", "post"): 5, ("arm", "wall"): 4})
