@@ -11,7 +11,7 @@ from planner_service.certify import Certificate
 from planner_service.cli import options
 from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
-from planner_service.cli.output import emit, json_text, render
+from planner_service.cli.output import show
 from planner_service.presentation.measures import clearance_text
 from planner_service.records.evidence import with_evidence
 from planner_service.records.plan_file import load_plan_or_task
@@ -44,16 +44,16 @@ def certify(
         if evidence is not None and proven.certified:
             with_evidence(saved).save(evidence)
             notes = [*notes, f"the trail of the proof is in {evidence}"]
-    if as_json:
-        emit(json_text(_document(proven, notes)))
-    else:
-        notes += proven.not_checked
-        for motion in proven.motions:
-            if (part := motion.certificate.part) is not None:
-                notes.append(f"{motion.name}: only s = {part[0]:.4g} to {part[1]:.4g} of its path remains")
-        verdict = "certified" if proven.certified else "refused"
-        title = f"{verdict}: {plan_file} with {proven.world.robot.name} in {proven.world.scene.name}"
-        emit(render(title, *_verdicts(proven), *(f"note: {note}" for note in notes)))
+    remarks = [*notes, *proven.not_checked]
+    remarks += [
+        f"{motion.name}: only s = {part[0]:.4g} to {part[1]:.4g} of its path remains"
+        for motion in proven.motions
+        if (part := motion.certificate.part) is not None
+    ]
+    verdict = "certified" if proven.certified else "refused"
+    title = f"{verdict}: {plan_file} with {proven.world.robot.name} in {proven.world.scene.name}"
+    blocks = (title, *_verdicts(proven), *(f"note: {remark}" for remark in remarks))
+    show(_document(proven, notes), *blocks, as_json=as_json)
     raise typer.Exit(0 if proven.certified else NO_PLAN)
 
 

@@ -10,7 +10,7 @@ import typer
 
 from planner_service.cli import options
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
-from planner_service.cli.output import emit, json_text, render, wrapped
+from planner_service.cli.output import show, wrapped
 from planner_service.files.writing import require_writable
 from planner_service.robot_setup.check_robot import RobotCheck, check_robot
 from planner_service.view.still.pictures import draw_robot_check
@@ -32,12 +32,8 @@ def _of_its_own() -> None:
 )
 def check(
     urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description: URDF, xacro or MJCF.")],
-    package_dir: Annotated[
-        list[str] | None, typer.Option(metavar="DIR", help="A folder to search for meshes. May be repeated.")
-    ] = None,
-    visual_as_collision: Annotated[
-        bool, typer.Option("--visual-as-collision", help="Check links without collision elements as they look.")
-    ] = False,
+    package_dir: options.PackageDirs = None,
+    visual_as_collision: options.VisualAsCollision = False,
     png: options.Picture = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -54,7 +50,7 @@ def check(
                 report_error("note: no picture: nothing can be made of this URDF")
             else:
                 draw_robot_check(found, png)
-    emit(json_text(_record(found)) if as_json else render(*_lines(found)))
+    show(_record(found), *_lines(found), as_json=as_json)
     raise typer.Exit(0 if found.ok else NO_PLAN)
 
 

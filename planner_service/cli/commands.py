@@ -17,10 +17,10 @@ from planner_service.cli import arguments, listings, options
 from planner_service.cli.certify import certify
 from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
-from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
+from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, ErrorLog, bad_input_exits, finish
 from planner_service.cli.export import export, join
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
-from planner_service.cli.output import emit, json_text, render, wrapped
+from planner_service.cli.output import show, wrapped
 from planner_service.cli.roadmap.commands import roadmaps
 from planner_service.cli.run import run
 from planner_service.cli.serve import serve
@@ -171,25 +171,22 @@ def explain(
         if evidence is not None and explained.no_path is not None:
             save_no_path(explained.no_path, service.world, q_start, request.goals(service.robot), evidence)
     failure = explained.result.failure
-    if as_json:
-        document = {
-            "ok": failure is None,
-            "failure": result_record(explained.result)["failure"],
-            "proven": explained.proven,
-            "no_path": None if explained.no_path is None else str(explained.no_path),
-            "reached": None if explained.reached is None else ReachedRecord.of(explained.reached).document(),
-            "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
-            "remedies": [remedy.text for remedy in explained.remedies],
-            "plans": explained.plans,
-            "complete": explained.complete,
-        }
-        emit(json_text(document))
-    else:
-        lines = str(explained).splitlines()
-        if evidence is not None:
-            found = f"the proof that no path exists is in {evidence}"
-            lines.append("no proof that no path exists was found" if explained.no_path is None else found)
-        emit(render(*lines))
+    document = {
+        "ok": failure is None,
+        "failure": result_record(explained.result)["failure"],
+        "proven": explained.proven,
+        "no_path": None if explained.no_path is None else str(explained.no_path),
+        "reached": None if explained.reached is None else ReachedRecord.of(explained.reached).document(),
+        "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
+        "remedies": [remedy.text for remedy in explained.remedies],
+        "plans": explained.plans,
+        "complete": explained.complete,
+    }
+    lines = str(explained).splitlines()
+    if evidence is not None:
+        found = f"the proof that no path exists is in {evidence}"
+        lines.append("no proof that no path exists was found" if explained.no_path is None else found)
+    show(document, *lines, as_json=as_json)
     raise typer.Exit(0 if failure is None else NO_PLAN)
 
 
@@ -259,16 +256,13 @@ def check(
         if png is not None:
             draw_check(checker, values, png)
     bound = clearance if math.isfinite(clearance) else None
-    if as_json:
-        touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
-        verdict = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
-        emit(json_text({"robot": arm.name, "scene": world.name, **verdict}))
-    else:
-        lines = [f"{'colliding' if contacts else 'free'}: {robot} in {scene} at {q}"]
-        lines += [f"  {contact}" for contact in contacts]
-        if not contacts:
-            lines.append("  nothing to touch" if bound is None else f"  clearance: at least {bound * 1000:.1f} mm")
-        emit(render(*lines))
+    touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
+    verdict = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
+    lines = [f"{'colliding' if contacts else 'free'}: {robot} in {scene} at {q}"]
+    lines += [f"  {contact}" for contact in contacts]
+    if not contacts:
+        lines.append("  nothing to touch" if bound is None else f"  clearance: at least {bound * 1000:.1f} mm")
+    show({"robot": arm.name, "scene": world.name, **verdict}, *lines, as_json=as_json)
     raise typer.Exit(NO_PLAN if contacts else 0)
 
 
@@ -276,29 +270,27 @@ def robots(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with bad_input_exits():
         models, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
-    if as_json:
-        records = [listings.robot_record(robot) for robot in models]
-        emit(json_text({"robots": records, "missing": missing} if name is None else records[0]))
-    elif name is not None:
-        emit(render(*robot_blocks(models[0])))
-    else:
-        rows = [[robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses)] for robot in models]
-        rows += [[absent, "", "", why] for absent, why in missing.items()]
-        emit(render(Table(("robot", "joints", "shapes", "poses"), rows, numeric=("joints", "shapes"))))
+    records = [listings.robot_record(robot) for robot in models]
+    if name is not None:
+        show(records[0], *robot_blocks(models[0]), as_json=as_json)
+        return
+    rows = [[robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses)] for robot in models]
+    rows += [[absent, "", "", why] for absent, why in missing.items()]
+    table = Table(("robot", "joints", "shapes", "poses"), rows, numeric=("joints", "shapes"))
+    show({"robots": records, "missing": missing}, table, as_json=as_json)
 
 
 def scenes(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
     with bad_input_exits():
         worlds = [load_world(entry) for entry in ([name] if name is not None else scene_names())]
-    if as_json:
-        records = [listings.scene_record(scene) for scene in worlds]
-        emit(json_text({"scenes": records} if name is None else records[0]))
-    elif name is not None:
-        emit(render(*scene_blocks(worlds[0])))
-    else:
-        rows = [[scene.name, str(len(scene.obstacles)), scene.description] for scene in worlds]
-        emit(render(Table(("scene", "obstacles", "description"), rows, numeric=("obstacles",))))
+    records = [listings.scene_record(scene) for scene in worlds]
+    if name is not None:
+        show(records[0], *scene_blocks(worlds[0]), as_json=as_json)
+        return
+    rows = [[scene.name, str(len(scene.obstacles)), scene.description] for scene in worlds]
+    table = Table(("scene", "obstacles", "description"), rows, numeric=("obstacles",))
+    show({"scenes": records}, table, as_json=as_json)
 
 
 def doctor(
@@ -311,10 +303,8 @@ def doctor(
     """Show which compiled code is in use, and compare it with its references: checks, searches, proofs and timing."""
     with bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
-    if as_json:
-        emit(json_text({**asdict(health), "agrees": health.agrees}))
-    else:
-        emit(render(*_health_lines(health, f"{robot} in {scene}")))
+    document = {**asdict(health), "agrees": health.agrees}
+    show(document, *_health_lines(health, f"{robot} in {scene}"), as_json=as_json)
     raise typer.Exit(0 if health.agrees else OUR_BUG)
 
 
@@ -329,16 +319,12 @@ def import_robot_(
     tool_frame: Annotated[
         str | None, typer.Option(metavar="LINK", help="The tool's link; default: the end of the longest chain.")
     ] = None,
-    package_dir: Annotated[
-        list[str] | None, typer.Option(metavar="DIR", help="A folder to search for meshes. May be repeated.")
-    ] = None,
+    package_dir: options.PackageDirs = None,
     lock: Annotated[list[str] | None, typer.Option(metavar="JOINT=VALUE", help="Fix a joint. May be repeated.")] = None,
     joint: Annotated[
         list[str] | None, typer.Option(metavar="JOINT", help="A joint that moves; all others are fixed. Repeatable.")
     ] = None,
-    visual_as_collision: Annotated[
-        bool, typer.Option("--visual-as-collision", help="Check links without collision elements as they look.")
-    ] = False,
+    visual_as_collision: options.VisualAsCollision = False,
     prove: Annotated[
         bool, typer.Option("--prove", help="Look for proofs that pairs of links never touch: they need no checks then.")
     ] = False,
@@ -357,17 +343,15 @@ def import_robot_(
         source = Source(Path(urdf), srdf_file, tool_frame, folders, locks(lock or ()), joints, visual_as_collision)
         engine = engine_named("processes", workers)
         imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=None)
-    if as_json:
-        emit(json_text(import_record(imported)))
-    else:
-        title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"
-        agreement = imported.agreement
-        reader = (
-            f"second reader: yourdfpy sees all {agreement.frames} frames at the same places "
-            f"(within {max(agreement.difference, 1e-12):.0e} m, in {agreement.configurations} configurations)"
-        )
-        checks = [f"check: {line}" for line in to_check(imported, source)]
-        emit(render(title, "", import_table(imported), "", *wrapped([reader, *checks])))
+    title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"
+    agreement = imported.agreement
+    reader = (
+        f"second reader: yourdfpy sees all {agreement.frames} frames at the same places "
+        f"(within {max(agreement.difference, 1e-12):.0e} m, in {agreement.configurations} configurations)"
+    )
+    checks = [f"check: {line}" for line in to_check(imported, source)]
+    lines = wrapped([reader, *checks])
+    show(import_record(imported), title, "", import_table(imported), "", *lines, as_json=as_json)
 
 
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
@@ -401,13 +385,6 @@ def _health_lines(health: Health, where: str) -> list[str]:
     return lines
 
 
-class _ToStandardError(logging.Handler):
-    """Prints what the planner logs; looks standard error up at each line, as tests replace it."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        report_error(self.format(record))
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"planner-service {RELEASE}")
@@ -425,7 +402,7 @@ def _global_options(
     ] = False,
 ) -> None:
     if verbose:
-        logger, handler = logging.getLogger("planner_service"), _ToStandardError()
+        logger, handler = logging.getLogger("planner_service"), ErrorLog()
         context.call_on_close(partial(logger.removeHandler, handler))
         context.call_on_close(partial(logger.setLevel, logger.level))
         logger.addHandler(handler)

@@ -10,7 +10,7 @@ import typer
 
 from planner_service.cli import options
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
-from planner_service.cli.output import emit, json_text, render
+from planner_service.cli.output import show
 from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
 from planner_service.datasets.episode import as_layout
 from planner_service.parallel.named import engine_named
@@ -54,10 +54,9 @@ def episodes(
             report_error(f"interrupted: finished episodes are kept in {out}; run the same command again to continue")
             raise
     seconds, new = time.perf_counter() - began, summary.new
-    if as_json:
-        emit(json_text({"out": out, **asdict(summary), "seconds": seconds}))
-    else:
-        emit(render(*_lines(out, fps, summary), f"this run:  {new:,} requests in {seconds:.1f} s{_rate(new, seconds)}"))
+    rate = f", {new / seconds:.1f} a second" if new else ""
+    lines = [*_lines(out, fps, summary), f"this run:  {new:,} requests in {seconds:.1f} s{rate}"]
+    show({"out": out, **asdict(summary), "seconds": seconds}, *lines, as_json=as_json)
     raise typer.Exit(0 if summary.episodes else NO_PLAN)
 
 
@@ -73,7 +72,3 @@ def _lines(out: str, fps: int, summary: EpisodesSummary) -> list[str]:
         f"frames:    {summary.frames:,} at {fps} Hz, {summary.motion_seconds:,.0f} s of motion",
         f"checks:    {summary.states:,} states, {summary.edges:,} edges, {summary.distances:,} distances",
     ]
-
-
-def _rate(new: int, seconds: float) -> str:
-    return f", {new / seconds:.1f} a second" if new else ""

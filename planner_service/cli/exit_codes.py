@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import typer
 
-from planner_service.cli.output import emit, json_text, render, wrapped
+from planner_service.cli.output import show, wrapped
 from planner_service.errors import InvalidRequest, MissingDependency, NotProven
 from planner_service.planning.result import Failure
 from planner_service.presentation.tables import Block, printable
 
-__all__ = ["BAD_INPUT", "NO_PLAN", "OUR_BUG", "bad_input_exits", "finish", "report_error"]
+__all__ = ["BAD_INPUT", "NO_PLAN", "OUR_BUG", "ErrorLog", "bad_input_exits", "finish", "report_error"]
 
 NO_PLAN, BAD_INPUT = 1, 2
 
@@ -45,16 +46,21 @@ def report_error(*lines: str) -> None:
     typer.echo("\n".join(map(printable, lines)), err=True)
 
 
+class ErrorLog(logging.Handler):
+    """Prints what is logged; looks standard error up at each line, as tests replace it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        report_error(self.format(record))
+
+
 def finish(
     document: dict[str, Any], table: Block | None, lines: Sequence[str], failure: Failure | None, *, as_json: bool
 ) -> None:
     """Print a JSON document, or a table with lines below it, and exit with 1 if there is no plan."""
-    if as_json:
-        emit(json_text(document))
-    else:
-        hidden = len(lines) - MAX_LINES
-        more = [f"note: {hidden} more notes; --json prints all"] if hidden > 0 else []
-        emit(render(*([] if table is None else [table]), *wrapped([*lines[:MAX_LINES], *more])))
+    hidden = len(lines) - MAX_LINES
+    more = [f"note: {hidden} more notes; --json prints all"] if hidden > 0 else []
+    blocks = [] if table is None else [table]
+    show(document, *blocks, *wrapped([*lines[:MAX_LINES], *more]), as_json=as_json)
     if failure is not None:
         report_error(f"no plan: {failure}")
         raise typer.Exit(NO_PLAN)

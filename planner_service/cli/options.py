@@ -15,39 +15,6 @@ from planner_service.records.plan_file import TIMINGS
 from planner_service.robot.model import robot_names
 from planner_service.scene.scene import scene_names
 
-__all__ = [
-    "DEFAULT",
-    "SECONDS",
-    "Allow",
-    "AsJson",
-    "Blend",
-    "Clearance",
-    "Goals",
-    "MaxChecks",
-    "Onto",
-    "OtherRobot",
-    "OtherScene",
-    "Out",
-    "Padding",
-    "PayloadText",
-    "Picture",
-    "PlanFile",
-    "PlannerName",
-    "Plot",
-    "Polish",
-    "Region",
-    "RobotName",
-    "SceneName",
-    "Seed",
-    "Start",
-    "Target",
-    "TimeLimit",
-    "TimingName",
-    "ToolSpeed",
-    "Torque",
-    "Upright",
-]
-
 
 def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """A shell completion that offers the names that begin with what is typed."""
@@ -155,6 +122,13 @@ Out = Annotated[str | None, typer.Option(metavar="FILE", help="Save the plan, or
 Allow = Annotated[
     list[str] | None,
     typer.Option(metavar="A:B", help="Confirm a pair that FILE lets touch without a rule of its own. May be repeated."),
+]
+PackageDirs = Annotated[
+    list[str] | None,
+    typer.Option("--package-dir", metavar="DIR", help="A folder to search for meshes. May be repeated."),
+]
+VisualAsCollision = Annotated[
+    bool, typer.Option("--visual-as-collision", help="Check links without collision elements as they look.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 

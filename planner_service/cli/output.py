@@ -15,7 +15,7 @@ from rich.text import Text
 from planner_service.presentation import tables
 from planner_service.presentation.tables import WIDTH, Block, CostTable, printable
 
-__all__ = ["console", "emit", "json_text", "labelled", "render", "wrapped"]
+__all__ = ["console", "emit", "json_text", "labelled", "render", "show", "wrapped"]
 
 LABEL_WIDTH = 14
 
@@ -57,6 +57,11 @@ def labelled(rows: Sequence[tuple[str, str]]) -> list[str]:
 def json_text(document: dict[str, Any]) -> str:
     """A JSON document as commands print it."""
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def show(document: dict[str, Any], *blocks: Block, as_json: bool) -> None:
+    """Print a JSON document, or what says the same to people."""
+    emit(json_text(document) if as_json else render(*blocks))
 
 
 def emit(text: str) -> None:

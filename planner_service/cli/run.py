@@ -13,7 +13,7 @@ import typer
 
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import BAD_INPUT, NO_PLAN, bad_input_exits, finish, report_error
-from planner_service.cli.output import emit, json_text, render, wrapped
+from planner_service.cli.output import show, wrapped
 from planner_service.errors import InvalidRequest
 from planner_service.execute import (
     HARDWARE_SPEED,
@@ -234,13 +234,11 @@ def _signals_as_ctrl_c() -> Iterator[None]:
 
 def _report(done: Rehearsal | ExecutionReport, plan: SavedPlan | SavedTask, *, as_json: bool) -> None:
     report = done.report if isinstance(done, Rehearsal) else done
-    if as_json:
-        emit(json_text({"task": plan.task if isinstance(plan, SavedTask) else "motion", **done.document()}))
-    else:
-        where = "in simulation" if report.simulated else "on the arm"
-        title = f"{'executed' if done.ok else 'NOT as planned'} {where}"
-        title += f": {plan.task}" if isinstance(plan, SavedTask) else ""
-        emit(render(title, "", _table(report.motions), "", *wrapped(_lines(done))))
+    where = "in simulation" if report.simulated else "on the arm"
+    title = f"{'executed' if done.ok else 'NOT as planned'} {where}"
+    title += f": {plan.task}" if isinstance(plan, SavedTask) else ""
+    document = {"task": plan.task if isinstance(plan, SavedTask) else "motion", **done.document()}
+    show(document, title, "", _table(report.motions), "", *wrapped(_lines(done)), as_json=as_json)
     if report.stopped is not None:
         report_error(report.stopped)
     if not done.ok:

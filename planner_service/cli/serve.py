@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from planner_service.cli import options
-from planner_service.cli.exit_codes import bad_input_exits, report_error
+from planner_service.cli.exit_codes import ErrorLog, bad_input_exits
 from planner_service.cli.output import emit
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.parallel import Processes, Ray
@@ -23,13 +23,6 @@ class EngineName(str, Enum):
 
     PROCESSES = "processes"
     RAY = "ray"
-
-
-class _Warnings(logging.Handler):
-    """Prints what a server warns of."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        report_error(self.format(record))
 
 
 def serve(
@@ -60,7 +53,7 @@ def serve(
 
     The page /docs says what can be asked. Answers are the library's: the same plans, proofs and counts.
     """
-    logging.getLogger("planner_service.serve").addHandler(_Warnings(logging.WARNING))
+    logging.getLogger("planner_service.serve").addHandler(ErrorLog(logging.WARNING))
     with bad_input_exits():
         try:
             from planner_service.serve.run import Settings, read_token

@@ -53,9 +53,12 @@ def _require_few_dots(text: str) -> None:
 
 
 def toml_value(value: Any) -> str:
-    """A text, number, list or dictionary as TOML on one line; a number reads back as the same bits."""
+    """A text, number, sequence or dictionary as TOML on one line; a number reads back as the same bits."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {toml_value(entry)}' for key, entry in value.items())} }}"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_value, value))}]"
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)  # its escapes are TOML's
+    if not isinstance(value, str):
+        return repr(value)
+    text = json.dumps(value, ensure_ascii=False)  # its escapes are TOML's; TOML asks for a few more
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in text)

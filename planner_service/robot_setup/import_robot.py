@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -16,6 +16,7 @@ import numpy as np
 from planner_service.collision import CollisionChecker
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path, read_bytes
+from planner_service.files.toml_reader import toml_value
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.mesh_formats import MAX_BYTES
@@ -239,7 +240,7 @@ def _imported(
         robot = robot_of(source.urdf, urdf, selection, srdf, hand.table)
         table = replace(table, findings=tuple(_standing_open(finding, robot) for finding in table.findings))
     robot = replace(robot, allowed_contacts=table.allowed)
-    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf, original.name), table, hand).encode()
+    files[ROBOT_FILE] = _text(robot, source, urdf, original.name, table, hand).encode()
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
@@ -347,50 +348,41 @@ def _require_same(robot: Robot, files: Mapping[str, bytes], path: Path) -> None:
         raise BrokenInvariant(f"{path} would not be the robot that its URDF describes")
 
 
-@dataclass(frozen=True, eq=False)
-class _Read:
-    """A URDF as it is, and as it was understood, and the name of the file that was imported."""
-
-    root: ElementTree.Element
-    urdf: Urdf
-    name: str
-
-
-def _text(robot: Robot, source: Source, read: _Read, table: ContactTable, hand: FoundGripper | None) -> str:
+def _text(robot: Robot, source: Source, urdf: Urdf, name: str, table: ContactTable, hand: FoundGripper | None) -> str:
     """The whole robot.toml."""
     limits = robot.limits
     lines = [
-        f"# {robot.name}, imported from {read.name}. Please review and edit.",
+        f"# {robot.name}, imported from {name}. Please review and edit.",
         "# Angles in rad, lengths in m, times in s.",
-        f"name = {_quoted(robot.name)}",
-        f"urdf = {_quoted(source.copy_name)}",
-        f"joints = {_list(map(_quoted, robot.joint_names))}",
+        f"name = {toml_value(robot.name)}",
+        f"urdf = {toml_value(source.copy_name)}",
+        f"joints = {toml_value(robot.joint_names)}",
         *_continuous(robot),
-        f"tool_frame = {_quoted(robot.tool_frame)}"
+        f"tool_frame = {toml_value(robot.tool_frame)}"
         + ("" if source.tool_frame else f"   # {_whence(hand)}: is it the tool?"),
-        f"base_links = {_list(map(_quoted, robot.base_links))}   # not checked against obstacles",
+        f"base_links = {toml_value(robot.base_links)}   # not checked against obstacles",
         'inverse_kinematics = "numeric"',
         "settle_time = 0.0   # seconds the arm vibrates after a stop; URDF has none",
         "",
         *_poses(robot, table),
-        *_locked(source, read.urdf),
+        *_locked(source, urdf),
         *_gripper(hand),
     ]
-    position, velocity = _urdf_sources(robot, read)
-    lines += ["", "[limits.position]", f"lower = {_numbers(limits.lower.tolist())}"]
-    lines += [f"upper = {_numbers(limits.upper.tolist())}", f"source = {_quoted(position)}"]
+    position, velocity = _urdf_sources(robot, urdf)
+    lines += ["", "[limits.position]", f"lower = {toml_value(limits.lower.tolist())}"]
+    lines += [f"upper = {toml_value(limits.upper.tolist())}", f"source = {toml_value(position)}"]
     for kind, values, words in (
         ("velocity", limits.velocity, velocity),
-        ("acceleration", limits.acceleration, _rates_source(robot, read, "acceleration")),
-        ("jerk", limits.jerk, _rates_source(robot, read, "jerk")),
+        ("acceleration", limits.acceleration, _rates_source(robot, urdf, "acceleration")),
+        ("jerk", limits.jerk, _rates_source(robot, urdf, "jerk")),
     ):
-        lines += ["", f"[limits.{kind}]", f"values = {_numbers(values.tolist())}", f"source = {_quoted(words)}"]
+        lines += ["", f"[limits.{kind}]", f"values = {toml_value(values.tolist())}", f"source = {toml_value(words)}"]
     return "\n".join(map(_printable, [*lines, "", *_contacts(robot, table)])) + "\n"
 
 
 def _continuous(robot: Robot) -> list[str]:
     names = [name for name, endless in zip(robot.joint_names, robot.continuous, strict=False) if endless]
-    return [f"continuous = {_list(map(_quoted, names))}   # these turn without end"] if names else []
+    return [f"continuous = {toml_value(names)}   # these turn without end"] if names else []
 
 
 def _poses(robot: Robot, table: ContactTable) -> list[str]:
@@ -404,10 +396,10 @@ def _poses(robot: Robot, table: ContactTable) -> list[str]:
             lower, upper = robot.limits.lower, robot.limits.upper
             rest = np.where((lower <= 0.0) & (upper >= 0.0), 0.0, (lower + upper) / 2)
             whence = "zero where the limits allow it, else their middle" if (q == rest).all() else "from the SRDF"
-            lines.append(f"home = {_numbers(q.tolist())}   # {whence}")
+            lines.append(f"home = {toml_value(q.tolist())}   # {whence}")
         else:
             note = "" if checker.state_is_free(q) else ": collides with itself"
-            lines.append(f"{_quoted(name)} = {_numbers(q.tolist())}   # from the SRDF{note}")
+            lines.append(f"{toml_value(name)} = {toml_value(q.tolist())}   # from the SRDF{note}")
     return lines
 
 
@@ -415,7 +407,7 @@ def _locked(source: Source, urdf: Urdf) -> list[str]:
     """The joints that stand still, but for those that follow one of these."""
     standing = standing_joints(urdf, source.selection)
     follow = {joint.name for joint in urdf.joints if joint.mimic and joint.name not in source.locked_joints}
-    lines = [f"{_quoted(name)} = {float(at)!r}" for name, at in standing.items() if name not in follow]
+    lines = [f"{toml_value(name)} = {toml_value(float(at))}" for name, at in standing.items() if name not in follow]
     return ["", "[locked_joints]   # these do not move, and neither do joints that mimic them", *lines] if lines else []
 
 
@@ -430,37 +422,30 @@ def _gripper(hand: FoundGripper | None) -> list[str]:
     return [
         "",
         f"[gripper]   # {hand.whence}; axes in the tool frame",
-        *(f"{key} = {_quoted(value) if isinstance(value, str) else _toml(value)}" for key, value in stated.items()),
+        *(f"{key} = {toml_value(value)}" for key, value in stated.items()),
     ]
 
 
-def _toml(value: object) -> str:
-    """A number, or an array of names or numbers."""
-    if isinstance(value, list):
-        return _list(_quoted(item) if isinstance(item, str) else repr(item) for item in value)
-    return repr(value)
-
-
-def _urdf_sources(robot: Robot, read: _Read) -> tuple[str, str]:
+def _urdf_sources(robot: Robot, urdf: Urdf) -> tuple[str, str]:
     """Where position and velocity limits come from."""
-    endless = [joint for joint in read.root.findall("joint") if joint.get("type") == "continuous"]
-    turning = [joint.get("name", "") for joint in endless if joint.get("name") in robot.joint_names]
-    silent = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and not joint.velocity]
+    joints = [joint for joint in urdf.joints if joint.name in robot.joint_names]
+    turning, silent, soft = (
+        ", ".join(joint.name for joint in joints if chosen(joint))
+        for chosen in (lambda j: j.continuous, lambda j: not j.velocity, lambda j: j.hard is not None)
+    )
     position = velocity = "URDF <limit>"
-    soft = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and joint.hard is not None]
-    if soft:
-        position += f"; soft limits of <safety_controller> for {', '.join(soft)}"
+    position += f"; soft limits of <safety_controller> for {soft}" if soft else ""
     if turning:
-        position += f"; convention: {', '.join(turning)} continuous, {CONTINUOUS_RANGE:.4f} rad (a turn) either way"
+        position += f"; convention: {turning} continuous, {CONTINUOUS_RANGE:.4f} rad (a turn) either way"
     if silent:
         assumed = f"{VELOCITY['revolute']:g} rad/s ({VELOCITY['prismatic']:g} m/s sliding)"
-        velocity += f"; convention: {assumed} for {', '.join(silent)}, which has none"
+        velocity += f"; convention: {assumed} for {silent}, which has none"
     return position, velocity
 
 
-def _rates_source(robot: Robot, read: _Read, kind: str) -> str:
+def _rates_source(robot: Robot, urdf: Urdf, kind: str) -> str:
     """Where acceleration or jerk limits come from."""
-    silent = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and not getattr(joint, kind)]
+    silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not getattr(joint, kind)]
     if not silent:
         return "URDF <limit>"
     values, power, why = {
@@ -489,8 +474,8 @@ def _contacts(robot: Robot, table: ContactTable) -> list[str]:
         contacts = table.of(kind)
         lines += ["", f"# {head}"] if contacts else []
         for item in contacts:
-            lines += ["[[allowed_contacts]]", f"links = {_list(map(_quoted, item.links))}"]
-            lines.append(f"reason = {_quoted(item.reason)}")
+            lines += ["[[allowed_contacts]]", f"links = {toml_value(item.links)}"]
+            lines.append(f"reason = {toml_value(item.reason)}")
     sometimes = sorted(table.of(ContactKind.SOMETIMES), key=lambda item: -item.share)
     if sometimes:
         lines += ["", f"# Checked, because they collide somewhere; with an example of {', '.join(robot.joint_names)}:"]
@@ -505,20 +490,6 @@ def _judged(item: PairFinding) -> str:
     return f"{' x '.join(item.links)}: {item.reason}{example}{' (home, too)' if item.at_home else ''}"
 
 
-def _quoted(text: str) -> str:
-    """A TOML basic string."""
-    out = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in out) + '"'
-
-
 def _printable(line: str) -> str:
     """A line whose comments cannot end early: names may hold a line break."""
     return "".join(c if c.isprintable() else "?" for c in line)
-
-
-def _list(items: Iterable[str]) -> str:
-    return f"[{', '.join(items)}]"
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return _list(map(repr, values))

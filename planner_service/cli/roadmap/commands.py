@@ -14,7 +14,7 @@ import typer
 
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import bad_input_exits, finish
-from planner_service.cli.output import emit, json_text, labelled, render, wrapped
+from planner_service.cli.output import labelled, show, wrapped
 from planner_service.cli.roadmap import text
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest, UnknownName
@@ -78,9 +78,6 @@ def build(
         seconds = time.perf_counter() - began
         roadmap.save(out)
     size = os.path.getsize(out)
-    if as_json:
-        emit(json_text({"file": out, "seconds": seconds, **text.roadmap_record(roadmap, size)}))
-        return
     counts = CheckCounts() if roadmap.built is None else roadmap.built.counts
     rows = [
         ("built by", text.built_by_text(roadmap)),
@@ -90,7 +87,8 @@ def build(
         ("size", text.size_text(roadmap, size)),
     ]
     rows += [("note", _cut_short(roadmap))] if _cut_short(roadmap) else []
-    emit(render(*wrapped([f"built: {robot} in {scene}, written to {out}"]), *labelled(rows)))
+    document = {"file": out, "seconds": seconds, **text.roadmap_record(roadmap, size)}
+    show(document, *wrapped([f"built: {robot} in {scene}, written to {out}"]), *labelled(rows), as_json=as_json)
 
 
 @roadmaps.command(
@@ -177,10 +175,8 @@ def info(roadmap_file: File, as_json: options.AsJson = False) -> None:
     with bad_input_exits():
         roadmap = Roadmap.load(roadmap_file)
     size = os.path.getsize(roadmap_file)
-    if as_json:
-        emit(json_text({"file": roadmap_file, **text.roadmap_record(roadmap, size)}))
-    else:
-        emit(render(f"roadmap: {roadmap_file}", *labelled(text.roadmap_facts(roadmap, size))))
+    document = {"file": roadmap_file, **text.roadmap_record(roadmap, size)}
+    show(document, f"roadmap: {roadmap_file}", *labelled(text.roadmap_facts(roadmap, size)), as_json=as_json)
 
 
 @roadmaps.command(
@@ -208,16 +204,8 @@ def update(
         written = updated.roadmap.hash != before.hash or not _same_file(target, roadmap_file)
         if written:
             updated.roadmap.save(target)
-    if as_json:
-        size = os.path.getsize(target)
-        facts = {
-            "differs": notes,
-            "update": text.update_record(updated),
-            "seconds": seconds,
-            "written": written,
-        }
-        emit(json_text({"file": target, **facts, **text.roadmap_record(updated.roadmap, size)}))
-        return
+    facts = {"differs": notes, "update": text.update_record(updated), "seconds": seconds, "written": written}
+    document = {"file": target, **facts, **text.roadmap_record(updated.roadmap, os.path.getsize(target))}
     title = f"updated: {service.robot.name} in {service.scene.name}, "
     title += f"written to {target}" if written else "nothing to update, the file is unchanged"
     rows = [
@@ -226,7 +214,8 @@ def update(
         ("milestones", text.milestones_text(updated.roadmap)),
         ("edges", text.edges_text(updated.roadmap)),
     ]
-    emit(render(*wrapped([title]), *labelled(rows), *wrapped([f"note: {note}" for note in notes])))
+    lines = [*wrapped([title]), *labelled(rows), *wrapped([f"note: {note}" for note in notes])]
+    show(document, *lines, as_json=as_json)
 
 
 def _cut_short(roadmap: Roadmap) -> str:
