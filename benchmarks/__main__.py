@@ -18,12 +18,9 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.writing import require_writable
 
 COMMANDS = {
-    "run": ("harness.runner", "plan a suite into a results file; goes on where it was interrupted"),
-    "compare": ("harness.comparison", "two results files, or the planners within one"),
-    "report": ("pages.page", "results files as a Markdown text, or as the generated parts of one"),
     "check": ("harness.gate", "the gate: counts and paths of the smoke suite and of all else that is pinned"),
     "queries": ("harness.stored", "the stored queries are what their seed gives"),
-    "peers": ("baselines.peers.running", "other planners, in environments of their own, on a suite"),
+    "peers": ("baselines.peers.running", "other planners: the environments in which panda runs them"),
     "attack": ("attack.running", "hostile inputs of every kind"),
     "mutants": ("studies.mutants", "whether the tests notice small faults in a package"),
     "lines": ("studies.lines", "lines of code by folder, now and at commits"),
@@ -40,6 +37,7 @@ STUDIES = {
     "walk": "README's first plan is a short walk through the files of the package",
     "latency": "whole plans take at most 0.35 of 0.1.0's CPU time, straight lines at most a millisecond",
     "panda": "the public Panda problems next to 0.1.0 and to other planners, in turn, by one auditor",
+    "suites": "suites of problems by several planners, each path judged by Coal",
     "roadmaps": "a warm query takes at most 150 states and a fifth of a search's",
     "optimise": "optimised plans keep 20 mm where they can, and are shorter and faster",
     "replan": "a moving arm is replanned every 0.1 s, certified, without a jump",
@@ -53,7 +51,7 @@ STUDIES = {
 }
 """What each study shows; its module in ``studies`` has a ``run`` whose parameters are its options."""
 
-LONG = ("robots", "evidence", "serve", "differential", "starts")
+LONG = ("suites", "robots", "evidence", "serve", "differential", "starts")
 """Studies that are not among all: what they find changes with the code alone, and they take long."""
 
 OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {
@@ -148,7 +146,7 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
         if arguments.json is not None:  # after each: what was measured is not lost when a later one is interrupted
             write_json(reports, arguments.json)
         if arguments.markdown is not None:
-            importlib.import_module("benchmarks.pages.page").write_measure(report, arguments.markdown)
+            importlib.import_module("benchmarks.harness.markdown").write_part(report, arguments.markdown)
     return 0 if show(reports, console) else 1
 
 

@@ -21,7 +21,6 @@ from benchmarks.attack.harness import Case, Part, Wrong, packed, unpacked
 from benchmarks.attack.mutations import changed
 from benchmarks.attack.words import MJCF_TEXT, TABLES, draw_word, require_told
 from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
-from benchmarks.harness import rows
 from planner_service.certify import ExemptInterval
 from planner_service.constraints import load_constraints
 from planner_service.errors import PlannerServiceError
@@ -150,15 +149,6 @@ SRDF = """<robot name="drawn"><group name="arm"><chain base_link="l0" tip_link="
 <group_state name="up" group="arm"><joint name="j1" value="0.01"/></group_state>
 <disable_collisions link1="l0" link2="l1" reason="Adjacent"/></robot>"""
 
-_MACHINE = {"python": "3", "platform": "p", "cpu": "c", "cores": 1, "versions": {}, "commit": None}
-_HEADER = {"version": 1, "suite": "s", "environment": _MACHINE, "command": []}
-_ROW: dict[str, Any] = {"suite": "s", "problem": "p", "kind": "k", "robot": "r", "tool": "planner_service"}
-_ROW |= {"planner": "a", "seed": 0, "ok": True, "failure": None, "detail": "", "seconds": {}, "total_seconds": 0.1}
-_ROW |= {"cpu_seconds": 0.1, "checks": {"search": {"states": 100, "edges": 10, "distances": 0}}}
-_ROW |= {"raw_length": 3.0, "length": 2.0}
-_ROW |= {"duration": 1.0, "clearance": 0.001, "peaks": None, "path_hash": "x"}
-_ROW |= {"audit": {"step": 0.01, "verdict": "free", "depth": None, "pair": None}}
-
 
 class _Stock:
     """A file of each kind, how it is read, and what has to be true of what was read."""
@@ -204,7 +194,6 @@ class _Stock:
         cache = DiskCache(folder / "cache")
         cache.put(KEY, points.tobytes())
         self.contents["cache"] = (folder / "cache" / f"{KEY}.bin").read_bytes()
-        self.contents["results"] = (rows.line_of({"header": _HEADER}) + rows.line_of(_ROW)).encode()
 
     def _tree(self, kind: str, content: bytes) -> None:
         self.contents[kind], self.trees[kind] = content, json.loads(content)
@@ -234,7 +223,6 @@ class _Stock:
             "moveit": ("f.scene", read_moveit_scene),
             "problems": ("f.json", read_problems),
             "cache": (f"cache/{KEY}.bin", lambda path: cache.get(KEY)),
-            "results": ("f.jsonl", rows.read),
             "constraints": ("f.toml", load_constraints),
         }
         for kind in ("ply", "obj", "stl", "stl text", "dae"):

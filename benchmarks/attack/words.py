@@ -113,7 +113,7 @@ def require_told(case: Case, text: str, path: Path, read: Callable[[Path], Robot
     told = any(word in line for line in lines)
     place = f"{case['what']} {word!r} in <{element.tag}>"
     if effect is not Effect.NONE and not told:
-        raise Wrong("a word in no table is told of", f"{kind}: {place}")
+        raise Wrong("a word that no table lists is reported", f"{kind}: {place}")
     if effect is Effect.REFUSED:
         raise Wrong("a word that the table refuses is refused", f"{kind}: {place}")
     if _same(robot) != _same(plain):

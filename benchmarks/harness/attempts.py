@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.baselines.lesson import Toy, length_of, stop_and_go_seconds
 from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along, between, inside, stretches, worst
 from benchmarks.harness.built import ready
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row
 from benchmarks.harness.sources import Motion, Problem, Task, ToyQuery
 from benchmarks.harness.suite import LESSON, planner_of
 from benchmarks.studies.states import run_lesson
@@ -33,7 +33,7 @@ from planner_service.smoothing.smoothing import shortcut
 from planner_service.tasks.pick_place import places_on, standing_on
 from planner_service.tasks.primitives import pick, place
 
-__all__ = ["Ask", "Disc", "attempt", "blank_row", "unplanned", "warm"]
+__all__ = ["Ask", "Disc", "attempt", "blank_row", "states_of", "warm"]
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,14 @@ class Ask:
 
 
 def attempt(problem: Problem, ask: Ask) -> Row:
-    """What planning came to: all that a row tells but its suite."""
-    return unplanned(problem, ask) | _planned(problem, ask)
+    """The row of a plan, without its suite."""
+    return blank_row(problem, "planner_service", ask.planner, ask.seed) | _planned(problem, ask)
 
 
-def unplanned(problem: Problem, ask: Ask) -> Row:
-    """What a row tells if nobody could plan."""
-    return blank_row(problem, "planner_service", ask.planner, ask.seed)
+def states_of(row: Row, stage: str | None = None) -> int:
+    """Configurations judged in a stage, in all stages if None."""
+    counted = row["checks"].values() if stage is None else [row["checks"].get(stage, {})]
+    return sum(counts.get("states", 0) for counts in counted)
 
 
 def blank_row(problem: Problem, tool: str, planner: str, seed: int) -> Row:

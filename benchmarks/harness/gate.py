@@ -8,24 +8,25 @@ differ. And p95 of the states stays below a ceiling that the suite's file states
 from __future__ import annotations
 
 import argparse
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import pinned_cases, pinned_queries, pinned_roadmaps, pins, rows
+from benchmarks.harness import pinned_cases, pinned_queries, pinned_roadmaps, pins
+from benchmarks.harness.attempts import states_of
 from benchmarks.harness.environment import unpinned
 from benchmarks.harness.pins import REGENERATE, Difference, Pins, differences, load_pins, store_pins
-from benchmarks.harness.report import p95, table
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row, p95, table
 from benchmarks.harness.runner import jobs_of, made
-from benchmarks.harness.statistics import ratio_of_totals
 from benchmarks.harness.suite import Suite, load_suite
 from planner_service.files.writing import require_writable
 
-__all__ = ["main", "pins_of", "verdicts"]
+__all__ = ["main", "pins_of", "ratio_of_totals", "verdicts"]
 
 SURELY, PERHAPS = 1.01, 1.05
 """States now over then: the lower end of the interval may not be above the first, the upper end above the second."""
@@ -34,6 +35,9 @@ SHOWN = 40
 """Differences of a planner's runs that are printed one by one; after them their number."""
 
 ABSENT = [0, 0, 0]
+
+DRAWS, BOOTSTRAP = 2000, 2026
+"""Draws of the bootstrap, whose units are problems, and their seed."""
 
 
 def pins_of(found: Iterable[Row]) -> dict[str, Row]:
@@ -52,12 +56,12 @@ def verdicts(then: Pins, now: Pins, found: Sequence[Row], ceilings: Mapping[str,
     """The gates that hold everywhere, in words, and whether each is kept."""
     out = []
     for planner, pairs in _totals(then, now, found).items():
-        ratio = ratio_of_totals(pairs)
-        kept = ratio.low <= SURELY and ratio.high <= PERHAPS
+        ratio, low, high = ratio_of_totals(pairs)
+        kept = low <= SURELY and high <= PERHAPS
         limits = f"[{SURELY:g}, {PERHAPS:g}]"
-        out.append((f"{planner}: states now / then {ratio.text(3)}, at most {limits}", kept))
+        out.append((f"{planner}: states now / then {ratio:.3f} [{low:.3f}, {high:.3f}], at most {limits}", kept))
     for planner, ceiling in ceilings.items():
-        states = [rows.states_of(row) for row in found if row["planner"] == planner]
+        states = [states_of(row) for row in found if row["planner"] == planner]
         if states:
             text = f"{planner}: p95 of the states {p95(states):,.0f}, at most {ceiling:,}"
             out.append((text, p95(states) <= ceiling))
@@ -65,6 +69,15 @@ def verdicts(then: Pins, now: Pins, found: Sequence[Row], ceilings: Mapping[str,
     out.append((f"plans lost: {', '.join(lost[:5]) or 'none'}", not lost))
     hit = [f"{r['problem']} {r['planner']} {r['audit']['pair']}" for r in found if r["ok"] and not _free(r)]
     return [*out, (f"paths rejected by the independent checker: {', '.join(hit[:5]) or 'none'}", not hit)]
+
+
+def ratio_of_totals(pairs: Mapping[str, Sequence[tuple[float, float]]]) -> tuple[float, float, float]:
+    """The second values' sum over the first's, and the ends of the bootstrap's 95 % interval over problems."""
+    sums = np.array([[math.fsum(values) for values in zip(*rows, strict=True)] for rows in pairs.values()])
+    drawn = sums[np.random.default_rng(BOOTSTRAP).integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
+    first, second = sums.sum(axis=0).tolist()
+    low, high = np.quantile(drawn[:, 1] / drawn[:, 0], (0.025, 0.975)).tolist()
+    return second / first, low, high
 
 
 def _outcome(then: Pins, run: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness.pins import fingerprint
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row
 from benchmarks.worlds import queries
 from planner_service import (
     PRM,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from benchmarks.harness.pins import fingerprint
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query

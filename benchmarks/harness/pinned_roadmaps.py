@@ -8,7 +8,7 @@ from itertools import islice
 from types import MappingProxyType
 
 from benchmarks.harness.pins import fingerprint
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from planner_service import PRM, LazyPRM, PlannerService, PlanResult, Pose, Roadmap, Scene, Trapezoidal

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row
 from planner_service import PlanResult
 from planner_service.errors import InvalidFile
 from planner_service.files.json_reader import read_json

@@ -27,7 +27,7 @@ SUITE = "panda"
 SEEDS = 5
 
 PEERS = ("ompl-coal", "roboplan", "mplib")
-"""Those that pip installs; tesseract is slower."""
+"""Those that pip installs."""
 
 VAMP_MS = 0.035
 """Its own figure for the median search of these problems: arXiv 2309.14545, one core of a Ryzen 9 7950X."""
@@ -51,7 +51,7 @@ def rows_in_turn(environments: Sequence[Environment], seeds: int, problems: int 
         asked = []
         for environment in environments:
             planner = next(iter(environment.peer.planners))
-            run = Run(environment.peer, planner, SUITE, robot, tuple(by_problem), clearance=False)
+            run = Run(environment.peer, planner, SUITE, robot, tuple(by_problem))
             asked.append(stack.enter_context(closing(rows_of(run, environment, by_problem))))
         for k in range(len(by_problem)):
             yield from map(next, asked if k % 2 == 0 else asked[::-1])  # nobody is always the first

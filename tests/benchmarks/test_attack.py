@@ -126,7 +126,7 @@ def test_a_reader_that_drops_a_word_in_silence_is_found(tmp_path: Path) -> None:
     text = '<robot name="r"><link name="l0"><inertial/></link></robot>'
     robot = load_robot("planar2")
     case = {"words": "urdf", "at": 1, "what": "attribute", "word": "colour", "value": "0"}
-    with pytest.raises(Wrong, match="a word in no table is told of: urdf: attribute 'colour' in <link>"):
+    with pytest.raises(Wrong, match="a word that no table lists is reported: urdf: attribute 'colour' in <link>"):
         require_told(case, text, tmp_path / "f.urdf", lambda path: robot)
     other = iter((robot, load_robot("wxai")))
     with pytest.raises(Wrong, match="a word without an effect has none: urdf: attribute 'type' in <link>"):

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.harness import environment, gate, pins, runner
-from benchmarks.harness.rows import Row
+from benchmarks.harness.report import Row
 from benchmarks.harness.suite import Suite, load_suite
 from planner_service.errors import InvalidFile
 from planner_service.search.edge_cache import SearchOracle
@@ -116,7 +116,7 @@ def test_a_plan_that_is_lost_and_a_path_that_is_rejected_are_told(small: str, mo
 
     def worse(job: runner.Job) -> Row:
         row = honest(job)
-        if job.key[3:] == ("bin/0", 0):
+        if (job.problem.id, job.ask.seed) == ("bin/0", 0):
             return row | {"ok": False, "failure": "TIMED_OUT"}
         return row | {"audit": {"step": 0.01, "verdict": "colliding", "depth": 0.1, "pair": ["a", "b"]}}
 

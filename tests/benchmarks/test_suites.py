@@ -1,10 +1,8 @@
-"""Suites, rows, and how a run makes the ones of the others."""
+"""Suites, and the rows that are made of them."""
 
 from __future__ import annotations
 
-import json
 import random
-from dataclasses import replace
 from io import StringIO
 from itertools import islice
 from pathlib import Path
@@ -14,11 +12,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import __main__ as command
-from benchmarks.harness import rows, runner
-from benchmarks.harness.attempts import Ask, attempt
+from benchmarks.harness import runner
+from benchmarks.harness.attempts import Ask, attempt, states_of
 from benchmarks.harness.audit import Auditor, between, worst
-from benchmarks.harness.environment import environment
+from benchmarks.harness.report import Row
 from benchmarks.harness.sources import Motion, Task, ToyQuery
 from benchmarks.harness.suite import (
     LESSON,
@@ -30,14 +27,13 @@ from benchmarks.harness.suite import (
     seeds_of,
     suite_names,
 )
+from benchmarks.studies import suites
 from benchmarks.worlds import planar
 from benchmarks.worlds.drawn import blocked_ends
 from benchmarks.worlds.queries import load
 from planner_service import PRM, CollisionChecker, PlannerService, Roadmap, RRTConnect, load_robot, load_scene
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.parallel import Engine, Processes
 from planner_service.planners import PLANNERS
-from tests.benchmarks.results import HEADER, results_file
 
 QUIET = Console(file=StringIO())
 
@@ -138,14 +134,6 @@ def test_a_set_of_problems_is_refused_for_a_robot_with_other_joints(tmp_path: Pa
         suite_of(tmp_path, TINY + table)
 
 
-def test_rows_made_by_several_processes_are_those_of_one(tiny: Suite) -> None:
-    def told(engine: Engine | None) -> list[rows.Row]:
-        timeless = dict.fromkeys(("seconds", "total_seconds", "cpu_seconds"))
-        return [row | timeless for row in runner.made(runner.jobs_of(tiny), engine=engine)]
-
-    assert told(Processes(2)) == told(None)
-
-
 def test_every_planner_of_the_service_is_named_as_the_service_names_it() -> None:
     assert [type(planner_of(name)) for name in PLANNERS] == list(PLANNERS.values())
     assert planner_of("rrtconnect:range=0.3") == RRTConnect(range=0.3)
@@ -196,11 +184,7 @@ def test_a_roadmap_is_built_once_for_a_scene_and_seed_and_its_cost_is_told_apart
     first, second, *rest = [row["built"] for row in found]
     assert rest == [first, second]
     assert first["states"] != second["states"]
-    assert all("roadmap" not in row["checks"] and rows.states_of(row) < row["built"]["states"] for row in found)
-    told = rows.read(results_file(tmp_path / "a.jsonl", *found)).rows
-    assert list(told) == found
-    with pytest.raises(InvalidFile, match=r"line 2\.built\.states"):
-        rows.read(results_file(tmp_path / "b.jsonl", {**found[0], "built": {**first, "states": -1}}))
+    assert all("roadmap" not in row["checks"] and states_of(row) < row["built"]["states"] for row in found)
 
 
 def test_a_disc_has_no_scene_to_build_a_roadmap_for(tiny: Suite) -> None:
@@ -234,18 +218,17 @@ def test_drawn_ends_are_free_not_joined_by_a_line_and_the_same_each_time() -> No
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> list[rows.Row]:
+def found(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     suite = suite_of(tmp_path_factory.mktemp("suite"), TINY)
     return list(runner.made(runner.jobs_of(suite)))
 
 
-def test_a_row_tells_what_a_plan_cost_and_what_became_of_it(found: list[rows.Row]) -> None:
+def test_a_row_tells_what_a_plan_cost_and_what_became_of_it(found: list[Row]) -> None:
     row = found[0]
-    assert {name for name, field in rows.RowRecord.model_fields.items() if field.is_required()} <= set(row)
     told = [row[key] for key in ("suite", "problem", "planner", "seed", "ok")]
     assert told == ["tiny", "bin/0", "rrtconnect", 0, True]
     assert set(row["checks"]) == set(row["seconds"]) >= {"search", "shortcut", "certify"}
-    assert rows.states_of(row) == sum(counts["states"] for counts in row["checks"].values()) > 0
+    assert states_of(row) == sum(counts["states"] for counts in row["checks"].values()) > 0
     assert 0.0 < row["length"] <= row["raw_length"]
     assert row["clearance"] > 0.0
     assert max(row["peaks"]["velocity"], row["peaks"]["acceleration"]) <= 1.0 + 1e-9
@@ -255,25 +238,24 @@ def test_a_row_tells_what_a_plan_cost_and_what_became_of_it(found: list[rows.Row
 SAME = ("checks", "path_hash", "length")
 
 
-def test_the_same_job_has_the_same_counts_and_bits_again(found: list[rows.Row], tiny: Suite) -> None:
+def test_the_same_job_has_the_same_counts_and_bits_again(found: list[Row], tiny: Suite) -> None:
     for row, job in zip(found, runner.jobs_of(tiny), strict=True):
         again = job.row()
-        assert rows.key_of(row) == rows.key_of(again) == job.key
         assert [row[key] for key in SAME] == [again[key] for key in SAME]
 
 
-def test_the_lesson_is_a_planner_of_its_own_tool(found: list[rows.Row]) -> None:
+def test_the_lesson_is_a_planner_of_its_own_tool(found: list[Row]) -> None:
     toy = next(row for row in found if (row["problem"], row["planner"]) == ("toy", LESSON))
     assert toy["tool"] == LESSON
     assert {row["tool"] for row in found if row["planner"] != LESSON} == {"planner_service"}
     service = next(row for row in found if (row["problem"], row["planner"]) == ("toy", "rrtconnect"))
-    assert rows.states_of(service) < 0.2 * rows.states_of(toy)
+    assert states_of(service) < 0.2 * states_of(toy)
 
 
 def test_a_run_that_fails_is_a_row_charged_what_it_spent(tiny: Suite) -> None:
     row = attempt(tiny.problems[0], Ask("rrtconnect", 0, 300))
     assert (row["ok"], row["failure"], row["audit"]["verdict"]) == (False, "CHECK_BUDGET_EXHAUSTED", "not_asked")
-    assert 0 < rows.states_of(row) <= 300
+    assert 0 < states_of(row) <= 300
     assert row["cpu_seconds"] > 0.0
     assert (row["length"], row["path_hash"]) == (None, None)
 
@@ -312,136 +294,6 @@ def test_the_audit_finds_the_deepest_touch_and_a_limit() -> None:
     assert worst([auditor.judge(line[:2]), told]) == told
 
 
-# --- files
-
-
-def test_what_is_written_reads_back_and_a_torn_last_line_is_left_out(tmp_path: Path, found: list[rows.Row]) -> None:
-    results = rows.read(results_file(tmp_path / "a.jsonl", *found, tail='{"suite": "ti'))
-    assert list(results.rows) == found
-    assert results.header == HEADER
-    with rows.appending(tmp_path / "a.jsonl", results) as put:
-        put(found[0])
-    assert list(rows.read(tmp_path / "a.jsonl").rows) == [*found, found[0]]
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"seed": -1}, "line 2.seed"),
-        ({"ok": "yes"}, "line 2.ok"),
-        ({"checks": {"search": {"states": 1}}}, "line 2.checks.search.edges: missing"),
-        ({"audit": {"step": None, "verdict": "fine", "depth": None, "pair": None}}, "one of free, colliding"),
-        ({"length": "long"}, "line 2.length"),
-    ],
-)
-def test_a_row_that_is_none_is_told_by_its_line(
-    tmp_path: Path, found: list[rows.Row], change: dict[str, Any], told: str
-) -> None:
-    file = results_file(tmp_path / "a.jsonl", {**found[0], **change})
-    with pytest.raises(InvalidFile, match=told):
-        rows.read(file)
-
-
-def test_two_processes_do_not_write_to_one_file(tmp_path: Path, found: list[rows.Row]) -> None:
-    out, none = tmp_path / "a.jsonl", rows.Results(HEADER, ())
-    with rows.appending(out, none) as put:
-        put(found[0])
-        with pytest.raises(InvalidRequest, match="another process is writing"), rows.appending(out, none):
-            pytest.fail("it is written to twice")
-        put(found[1])
-    assert list(rows.read(out).rows) == found[:2]
-    with rows.appending(out, rows.read(out)) as put:
-        put(found[2])
-    assert list(rows.read(out).rows) == found[:3]
-
-
-@pytest.mark.parametrize("text", ["", "{}\n", "[1]\n", "no json\n", '{"header": {"version": 2}}\n', '{"header": 3}\n'])
-def test_a_file_that_holds_no_results_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "a.jsonl").write_text(text, "utf-8")
-    with pytest.raises(InvalidFile, match=r"a\.jsonl"):
-        rows.read(tmp_path / "a.jsonl")
-
-
-# --- run
-
-
-@pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch, found: list[rows.Row]) -> list[rows.Key]:
-    """The rows of the tiny suite come from memory; which ones were made is noted."""
-    made: list[rows.Key] = []
-    by_key = {rows.key_of(row): row for row in found}
-
-    def row(job: runner.Job) -> rows.Row:
-        made.append(job.key)
-        return by_key[job.key]
-
-    monkeypatch.setattr(runner.Job, "row", row)
-    monkeypatch.setattr(runner, "warm", lambda *_: None)
-    return made
-
-
-def test_a_run_goes_on_where_it_was_interrupted_and_loses_no_row(
-    tiny: Suite, tmp_path: Path, counted: list[rows.Key], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    jobs, out = runner.jobs_of(tiny), tmp_path / "out.jsonl"
-    row = runner.Job.row
-
-    def interrupted(job: runner.Job) -> rows.Row:
-        if len(counted) == 3:
-            raise KeyboardInterrupt
-        return row(job)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(runner.Job, "row", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            runner.run(jobs, out, ["run"], QUIET)
-    assert [rows.key_of(r) for r in rows.read(out).rows] == [job.key for job in jobs[:3]]
-    results = runner.run(jobs, out, ["run"], QUIET)
-    assert counted == [job.key for job in jobs]
-    assert [rows.key_of(r) for r in results.rows] == [job.key for job in jobs]
-    assert [rows.key_of(r) for r in rows.read(out).rows] == [job.key for job in jobs]
-    runner.run(jobs, out, ["run"], QUIET)
-    assert len(counted) == len(jobs)
-
-
-def test_rows_are_not_put_beside_others_of_another_suite_or_code(
-    tiny: Suite, tmp_path: Path, counted: list[rows.Key], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    jobs, out = runner.jobs_of(tiny), tmp_path / "out.jsonl"
-    runner.run(jobs[:1], out, ["run"], QUIET)
-    with pytest.raises(InvalidRequest, match="suite tiny is now other"):
-        runner.run([replace(job, suite="other") for job in jobs], out, ["run"], QUIET)
-    made = environment()
-    monkeypatch.setattr(runner, "environment", lambda: {**made, "commit": "another"})
-    with pytest.raises(InvalidRequest, match=r"commit .* is now another"):
-        runner.run(jobs, out, ["run"], QUIET)
-
-
-def test_the_command_runs_a_suite_and_says_what_is_wrong_with_its_options(
-    tiny: Suite, tmp_path: Path, counted: list[rows.Key], capsys: pytest.CaptureFixture[str]
-) -> None:
-    suite, out = str(tmp_path / "tiny.toml"), str(tmp_path / "out.jsonl")
-    assert command.main(["run", "--suite", suite, "--planner", "lesson", "--seeds", "0:2", "--out", out]) == 0
-    printed = capsys.readouterr().out
-    assert "4 rows in" in printed
-    assert len(rows.read(Path(out)).rows) == 4
-    assert command.main(["run", "--suite", suite, "--planner", "rrtconect", "--out", out]) == 2
-    assert "did you mean 'rrtconnect'" in capsys.readouterr().out
-
-
-def test_ctrl_c_ends_the_command_with_what_to_do_next(
-    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(runner, "warm", interrupted)
-    out = str(tmp_path / "out.jsonl")
-    assert command.main(["run", "--suite", str(tmp_path / "tiny.toml"), "--out", out]) == 130
-    assert "the same command goes on" in " ".join(capsys.readouterr().out.split())
-    assert json.loads(Path(out).read_text("utf-8").splitlines()[0])["header"]["suite"] == "tiny"
-
-
 def test_the_lesson_is_not_asked_to_pick() -> None:
     suite = load_suite("pick_place")
     with pytest.raises(InvalidRequest, match=r"'lesson'; expected one that picks and places, for task/"):
@@ -456,3 +308,16 @@ def test_a_problem_that_cannot_be_asked_is_named(tmp_path: Path) -> None:
     (job,) = [job for job in runner.jobs_of(suite, ["rrtconnect"], [0]) if isinstance(job.problem, Task)]
     with pytest.raises(InvalidRequest, match=r"problem task/bin of tiny, rrtconnect: target: got 'table'"):
         job.row()
+
+
+# --- the study
+
+
+def test_a_suite_is_a_study_whose_tables_count_what_was_solved(tiny: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(suites, "load_suite", lambda _: tiny)
+    report = suites.run("smoke", seeds=1)
+    assert [(row["planner"], row["seed"]) for row in report.rows] == [("rrtconnect", 0), ("lesson", 0)] * 2
+    solved, kinds = ([list(column.cells) for column in table.columns] for table in report.tables)
+    assert (solved[0], solved[1]) == (["rrtconnect", "lesson"], ["2/2", "2/2"])
+    assert [column.header for column in report.tables[1].columns][1:] == ["bin", "toy"]
+    assert all(str(cell).startswith("1/1, ") for column in kinds[1:] for cell in column)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any, Protocol
 
-__all__ = ["Answer", "Table", "clock", "matrix_of", "serve", "xyzw"]
+__all__ = ["Answer", "Table", "clock", "matrix_of", "serve"]
 
 Table = Mapping[str, Any]
 
@@ -118,12 +118,6 @@ def _say(channel: Any, content: Mapping[str, Any]) -> None:
 def clock(answer: Answer, limit: float) -> float:
     """Seconds left of a limit for search, shortcut and timing together."""
     return max(0.01, limit - sum(spent for stage, spent in answer.seconds.items() if stage != "setup"))
-
-
-def xyzw(body: Table) -> list[float]:
-    """An obstacle's quaternion with w last."""
-    w, x, y, z = body["quaternion_wxyz"]
-    return [x, y, z, w]
 
 
 def matrix_of(body: Table) -> list[list[float]]:

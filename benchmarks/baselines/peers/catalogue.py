@@ -19,8 +19,6 @@ class Peer:
         imports: A module whose import shows that it works.
         pythons: Versions that do, the preferred first.
         planners: Settings handed to the adapter, by the planner's name; the first is the default.
-        library_from: A requirement whose wheel carries the ``library`` that is lent to the peer where the system's is
-            too old; both None if none is needed.
         note: What to know when installing it.
         module: What its adapter is called, ``_adapter`` added; the peer's name if empty.
     """
@@ -30,8 +28,6 @@ class Peer:
     imports: str
     pythons: tuple[str, ...]
     planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    library_from: str | None = None
-    library: str | None = None
     note: str = ""
     module: str = ""
 
@@ -57,19 +53,6 @@ _ALL = (
         ("3.12", "3.13", "3.11", "3.10"),
         {"rrtconnect": {"step": 0.05, "max_nodes": 1_000_000}},
         note="600 MB, most of it the headers of what it is built on",
-    ),
-    Peer(
-        "tesseract",
-        ("tesseract-robotics-nanobind==0.35.0.8",),
-        "tesseract_robotics.planning",
-        ("3.12", "3.13", "3.11", "3.10"),
-        {
-            "trajopt": {"pipeline": "TrajOptPipeline"},
-            "freespace": {"pipeline": "FreespacePipeline", "planning_time": 5.0},
-        },
-        library_from="tesseract-robotics-nanobind==0.34.1.7",
-        library="libstdc++.so.6",
-        note="needs the libstdc++ of gcc 13; where the system's is older, that of one of its own wheels is lent",
     ),
     Peer(
         "ompl-coal",

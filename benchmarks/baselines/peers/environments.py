@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import subprocess
-import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,11 +112,8 @@ class Environment:
         return self.state == "installed"
 
     def surroundings(self) -> dict[str, str]:
-        """Environment variables for what runs in it: one thread, nothing of ours, a library that is lent to it."""
+        """Environment variables for what runs in it: one thread, nothing of ours."""
         kept = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "VIRTUAL_ENV"))}
-        lent = self.folder / "lent"
-        if lent.is_dir():
-            kept["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, (str(lent), kept.get("LD_LIBRARY_PATH"))))
         threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         return kept | threads | {"PYTHONNOUSERSITE": "1"}
 
@@ -153,30 +149,8 @@ class Environment:
         failed = failed or self._call([str(self.python), *_PIP, "install", *self.peer.requirements], "pip install")
         if failed:
             return failed
-        failed = self._importing()
-        if failed and self.peer.library_from and "not found" in failed:
-            failed = self._lend() or self._importing()
-        return failed or "installed"
-
-    def _importing(self) -> str:
-        return self._call([str(self.python), "-c", f"import {self.peer.imports}"], f"import {self.peer.imports}")
-
-    def _lend(self) -> str:
-        """Take a library out of another wheel, to be found before the system's."""
-        assert self.peer.library_from is not None
-        wheels, lent = self.folder / "wheels", self.folder / "lent"
-        fetch = [*_PIP, "download", "--no-deps", "--only-binary=:all:", "-d", str(wheels), self.peer.library_from]
-        failed = self._call([str(self.python), *fetch], "pip download")
-        if failed:
-            return failed
-        lent.mkdir()
-        for wheel in wheels.glob("*.whl"):
-            with zipfile.ZipFile(wheel) as archive:
-                for name in archive.namelist():
-                    if Path(name).name == self.peer.library:
-                        (lent / Path(name).name).write_bytes(archive.read(name))
-        shutil.rmtree(wheels)
-        return "" if any(lent.iterdir()) else f"{self.peer.library} is not in {self.peer.library_from}"
+        imports = f"import {self.peer.imports}"
+        return self._call([str(self.python), "-c", imports], imports) or "installed"
 
     def _call(self, command: list[str], what: str) -> str:
         """Run it; empty if it went well, else the reason."""
