@@ -6,7 +6,7 @@ from rich.table import Table
 
 from benchmarks.harness.audit import independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, table_of
-from benchmarks.worlds.failures import StoredFailure, load
+from benchmarks.worlds.unsolvable import StoredFailure, load_failures
 from planner_service import PlannerService
 
 __all__ = ["run"]
@@ -23,7 +23,7 @@ CURVE_STEP = 0.001
 
 def run(queries: int | None, seed: int) -> Report:
     """Measure the first so many stored failures."""
-    rows = [_explained(failure) for failure in load()[:queries]]
+    rows = [_explained(failure) for failure in load_failures()[:queries]]
     solved = sum(row["solved"] for row in rows)
     promise = f"at least {SOLVED:.0%} of {len(rows)} failures are solved by the first suggestion"
     promises = (Promise(promise, f"{solved}", solved >= SOLVED * len(rows)),)

@@ -4,8 +4,8 @@
   proven impossible. A flood fill of joint space, by closed forms
   of its own, looks at some: start and goal are joined by nodes of a grid that are farther from the discs than half a
   step moves any point, or not even by nodes that overlap them by less, corners included; in between it decides nothing.
-- Stored pockets, which a link cannot leave (``benchmarks.worlds.pockets``): most are to be proven.
-- Stored tool poses, of which every configuration collides (``benchmarks.worlds.blocked_poses``): all to be proven.
+- Stored pockets, which a link cannot leave (``benchmarks.worlds.unsolvable``): most are to be proven.
+- Stored tool poses, of which every configuration collides (``benchmarks.worlds.unsolvable``): all to be proven.
 - Queries with a known path, four robots: none may be proven impossible.
 """
 
@@ -22,11 +22,7 @@ from scipy.ndimage import label
 
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from benchmarks.studies.evidence.worlds import plans
-from benchmarks.worlds.blocked_poses import ROBOT as POSES_ROBOT
-from benchmarks.worlds.blocked_poses import BlockedPose
-from benchmarks.worlds.blocked_poses import load as load_poses
-from benchmarks.worlds.pockets import Pocket
-from benchmarks.worlds.pockets import load as load_pockets
+from benchmarks.worlds.unsolvable import POSES_ROBOT, BlockedPose, Pocket, load_pockets, load_poses
 from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.infeasibility import prove_no_path
