@@ -30,7 +30,7 @@ class _OwnError(Exception):
 
 
 class _Hater:
-    """Anything that is asked of it goes wrong."""
+    """Whatever is called fails."""
 
     def _fail(self, *_: object) -> Any:
         raise _OwnError

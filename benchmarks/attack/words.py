@@ -81,10 +81,10 @@ def draw_word(kind: str, text: str, rng: np.random.Generator) -> Case:
 
 
 def require_told(case: Case, text: str, path: Path, read: Callable[[Path], Robot]) -> str:
-    """Read a file with its word and without: it is refused, told of, or listed; what has no effect changes nothing.
+    """Read a file with its word and without: it is refused, warned about or listed; what has no effect changes nothing.
 
     Returns:
-        What became of the word.
+        How the word was treated.
     """
     kind, word = case["words"], case["word"]
     plain = _read(text, path, read)[0]

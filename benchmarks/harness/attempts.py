@@ -1,4 +1,4 @@
-"""One problem, one planner, one seed: planned, audited, and told as a row, whatever came of it."""
+"""One problem, one planner, one seed: planned, audited and reported as a row, solved or not."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ KEPT = 64
 
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """A planner, and what a row is to tell of building it: nothing of one that is not built."""
+    """A planner, and what a row says about building it: nothing if it is not built."""
 
     planner: Planner
     told: Row = field(default_factory=dict)

@@ -121,7 +121,7 @@ def described_file(source: str, place: Path | None) -> Path:
 
 
 def table_of_robot(robot: Robot, source: str, place: Path) -> dict[str, Any]:
-    """What the independent checker is told of a robot of ``source``: where its file is, and what was chosen of it.
+    """What the independent checker needs of a robot of ``source``: where its file is, and what was chosen of it.
 
     Args:
         place: A folder for files that have to be made.

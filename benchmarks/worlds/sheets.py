@@ -50,7 +50,7 @@ class Site:
 
 @dataclass
 class Planted:
-    """How many sheets were planted, and what became of those that the robot touches.
+    """How many sheets were planted, and how those that the robot touches fared.
 
     Attributes:
         tried: Placements.

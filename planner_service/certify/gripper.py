@@ -28,7 +28,7 @@ from planner_service.scene.scene import Scene
 __all__ = ["GripperMotion", "certify_gripper"]
 
 FINGERS = "gripper"
-"""The one joint that is left."""
+"""The one remaining joint."""
 
 
 @dataclass(frozen=True)

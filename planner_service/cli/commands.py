@@ -151,7 +151,7 @@ def explain(
     """Explain why there is no plan, whether that is proven, and what would help.
 
     Every change that is suggested was planned and gives a proven plan: an end moved out of a collision, the tool
-    turned, a constraint relaxed, an object moved by as little as suffices, or taken away.
+    turned, a constraint relaxed, an object moved just far enough, or taken away.
     """
     with bad_input_exits():
         arguments.require_outputs({"--evidence": evidence})

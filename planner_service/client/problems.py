@@ -42,7 +42,7 @@ class StaleVersion(ServerRefused):
 
 
 def error_of(problem: Mapping[str, Any], url: str) -> PlannerServiceError:
-    """The error that a problem tells of; whatever the server says, it is one of this package."""
+    """The error that a problem document describes; always one of this package, whatever the server says."""
     kind = _text(problem.get("type")).rpartition(":")[2]
     detail = _text(problem.get("detail")) or _text(problem.get("title")) or "refused without a reason"
     if kind == "unknown-name":

@@ -1,4 +1,4 @@
-"""A planner in another process: the library's verbs, asked of a server, with the library's types as answers.
+"""A planner in another process: the library's verbs, answered by a server, with the library's types as answers.
 
 Nothing that a server says is believed: what it sends is read as strictly as a file, and a plan counts as one that
 another process made. Whoever moves an arm proves it again with a robot and a scene of their own
@@ -489,10 +489,10 @@ class Remote:
         taken: str = "",
         upright: Sequence[Constraint] = (),
     ) -> TaskResult:
-        """What became of a task.
+        """The outcome of a task.
 
         Args:
-            request: What was asked of all its motions; it starts where the robot stands.
+            request: The request of all its motions; it starts where the robot stands.
             taken: The object that is carried with one of the constraints ``upright``, if there are any.
         """
         answer = self._work(kind, body, cancel)
@@ -717,7 +717,7 @@ def _require_remote(remote: Remote) -> None:
 
 
 def _at(start: FloatArray, request: PlanRequest | None) -> PlanRequest:
-    """What is asked of all motions of a task that begins somewhere, as the library says it."""
+    """The request of all motions of a task that begins somewhere, as the library writes it."""
     return PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)
 
 

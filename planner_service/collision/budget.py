@@ -37,7 +37,7 @@ MAX_STATES = 2**63 - 1
 
 @dataclass(frozen=True)
 class CheckCounts:
-    """What was asked of the collision checker.
+    """The work of the collision checker, counted.
 
     Attributes:
         states: Configurations judged free or not, samples along edges one by one, up to and

@@ -1,4 +1,4 @@
-"""What touches: the words a user is told."""
+"""What touches, in words for the user."""
 
 from __future__ import annotations
 

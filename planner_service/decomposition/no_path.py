@@ -51,7 +51,7 @@ class NoPath:
         joints: The joints whose values are cut into boxes.
         pairs: The pairs of links and objects whose overlaps are the walls, each once.
         boxes: How many of these joints were judged.
-        distances: (box, pair) bounds asked of them.
+        distances: Bounds computed for (box, pair).
         encloses: What the region holds, "start" or "goals"; an end that collides lies in a wall instead.
         range_lower, range_upper: What is cut into boxes, (k,), in radians or metres; of a joint without end a whole
             turn, and both sides are the same.

@@ -66,7 +66,7 @@ def _report(events: queue.Queue[Any], tell: Any) -> None:
 
 
 def _stand(mujoco: Any, simulation: Any, joints: dict[str, float]) -> None:
-    """Put the arm's joints, and what they are told, to where they begin."""
+    """Put the arm's joints and their commands to where they begin."""
     model, data = simulation.model, simulation.data
     for name, value in joints.items():
         joint = model.joint(name).id

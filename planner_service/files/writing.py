@@ -18,7 +18,7 @@ LEFTOVER = re.compile(r"\.planner-service-[0-9a-f]{32}\.tmp")
 """Names of files that are not whole yet. Who writes one holds a lock on it, which ends with its process."""
 
 HEAD = 4_096
-"""Bytes by which a file is told from one of another kind."""
+"""The first bytes of a file, which tell its kind."""
 
 
 def require_writable(path: str | os.PathLike[str], ours: re.Pattern[bytes] | None = None) -> None:

@@ -1,7 +1,7 @@
 """What would help where there is no plan: small changes, each of which was tried and gives a proven plan.
 
 Candidates come cheapest first: an end that touches something is left or moved out of it, the tool is turned, a
-constraint is relaxed, an object is moved by as little as suffices, and last an object is taken away. A candidate whose
+constraint is relaxed, an object is moved just far enough, and last an object is taken away. A candidate whose
 ends still collide is not planned. What is spent is a number of plans, so the answer is the same on every machine.
 """
 
@@ -140,7 +140,7 @@ class Explanation:
     """Why there is no plan, and what helps.
 
     Attributes:
-        result: What came of the request as it is.
+        result: The outcome of the request as it is.
         no_path: The proof that there is no path at all, if one was found.
         remedies: Changes that give a plan, cheapest first; none if there is a plan, or nothing that was tried helps.
         plans: How many plans were tried.
@@ -342,7 +342,7 @@ def _called(constraint: Constraint) -> str:
 
 
 def _moved_objects(request: PlanRequest, scene: Scene, failure: Failure, trials: _Trials) -> None:
-    """Objects in the way moved by as little as helps, the least first, and not into others."""
+    """Objects in the way, each moved just far enough and not into others, the shortest move first."""
     blamed = list(_blamed(scene, failure))
     stood = {one.name: _overlaps(trials.robot, request, scene, one) for one in blamed}
     helped = set[str]()

@@ -92,7 +92,7 @@ def _prepare(sent: bytes, send: Callable[[Any], None]) -> Any:
 
 
 def _answer(work: Any, sent: Any) -> Any:
-    """The answer to an item, which is there as bytes, or as what came of reading it."""
+    """The answer to an item, as bytes, or as the outcome of reading them."""
     if isinstance(sent, Raised):
         raise sent.error
     if isinstance(sent, Died):

@@ -60,13 +60,13 @@ NARROWER, FIRST_NARROW = ((0.5, 0.001), (0.1, 0.0005)), 8
 in metres; the first of their rounds, numbered as no other, so that they draw other samples."""
 
 POLISH_SHARE = 0.7
-"""Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
+"""The share of the remaining time that optimising may take; the rest is kept for the unoptimised path."""
 
 
 def require_plannable(
     request: PlanRequest, robot: Robot, scene: Scene
 ) -> tuple[tuple[Constraint, ...], TorqueLimits | None]:
-    """Refuse a request that cannot be asked of a robot in a scene; the constraints and the torque limits of its motion.
+    """Refuse a request that does not fit a robot in a scene; the constraints and the torque limits of its motion.
 
     Raises:
         InvalidRequest: Its start, a goal or its roadmap is of another robot, it is to be optimised without the compiled
@@ -94,7 +94,7 @@ def plan(
     tracer: Tracer | None = None,
     origin: Origin | None = None,
 ) -> PlanResult:
-    """What comes of a request.
+    """Plan a request.
 
     Raises:
         InvalidRequest: As ``require_plannable``.

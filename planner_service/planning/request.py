@@ -1,4 +1,4 @@
-"""What is asked of the planner."""
+"""What the planner shall do: a start, goals and all settings."""
 
 from __future__ import annotations
 

@@ -205,7 +205,7 @@ class MotionReport:
 
 @dataclass(frozen=True)
 class PolishReport:
-    """What came of optimising.
+    """The outcome of optimising.
 
     Attributes:
         method: Its name.
@@ -310,7 +310,7 @@ class PlanResult:
         motion: Peaks over limits, tool speed and durations; None without a plan.
         notes: What a person should know beside it: a clamped start, ends closer than the padding, a second search.
         roadmap: The roadmap of a planner that has one, with all that it learned; not kept in plan files.
-        polish: What came of optimising; None if it was not asked for, or there was nothing to optimise.
+        polish: The outcome of optimising; None if it was not asked for, or there was nothing to optimise.
         trace: How the search went; None if it was not asked for. Not kept in plan files.
         origin: What it was planned in, and what was asked; None for a result from a file or another process.
         fraction: For a motion of the tool along a path, the share of its length, 0 to 1, that is possible; None for

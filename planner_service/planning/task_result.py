@@ -1,4 +1,4 @@
-"""What picking and placing take and return: how to handle an object, and the motions that came of it."""
+"""How to handle an object when picking and placing, and the motions that result."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ __all__ = ["bar"]
 
 @contextmanager
 def bar(what: str, shown: bool | None) -> Iterator[Callable[[int, int], None] | None]:
-    """A progress bar that is told how much is done and of how much; None if it is not to be ``shown``.
+    """A progress bar, set by how much is done of how much; None if it is not to be ``shown``.
 
     Args:
         shown: If None, when standard error is a terminal.

@@ -248,7 +248,7 @@ class SavedTask(_Saved):
 
     @property
     def counts(self) -> CheckCounts:
-        """What the whole task asked of the collision checker."""
+        """The collision checks of the whole task."""
         return sum((segment.counts for segment in self.segments), self.choosing)
 
     def followed_by(self, after: SavedTask) -> SavedTask:

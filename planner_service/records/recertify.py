@@ -347,7 +347,7 @@ def _segments(plan: Plan, world: World) -> Sequence[Segment]:
 
 
 def _requests(plan: Plan, segments: Sequence[Segment]) -> list[PlanRequest | None]:
-    """What was asked of each motion, as far as that is known."""
+    """The request of each motion, as far as it is known."""
     request = None if isinstance(plan, PlanResult) else plan.request
     origins = [_asking(segment) for segment in segments]
     return [request if origin is None else origin.request for origin in origins]

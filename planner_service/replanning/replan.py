@@ -496,7 +496,7 @@ def _stopping(call: _Call, failure: Failure) -> Replanned:
 
 def _stops(call: _Call) -> Iterator[Trajectory]:
     """Stops along the old curve: the quickest within the limits asked; then, where these are parts of the robot's,
-    within the robot's own, for a robot that is faster than asked cannot stop within what is asked.
+    within the robot's own, since a robot that is faster than requested cannot stop within the requested limits.
     """
     whole = replace(call.pace, velocity_scale=1.0, acceleration_scale=1.0)
     for pace in dict.fromkeys((call.pace, whole)):

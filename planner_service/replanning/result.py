@@ -38,7 +38,7 @@ OUTSIDE = 1e-6
 
 
 class Outcome(enum.Enum):
-    """What came of replanning."""
+    """The outcome of replanning."""
 
     NEW = "new motion"
     """Another motion to the goal begins at the splice."""
@@ -59,7 +59,7 @@ class Replanned:
     or the robot is at rest.
 
     Attributes:
-        outcome: What came of it. There is a proven motion unless it is UNSAFE.
+        outcome: How it ended. There is a proven motion unless it is UNSAFE.
         result: That motion, with what it cost; a failure if UNSAFE. Its path begins at the waypoint before the robot.
             What is proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's
             ``part``; if the old motion ends before the splice, what was left of it is proven separately.

@@ -260,7 +260,7 @@ async def _closed(request: Request) -> None:
         pass
 
 
-# Plans: what came of a request, of whatever kind.
+# Plans: the outcome of a request of any kind.
 
 
 def _add_plans(app: FastAPI, server: PlanningServer) -> None:

@@ -59,16 +59,16 @@ class Task:
 
 
 class Listener(Protocol):
-    """Is told what becomes of tasks; called from several threads. What it raises is logged, and changes nothing."""
+    """Hears how tasks go on and end; called from several threads. What it raises is logged, and changes nothing."""
 
     def started(self, task: Task) -> None:
-        """A worker is about to get it; nothing may be asked of the dispatcher now."""
+        """A worker is about to get it; do not call the dispatcher from here."""
 
     def noted(self, task: Task, note: Any) -> None:
         """Its worker has sent a note."""
 
     def retried(self, task: Task) -> None:
-        """Its worker was lost; another one will have it. Nothing may be asked of the dispatcher now."""
+        """Its worker was lost; another one will have it. Do not call the dispatcher from here."""
 
     def ended(self, task: Task, outcome: Answer | Ending | Raised) -> None:
         """It has an answer, or never will; ``Raised`` is a bug of ours."""
@@ -170,7 +170,7 @@ class Dispatcher(Generic[Worker]):
         try:
             told(*what, **named)
         except Exception:  # whatever it is, tasks and workers go on
-            logger.exception("what became of a task was not taken note of")
+            logger.exception("the outcome of a task could not be recorded")
 
     def _tell_to_end(self, worker: Worker, ending: Ending) -> None:
         task = self._workers[worker].task

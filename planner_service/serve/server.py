@@ -1,4 +1,4 @@
-"""The server behind the routes: it accepts requests, keeps what becomes of them, and hands them to workers.
+"""The server behind the routes: it accepts requests, hands them to workers and keeps the outcomes.
 
 A request is accepted once it is in the store, and answered once its answer is. After a restart whatever was accepted
 and has no answer is carried out, which gives the same answer: plans are deterministic.

@@ -140,7 +140,7 @@ class Following:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a request.
+    """The outcome of a request.
 
     Attributes:
         content: A plan file, a task file, another JSON object, or a problem if ``refused``.

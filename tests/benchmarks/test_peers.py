@@ -1,4 +1,4 @@
-"""Peers: what they are given, what becomes of whatever they do, and what is said where they cannot be run."""
+"""Peers: their input, their answers, and what is reported where they cannot run."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ TOLD = 400
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """What came of a problem.
+    """The outcome of a problem.
 
     Attributes:
         problem: Its part of the job.

@@ -178,7 +178,7 @@ _PIP = ("-m", "pip", "--disable-pip-version-check", "--no-input")
 
 
 def _reason(output: str) -> str:
-    """What of the output says why: lines that tell of errors, the last lines if there are none."""
+    """The reason, from the output: lines that mention errors, or the last lines if there are none."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     marks = ("error:", "from url", "could not", "not found", "importerror", "no matching")
     telling = [line for line in dict.fromkeys(lines) if any(mark in line.lower() for mark in marks)]

@@ -83,7 +83,7 @@ def tasks_of(suite: str, seeds: Sequence[int], only: int | None = None) -> tuple
 
 
 def row_of(run: Run, reply: Reply, problem: Motion) -> Row:
-    """What became of a problem, judged by the independent checker."""
+    """The outcome of a problem, judged by the independent checker."""
     answer = reply.answer or {}
     path, failure, detail = path_of(reply, problem)
     seconds = {stage: float(spent) for stage, spent in (answer.get("seconds") or {}).items()}

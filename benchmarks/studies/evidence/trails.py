@@ -62,7 +62,7 @@ def _row(name: str, plan: SavedPlan) -> Row:
 
 
 def least_of(work: Any) -> tuple[float, Any]:
-    """Seconds of CPU of the faster of two runs, and what came of it."""
+    """Seconds of CPU of the faster of two runs, and its result."""
     clock = time.process_time()
     made = work()
     first = time.process_time() - clock

@@ -87,7 +87,7 @@ def _capacity(running: Server, bodies: Sequence[dict[str, Any]]) -> float:
 
 
 def _flooded(running: Server, bodies: Sequence[dict[str, Any]], rate: float) -> list[Reply]:
-    """What comes of requests that are sent at their times, whatever came of those before."""
+    """The answers to requests that are sent at fixed times, whether or not earlier ones are answered."""
     began, numbers, replies = time.perf_counter() + 0.2, iter(range(int(rate * SECONDS))), list[Reply]()
 
     def send(_: int) -> None:

@@ -1,1 +1,1 @@
-"""Which elements and attributes robot files may have, and what becomes of each."""
+"""The elements and attributes that robot files may have, and how each is read."""

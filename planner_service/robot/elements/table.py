@@ -40,7 +40,7 @@ class Effect(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """What becomes of an element, of its attributes, and of the elements inside.
+    """How an element, its attributes and the elements inside it are read.
 
     Attributes:
         attributes: Effect and reason by name.

@@ -117,7 +117,7 @@ def joint_places(path: Path, folders: Sequence[Path]) -> JointPlaces:
 
 
 def _compiled(path: Path, folders: Sequence[Path]) -> dict[str, Any]:
-    """What ``mjcf_child`` tells of a file."""
+    """What ``mjcf_child`` reports about a file."""
     _require_inside(path, folders)
     if find_spec("mujoco") is None:
         raise MissingDependency("mujoco", "mjcf")

@@ -39,7 +39,7 @@ LARGE = 2.0
 """Times the same: an obstacle that is larger is in the picture in part."""
 
 ROOM = 0.02
-"""Part of the diagonal of all that is in the picture that is left free around it."""
+"""Margin around all that is in the picture, as a share of its diagonal."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -243,7 +243,7 @@ def test_optima_and_what_replaces_them_have_the_same_bits_in_a_process_for_an_ol
 
 
 def told() -> str:
-    """Hashes of plans and of what comes of replanning them."""
+    """Hashes of plans and of their replanned motions."""
     service, found = PlannerService("wxai", "bin"), []
     for number, method in ((1, TrajOpt()), (1, Chomp(iterations=30))):
         request = query("bin", number, polish=Optimise(method=method))

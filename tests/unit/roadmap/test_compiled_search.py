@@ -25,7 +25,7 @@ DISCS_SPACE = SearchSpace(DISCS.robot.limits.lower, DISCS.robot.limits.upper, Se
 
 
 def asked(roadmap: Roadmap) -> list[tuple[object, ...]]:
-    """Paths, counts and what was learned of some queries, each asked of what the one before left."""
+    """Paths, counts and what was learned of some queries, each of the roadmap that the one before left."""
     rng, found = np.random.default_rng(3), list[tuple[object, ...]]()
     limits, checker = DISCS.robot.limits, DISCS.checker
     Q = rng.uniform(limits.lower, limits.upper, (40, 2))
