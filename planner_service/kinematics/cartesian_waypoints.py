@@ -10,7 +10,7 @@ import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose, Sphere
-from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS, interpolate, rotation_distance
+from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS
 from planner_service.kinematics.tool_arm import tool_arm
 from planner_service.kinematics.tool_path import ToolPath
 from planner_service.path.corner_blend import BLEND_SHARE
@@ -57,24 +57,7 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
         keep: Rows that must stay, in addition to the first and last.
     """
     arm, stops = tool_arm(robot), sorted({*keep, len(waypoints) - 1} - {0})
-    if arm is None:
-        return waypoints[_thinned(robot, waypoints, stops)]
     return waypoints[arm.thinned(np.ascontiguousarray(waypoints, dtype=np.float64), stops)]
-
-
-def _thinned(robot: Robot, waypoints: FloatArray, stops: Sequence[int]) -> list[int]:
-    """The rows that are kept: the reference of ``ToolArm.thinned``."""
-    poses = [Pose.from_matrix(robot.tool_pose(q)) for q in waypoints]
-    kept = [0]
-    for stop in stops:
-        while kept[-1] < stop:
-            first, span = kept[-1], stop - kept[-1]
-            while span > 1 and not _fits(
-                robot, waypoints[[first, first + span]].tolist(), poses[first], poses[first + span]
-            ):
-                span = max(1, span * 3 // 4)
-            kept.append(first + span)
-    return kept
 
 
 def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: ToolPath) -> tuple[FloatArray, FloatArray]:
@@ -194,24 +177,3 @@ def _tool_reach(robot: Robot) -> list[float]:
         [(robot.tool_body, Sphere(_POINT), Pose.from_matrix(robot.tool_placement))]
     ).tolist()
     return reach
-
-
-def _fits(robot: Robot, ends: list[list[float]], first: Pose, last: Pose) -> bool:
-    """Whether the tool stays near its line while the joints go straight from one end to the other."""
-    for u in _FRACTIONS:
-        tool = Pose.from_matrix(robot.tool_pose([a + (b - a) * u for a, b in zip(*ends, strict=True)]))
-        if _distance_from_line(tool, first, last) > _SHARE * LINE_METRES:
-            return False
-        if rotation_distance(tool, interpolate(first, last, u)) > _SHARE * LINE_RADIANS:
-            return False
-    return True
-
-
-def _distance_from_line(tool: Pose, first: Pose, last: Pose) -> float:
-    """The distance (m) of the tool from the line through two positions."""
-    ax, ay, az = (p - q for p, q in zip(tool.position, first.position, strict=True))
-    bx, by, bz = (p - q for p, q in zip(last.position, first.position, strict=True))
-    length = math.hypot(bx, by, bz)
-    if length == 0.0:
-        return math.hypot(ax, ay, az)
-    return math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx) / length

@@ -395,7 +395,7 @@ def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> T
     if begin == walk.end:
         return ToolLine(q[np.newaxis], 1.0, fractions=np.zeros(1))
     arm = tool_arm(robot, closed_form=robot.inverse == "wxai")
-    whole_line = None if arm is None else arm.walk(_numbers(begin), _numbers(walk.end), q, points)
+    whole_line = arm.walk(_numbers(begin), _numbers(walk.end), q, points)
     if whole_line is not None:
         return ToolLine(whole_line, 1.0, fractions=_fractions(robot, whole_line, points))
     shortest = 1.0 / (points - 1) / 2**MAX_HALVINGS

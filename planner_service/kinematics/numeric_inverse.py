@@ -1,8 +1,7 @@
-"""Numeric inverse kinematics of any arm: damped least squares, many starts at once.
+"""How close an arm comes to a pose of its tool that may be out of reach: damped least squares, many starts at once.
 
-Each start takes Levenberg-Marquardt steps dq = Jᵀ (J Jᵀ + λ I)⁻¹ e, with λ proportional to the squared error
-(Sugihara, IEEE T-RO 27(5), 2011): damped far away or near a singularity, quadratic close to the solution. A joint at a
-limit stays there while the gradient pushes it outwards. All starts are stepped together, in elementwise arithmetic,
+Each start takes Levenberg-Marquardt steps dq = Jᵀ (J Jᵀ + λ I)⁻¹ e. A joint at a limit stays there while the gradient
+pushes it outwards. All starts are stepped together, in elementwise arithmetic,
 so that the result of one start depends neither on the others nor on the linear algebra library.
 """
 
@@ -18,14 +17,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
-__all__ = ["STEPS", "Bounds", "Descent", "approach", "descend", "length_scale"]
-
-EXACT = 1e-8
-"""A start has arrived when its tool is this close to the pose, in metres and radians. At 1e-6 one solution of the
-WidowX AI, 2 mrad from a wrist singularity, looked like ten; the last steps are quadratic and cost little."""
-
-DAMPING_SHARE = 0.02
-"""λ per squared error. With any value from 0 to 0.5, 39 to 40 % of random starts arrive on the WidowX AI."""
+__all__ = ["STEPS", "Bounds", "Descent", "approach", "length_scale"]
 
 DAMPING_FLOOR = 1e-11
 """Keeps J Jᵀ invertible at singularities and for arms of fewer than six joints; rounding there is near 1e-13."""
@@ -63,40 +55,10 @@ class Descent:
     arrived: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
-def descend(
-    robot: Robot, pose: Pose, starts: FloatArray, bounds: Bounds | None = None, *, steps: int = STEPS
-) -> Descent:
-    """Move all starts towards configurations that bring the tool to ``pose``: the reference of ``ToolArm.descend``.
-
-    Args:
-        starts: Shape (m, n).
-        bounds: Lowest and highest joint values, (n,) each; the joint limits if None.
-        steps: The most steps per start.
-    """
-    chain = _Chain(robot)
-    lower, upper = (bound[:, np.newaxis] for bound in bounds or (robot.limits.lower, robot.limits.upper))
-    q = np.minimum(np.maximum(np.asarray(starts, dtype=np.float64).T, lower), upper)
-    arrived = np.zeros(q.shape[1], dtype=np.bool_)
-    active = np.arange(q.shape[1])
-    target = pose.rotation, np.array(pose.position)
-    for step in range(steps + 1):
-        now = q[:, active]
-        error, jacobian, off = chain.error(now, target)
-        close = off <= EXACT
-        arrived[active[close]] = True
-        if step == steps or bool(close.all()):
-            break
-        active, now, error, jacobian = active[~close], now[:, ~close], error[:, ~close], jacobian[:, :, ~close]
-        damping = DAMPING_SHARE * _sum_products(error, error) + DAMPING_FLOOR
-        move = _step(now, error, jacobian, (lower, upper), damping)
-        q[:, active] = np.minimum(np.maximum(now + move, lower), upper)
-    return Descent(np.ascontiguousarray(q.T), arrived)
-
-
 def approach(robot: Robot, pose: Pose, starts: FloatArray, weights: tuple[float, float], *, steps: int) -> FloatArray:
     """Move all starts to where the tool is as close to ``pose`` as it comes from there, within the limits, (m, n).
 
-    Unlike ``descend`` it ends at the least error where the pose is out of reach: λ shrinks with each step that lowers
+    Unlike ``descended`` it ends at the least error where the pose is out of reach: λ shrinks with each step that lowers
     the weighted error and grows with each that does not, which is not taken (Marquardt, J. SIAM 11(2), 1963).
 
     Args:

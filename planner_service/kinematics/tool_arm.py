@@ -1,4 +1,4 @@
-"""Compiled inverse kinematics and straight tool lines: the same bits as the Python code, many times as fast."""
+"""Compiled inverse kinematics and straight tool lines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.numeric_inverse import STEPS, Bounds, Descent, descend, length_scale
+from planner_service.kinematics.numeric_inverse import STEPS, Bounds, Descent, length_scale
 from planner_service.kinematics.wxai_inverse import WxaiInverse
 from planner_service.native.loading import load_core
 from planner_service.robot.kinematic_tree import chain_to_base
@@ -24,21 +24,18 @@ __all__ = ["descended", "tool_arm"]
 
 
 @lru_cache(maxsize=16)
-def tool_arm(robot: Robot, *, closed_form: bool = False) -> _core.ToolArm | None:
-    """A robot's arm as compiled code knows it; None where that was not built.
+def tool_arm(robot: Robot, *, closed_form: bool = False) -> _core.ToolArm:
+    """A robot's arm as compiled code knows it.
 
     Args:
         closed_form: Whether it walks by the closed form, which only an arm alone has, not a robot of two.
     """
-    core = load_core()
-    if core is None:
-        return None
     chain = [
         [index, body.q_index, body.prismatic, *body.axis.tolist(), body.multiplier]
         for index in chain_to_base(robot.bodies, robot.tool_body)
         for body in [robot.bodies[index]]
     ]
-    arm: _core.ToolArm = core.ToolArm(
+    arm: _core.ToolArm = load_core().ToolArm(
         robot.body_table,
         robot.tool_body,
         np.array(chain, dtype=np.float64).reshape(-1, 7),
@@ -53,10 +50,15 @@ def tool_arm(robot: Robot, *, closed_form: bool = False) -> _core.ToolArm | None
 
 
 def descended(robot: Robot, pose: Pose, starts: FloatArray, bounds: Bounds | None = None) -> Descent:
-    """``numeric_inverse.descend``, by the compiled code where it was built."""
+    """Move all starts towards configurations that bring the tool to ``pose``.
+
+    Each takes damped steps towards it and ends at the pose, or after 40 of them.
+
+    Args:
+        starts: Shape (m, n).
+        bounds: Lowest and highest joint values, (n,) each; the joint limits if None.
+    """
     arm = tool_arm(robot)
-    if arm is None:
-        return descend(robot, pose, starts, bounds)
     rows = [value for row, x in zip(pose.rotation_rows, pose.position, strict=True) for value in (*row, x)]
     lower, upper = bounds or (robot.limits.lower, robot.limits.upper)
     q, arrived = arm.descend(np.array(rows), np.ascontiguousarray(starts, dtype=np.float64), lower, upper, STEPS)

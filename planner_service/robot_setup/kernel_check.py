@@ -20,8 +20,6 @@ from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import whole
-from planner_service.kinematics.tool_speed import peak_tool_speed, reference_tool_speed
-from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
@@ -29,8 +27,7 @@ from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import SearchProblem
 from planner_service.smoothing.smoothing import pulled_in, shortcut
-from planner_service.timing.laws import ToppRa, reference_time_with_peaks
-from planner_service.timing.limit_check import LimitPeaks, peaks, reference_peaks
+from planner_service.timing.laws import ToppRa
 
 __all__ = ["MAX_STATES", "Comparison", "Health", "examine"]
 
@@ -87,8 +84,7 @@ class Health:
         checks: Of states: which pair touches first, by the kernel and by FCL asked about every pair.
         searches: Of free states: the shortened path from one to the next to the last bit, and what it cost.
         proofs: Of short edges: their certificates, to the last bit.
-        timing: Of blended paths: their durations by TOPP-RA, compared with the toppra library to 1e-9; and peaks and
-            the tool's speed, to the last bit.
+        timing: Of blended paths: their durations by TOPP-RA, compared with the toppra library to 1e-9.
     """
 
     checks: Comparison
@@ -127,10 +123,9 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     available = proof_instruction_sets()
     proofs = _compared(available[-1] if available else None, available, edges, provers)
     paths = [_path(Q[k : k + 4]) for k in range(0, max(1, states - 3), STATES_PER_PATH)]
-    used = None if load_core() is None else "baseline"
-    timers = partial(_timed, robot), partial(_timed_again, robot)
+    timers = partial(_timed, ToppRa(), robot), partial(_timed, ToppRa(backend="toppra"), robot)
     timers[1](paths[0])  # loads the toppra library
-    return Health(checks, searches, proofs, _compared(used, (used,) if used else (), paths, timers))
+    return Health(checks, searches, proofs, _compared("baseline", ("baseline",), paths, timers))
 
 
 class _InPython:
@@ -163,31 +158,17 @@ def _path(points: FloatArray) -> JointPath:
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """What is compared of a timed path."""
+class _Seconds:
+    """A duration."""
 
-    duration: float
-    peaks: LimitPeaks
-    tool_speed: float
+    value: float
 
     def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, _Motion)
-            and math.isclose(self.duration, other.duration, rel_tol=SAME_DURATION)
-            and (self.peaks, self.tool_speed) == (other.peaks, other.tool_speed)
-        )
+        return isinstance(other, _Seconds) and math.isclose(self.value, other.value, rel_tol=SAME_DURATION)
 
 
-def _timed(robot: Robot, path: JointPath) -> tuple[bool, Any]:
-    trajectory = ToppRa().time_path(path, robot.limits)
-    return False, _Motion(trajectory.duration, peaks(trajectory, robot.limits), peak_tool_speed(robot, trajectory))
-
-
-def _timed_again(robot: Robot, path: JointPath) -> tuple[bool, Any]:
-    duration = ToppRa(backend="toppra").time_path(path, robot.limits).duration
-    trajectory, _ = reference_time_with_peaks(ToppRa(), path, robot.limits, None)
-    found = reference_peaks(trajectory, robot.limits)
-    return False, _Motion(duration, found, reference_tool_speed(robot, trajectory))
+def _timed(law: ToppRa, robot: Robot, path: JointPath) -> tuple[bool, Any]:
+    return False, _Seconds(law.time_path(path, robot.limits).duration)
 
 
 def _first_contact(checker: CollisionChecker, q: FloatArray) -> tuple[bool, Any]:

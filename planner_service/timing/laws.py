@@ -368,7 +368,7 @@ def _time_within_torques(
 def _compiled(
     timing: Timing, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
 ) -> tuple[ModuleType | None, int]:
-    """The compiled core and the grid points it uses (0: trapezoids); None where only Python can time this request."""
+    """The compiled core and the grid points it uses (0: trapezoids); None where only Python times this request."""
     gridpoints = timing.gridpoints if type(timing) is ToppRa and timing.backend == "own" else 0
     if speed_limit is not None or (not gridpoints and type(timing) is not Trapezoidal):
         return None, 0

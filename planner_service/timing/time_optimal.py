@@ -3,8 +3,7 @@
 At each point of a grid, the path's acceleration u and its squared speed x obey ``abs(a u + b x + c) <= limit`` for
 the acceleration of every joint (c = 0) and, if asked for, its torque (c is gravity's), here and at the next point: a
 linear program in two unknowns. A backward pass finds the squared speeds from which the rest of the path can be
-travelled, a forward pass the fastest motion among these. Both passes are compiled; the Python below is their reference,
-to the last bit, and takes over where nothing was built.
+travelled, a forward pass the fastest motion among these. Both passes are compiled.
 """
 
 from __future__ import annotations
@@ -27,20 +26,11 @@ __all__ = [
     "grid_limits",
     "grid_of",
     "optimal_speeds",
-    "reference_passes",
     "two_passes",
 ]
 
 MAX_SPEED = 1e4
 """Stands for an infinite speed; speeds are scaled to about 1."""
-
-NOWHERE = 1e-12
-"""A smaller coefficient of u leaves a bound of x alone."""
-
-ROUNDING, SLACK = 1e-13, 1e-9
-"""Relative to 1 plus the acceleration: a gap this small is none, and one that rounding may explain."""
-
-MAX_STEPS = 200
 
 BLEND_GRIDPOINTS = 24
 """Intervals on a blend: with 24 limits are exceeded between grid points by 0.3 % (p50), with 16 by twice that."""
@@ -108,95 +98,9 @@ def grid_limits(segment: PathSegment, points: FloatArray, unit: float, entry: fl
 
 def two_passes(grid: GridLimits, entry: float) -> FloatArray | None:
     """The largest ds/dt at the grid points, shape (N + 1,), from ``entry`` to rest; None if there is no solution."""
-    core = load_core()
-    if core is None:
-        return reference_passes(grid, entry)
     rows = (grid.first, grid.second, grid.constant, grid.limit, grid.squares, grid.points)
-    speeds: FloatArray = core.two_passes(*map(np.ascontiguousarray, rows), entry)
+    speeds: FloatArray = load_core().two_passes(*map(np.ascontiguousarray, rows), entry)
     return speeds if len(speeds) else None
-
-
-@dataclass(frozen=True)
-class _Line:
-    offset: float
-    slope: float
-
-    def at(self, x: float) -> float:
-        return self.offset + self.slope * x
-
-
-@dataclass(frozen=True)
-class _Program:
-    """What bounds u and x at one point: lower(x) <= u <= upper(x) for all lines, and x <= most."""
-
-    lower: Sequence[_Line]
-    upper: Sequence[_Line]
-    most: float
-
-    @classmethod
-    def at(cls, grid: GridLimits, i: int, next_square: float) -> _Program:
-        """The limits at point i, those at the next as they will be, and the speeds from which that can be left."""
-        step = 2.0 * float(grid.points[i + 1] - grid.points[i])
-        here, after = (
-            (a.tolist(), grid.second[k].tolist(), grid.constant[k].tolist())
-            for k, a in ((i, grid.first[i]), (i + 1, grid.first[i + 1] + step * grid.second[i + 1]))
-        )
-        lower, upper, most = [], [], float(grid.squares[i])
-        for rows in (here, after):
-            for a, b, c, limit in zip(*rows, grid.limit.tolist(), strict=True):
-                least, largest = -limit - c, limit - c  # of a u + b x
-                if abs(a) < NOWHERE:
-                    if abs(b) > NOWHERE:
-                        most = min(most, (largest if b > 0.0 else least) / b)
-                else:
-                    low, high = (least, largest) if a > 0.0 else (largest, least)
-                    lower.append(_Line(low / a, -b / a))
-                    upper.append(_Line(high / a, -b / a))
-        lower.append(_Line(0.0, -1.0 / step))
-        upper.append(_Line(next_square / step, -1.0 / step))
-        return cls(lower, upper, most)
-
-    def largest_square(self) -> float:
-        """The largest x that leaves room for u, by Newton's method from above: the gap is convex in x."""
-        x = self.most
-        for _ in range(MAX_STEPS):
-            low, high = max(self.lower, key=lambda line: line.at(x)), min(self.upper, key=lambda line: line.at(x))
-            bottom = low.at(x)
-            gap = bottom - high.at(x)
-            if gap <= ROUNDING * (1.0 + abs(bottom)):
-                return x
-            slope = low.slope - high.slope
-            if not slope > 0.0:
-                return x if gap <= SLACK * (1.0 + abs(bottom)) else math.nan
-            before, x = x, x - gap / slope
-            if x >= before:
-                return before
-            if x < 0.0:
-                return 0.0 if x > -SLACK * (1.0 + self.most) else math.nan
-        return math.nan
-
-
-def reference_passes(grid: GridLimits, entry: float) -> FloatArray | None:
-    """``two_passes`` in Python."""
-    last = len(grid.points) - 1
-    reachable = [0.0] * (last + 1)
-    for i in range(last - 1, -1, -1):  # backward: the squared speeds from which the rest can be travelled
-        reachable[i] = _Program.at(grid, i, reachable[i + 1]).largest_square()
-        if not reachable[i] >= 0.0:
-            return None
-    x, speeds = entry * entry, [entry]
-    if not x <= reachable[0] + 1e-5:
-        return None
-    for i in range(last):  # forward: as fast as possible
-        program = _Program.at(grid, i, reachable[i + 1])
-        bottom, top = max(line.at(x) for line in program.lower), min(line.at(x) for line in program.upper)
-        if not bottom <= top + SLACK * (1.0 + abs(bottom)):
-            return None
-        after = x + 2.0 * float(grid.points[i + 1] - grid.points[i]) * top
-        after = max(after - 1e-8, 0.9999 * after)  # as toppra does, so that rounding cannot exceed a limit
-        x = min(after, reachable[i + 1]) if after > 0.0 else 0.0
-        speeds.append(math.sqrt(x))
-    return np.array(speeds)
 
 
 def grid_of(section: Section, segment: PathSegment, gridpoints: int) -> FloatArray:

@@ -15,14 +15,12 @@ from planner_service.certify import certify
 from planner_service.certify.certifier import Certifier
 from planner_service.certify.kept_proof import KeptRefusal, prove_kept
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision.native_kernel import instruction_sets
 from planner_service.constraints.values import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.kinematics.numeric_inverse import descend
 from planner_service.kinematics.projection import ReferenceProjector, projector_of
-from planner_service.kinematics.tool_arm import tool_arm
+from planner_service.kinematics.tool_arm import descended
 from planner_service.kinematics.tool_speed import tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.records.robot import RobotRecord
@@ -127,20 +125,17 @@ def test_the_jacobian_is_the_derivative(case: Case) -> None:
         assert tool_speeds(robot, q[None], qd[None])[0] == pytest.approx(float(np.linalg.norm(J @ qd)), abs=1e-12)
 
 
-def test_compiled_kinematics_have_the_bits_of_python(case: Case) -> None:
-    arm, robot = tool_arm(case.robot), case.robot
-    if arm is None:
-        pytest.skip("nothing is compiled")
+def test_a_descent_that_arrives_has_the_tool_at_its_pose(case: Case) -> None:
+    robot, arrived = case.robot, 0
     for q in case.anywhere(5):
-        pose, starts = Pose.from_matrix(robot.tool_pose(q)), case.anywhere(6)
-        target = np.array(pose.matrix[:3].ravel())
-        found, arrived = arm.descend(target, starts, robot.limits.lower, robot.limits.upper, 40)
-        expected = descend(robot, pose, starts)
-        assert found.tobytes() == expected.q.tobytes()
-        assert arrived == expected.arrived.tolist()
+        there = robot.tool_pose(q)
+        found = descended(robot, Pose.from_matrix(there), np.concatenate([q[None] + 1e-3, case.anywhere(5)]))
+        for end in found.q[found.arrived]:
+            assert robot.tool_pose(end) == pytest.approx(there, abs=1e-7)
+        arrived += int(found.arrived.sum())
+    assert arrived > 0
 
 
-@pytest.mark.skipif(not instruction_sets(), reason="nothing is compiled")
 def test_the_kernel_says_what_fcl_says(case: Case) -> None:
     made = kernels(case.robot, SCENE)
     made["fcl"] = CollisionChecker(case.robot, SCENE, edge_step=JointStep(STEP), backend="fcl")

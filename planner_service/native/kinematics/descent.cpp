@@ -6,9 +6,17 @@ namespace kinematics {
 
 namespace {
 
-constexpr double exact = 1e-8, damping_share = 0.02, damping_floor = 1e-11, max_step = 2.0, at_limit = 1e-12;
+// A start has arrived when its tool is this close to the pose, in metres and radians. At 1e-6 one solution of the WidowX AI,
+// 2 mrad from a wrist singularity, looked like ten; the last steps are quadratic and cost little.
+constexpr double exact = 1e-8;
 
-// _Chain.error: the scaled error (6), its Jacobian (6 x n), and the larger error in metres and radians.
+// The damping per squared error. With any value from 0 to 0.5, 39 to 40 % of random starts arrive on the WidowX AI.
+constexpr double damping_share = 0.02;
+
+// Keep the normal matrix invertible, limit a step (rad), and say when a joint is on its limit: numeric_inverse.py has why.
+constexpr double damping_floor = 1e-11, max_step = 2.0, at_limit = 1e-12;
+
+// The scaled error (6), its Jacobian (6 x n), and the larger error in metres and radians.
 double error_at(const Arm& arm, const double* q, const double* target, std::vector<Frame>& frames, double* error,
                 std::vector<double>& jacobian) {
     place(arm, q, frames);

@@ -1,4 +1,5 @@
-// Damped least squares towards a pose of the tool: numeric_inverse.py, to the last bit.
+// Damped least squares towards a pose of the tool: Levenberg-Marquardt steps whose damping is proportional to the squared error
+// (Sugihara, IEEE T-RO 27(5), 2011); the steps of numeric_inverse.py.
 #pragma once
 
 #include "arm.hpp"

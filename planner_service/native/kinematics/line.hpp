@@ -1,5 +1,5 @@
-// Straight lines of the tool: inverse.py, wxai_inverse.py and cartesian_waypoints.py, to the last bit. What is not an ordinary
-// line (one that ends early, or a pose that leaves an angle free) is left to them.
+// Straight lines of the tool: inverse.py and wxai_inverse.py, to the last bit. What is not an ordinary line (one that ends
+// early, or a pose that leaves an angle free) is left to them. Lines are thinned as cartesian_waypoints.py says.
 #pragma once
 
 #include <functional>

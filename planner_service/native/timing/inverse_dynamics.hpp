@@ -1,4 +1,4 @@
-// Joint torques by the recursive Newton-Euler algorithm: what timing/inverse_dynamics.py does, to the last bit.
+// Joint torques by the recursive Newton-Euler algorithm: what timing/inverse_dynamics.py says.
 #pragma once
 
 #include <cstddef>

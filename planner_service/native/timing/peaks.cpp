@@ -8,8 +8,17 @@ namespace timing {
 
 namespace {
 
-constexpr double tolerance = 1e-9, least_share = 1e-12, exact = 1e-12;
-constexpr std::size_t most_rounds = 300, intervals_per_most = 1200, batch = 24;
+constexpr double tolerance = 1e-9, least_share = 1e-12;  // TOLERANCE and MIN_SHARE of limit_check.py
+
+// Relative error of a peak on a blend: a thousandth of the tolerance.
+constexpr double exact = 1e-12;
+
+// Rounds of splitting intervals of time, and as many more for every so many intervals at the start. Every fifth round halves
+// them, and after 60 halvings both ends are one number. For intervals that are then still open the bound counts.
+constexpr std::size_t most_rounds = 300, intervals_per_most = 1200;
+
+// Intervals split per round: those with the highest bounds, since a peak found there rules out most of the others.
+constexpr std::size_t batch = 24;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 // The larger of two as numpy has it: what is no number wins.
@@ -76,7 +85,9 @@ void straight_peaks(const Path& path, const Motion& motion, const std::vector<co
     if (limits.size() > 2) peaks[2] = straight_peak(jerks, starts, 1, share, limits[2], n);
 }
 
-// The largest jump of acceleration; see _jump in limit_check.py.
+// The largest jump of acceleration as a peak with an infinite ratio; none if acceleration never jumps. The arm is at rest before
+// and after; a start at speed continues another motion and is no jump. The path's own curvature adds nothing: it is zero where
+// blends meet straight pieces, and where the path is passed at speed it is smooth.
 std::optional<Peak> jump(const Path& path, const Motion& motion) {
     const std::size_t n = path.joints, count = motion.count;
     std::vector<double> first(count * n), last(count * n), begins((count + 1) * n), ends((count + 1) * n);
@@ -158,7 +169,8 @@ Polynomial bernstein(const Polynomial& a) {
     return out;
 }
 
-// ds/dt, and f(y(s)) ds/dt, on one piece of time that lies on a blend; see _rates in limit_check.py.
+// ds/dt, and f(y(s)) ds/dt, as polynomials on one piece of time that lies on a blend, which runs from 0 to 1.
+// With u and v the tangents before and after the corner, the velocity is u ds/dt + (v - u) f ds/dt.
 struct Rates {
     Polynomial plain, turning;
 };
@@ -219,7 +231,9 @@ double where_to_split(const Polynomial& b) {
     return smaller(larger(share, exact), 1.0 - exact);
 }
 
-// The highest absolute value of polynomials on pieces of time, or ``best`` if that is higher; _highest in limit_check.py.
+// The highest absolute value of polynomials on pieces of time, or ``best`` if that is higher. A polynomial lies
+// between its smallest and largest Bernstein coefficients: intervals that cannot exceed the best value so far are dropped, the
+// others split (de Casteljau) until none is left. If some are left after all rounds, or overflow, their bound is the peak.
 class Search {
   public:
     Search(Peak best, std::size_t joints, const std::vector<double>& starts, const std::vector<double>& durations)

@@ -1,4 +1,4 @@
-// How close a motion comes to the limits of its joints: timing/limit_check.py, to the last bit.
+// How close a motion comes to the limits of its joints: what ``peaks`` of timing/limit_check.py says.
 #pragma once
 
 #include <array>

@@ -6,7 +6,12 @@ namespace timing {
 
 namespace {
 
-constexpr double spacing = 0.04, closer = 1024.0;
+// Radians of path between the first samples, on average: joints that turn so little hardly bend the tool's path.
+constexpr double spacing = 0.04;
+
+// The factor by which what samples may have missed shrinks when they are 32 times closer: speed is smooth between the ends of
+// pieces of time, which are sampled themselves.
+constexpr double closer = 1024.0;
 constexpr int looks = 3, splits = 32, prismatic = 3;
 
 // Two samples side by side: every processor has registers for two numbers.

@@ -1,4 +1,4 @@
-// How fast the tool's origin moves along a trajectory: kinematics/tool_speed.py, to the last bit.
+// How fast the tool's origin moves along a trajectory. That is no polynomial of time, so its peak is found by sampling.
 #pragma once
 
 #include <vector>

@@ -15,7 +15,7 @@ struct Grid {
     const double* points;          // s, increasing
 };
 
-// Speeds at the points, from ``entry`` to rest; none if there is no solution. Bit for bit time_optimal.py.
+// Speeds at the points, from ``entry`` to rest; none if there is no solution.
 std::vector<double> two_passes(const Grid& grid, double entry);
 
 }  // namespace timing

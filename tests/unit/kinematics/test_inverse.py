@@ -22,7 +22,7 @@ from planner_service.kinematics.inverse import (
     rotation_distance,
     straight_tool_line,
 )
-from planner_service.kinematics.numeric_inverse import descend
+from planner_service.kinematics.tool_arm import descended
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, JointLimits, Robot
 from planner_service.robot_setup.loading import load_robot
@@ -269,7 +269,7 @@ def test_a_joint_at_its_limit_leaves_the_way_to_the_others(rail: Robot, side: fl
     q = np.array([side * 0.3, *rail.pose("ready")[1:]])
     x, y, z = tool(rail, q).position
     ahead = Pose((x + side * 0.15, y, z), tool(rail, q).quaternion)  # the rail alone would do, but is at its end
-    assert descend(rail, ahead, q[np.newaxis], steps=8).arrived.all()
+    assert descended(rail, ahead, q[np.newaxis]).arrived.all()
 
 
 @pytest.mark.slow

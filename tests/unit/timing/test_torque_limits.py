@@ -14,7 +14,6 @@ import pytest
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
-from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.inertia import LinkInertia
 from planner_service.robot.model import Robot
@@ -112,19 +111,6 @@ def test_torques_are_those_of_pinocchio(tmp_path: Path) -> None:
         states = motions(robot, 30, 1)
         limits = TorqueLimits(robot)
         assert np.abs(limits.torques(*states) - theirs(file, robot, *states)).max() < 1e-12
-
-
-def test_compiled_torques_have_the_bits_of_the_reference(tmp_path: Path) -> None:
-    assert load_core() is not None
-    for robot in (built(tmp_path, SPREAD), built(tmp_path, FOLLOWING), ur5(), load_robot("panda")):
-        q, qd, qdd = motions(robot, 20, 2)
-        assert robot.dynamics is not None
-        dynamics = InverseDynamics(robot, robot.dynamics.links)
-        rates, accelerations = np.stack([qd, 0.0 * qd]), np.stack([qdd, 0.0 * qdd])
-        compiled, reference = (
-            torques(q, rates, accelerations, [0.0, 9.81]) for torques in (dynamics.torques, dynamics.reference_torques)
-        )
-        assert compiled.tobytes() == reference.tobytes()
 
 
 def test_a_joint_that_follows_adds_its_torque_to_its_leaders(tmp_path: Path) -> None:
