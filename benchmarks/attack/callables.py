@@ -379,7 +379,7 @@ def _planning(folder: Path) -> Calls:
         _call(best_of_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(plan_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(result.stage, stage=ps.Stage.SEARCH),
-        _call(ps.CollisionChecker, **world, edge_step=ps.MotionStep(), padding=0.0, allowed=(), backend="auto"),
+        _call(ps.CollisionChecker, **world, edge_step=ps.MotionStep(), padding=0.0, allowed=(), backend="native"),
         _call(checker.variant, padding=0.001, allowed=(), motion_step=0.01),
         _call(checker.state_is_free, q=q),
         _call(checker.states_are_free, Q=[q, near]),

@@ -24,8 +24,7 @@ from planner_service import CollisionChecker, JointStep, Robot, RRTConnect, Scen
 from planner_service.collision import Known
 from planner_service.collision.backends import NativeBackend
 from planner_service.collision.budget import SearchStopped
-from planner_service.collision.native_kernel import build_kernel, instruction_sets
-from planner_service.collision.numpy_broadphase import MARGIN
+from planner_service.collision.native_kernel import MARGIN, build_kernel, instruction_sets
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import PointCloud
@@ -162,7 +161,7 @@ def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, Col
     found = {}
     for name in instruction_sets():
         checker = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="native")
-        kernel = build_kernel(robot, checker._parts, margin, name)
+        kernel = build_kernel(robot, checker._parts, name, margin=margin)
         if not isinstance(checker._backend, NativeBackend) or kernel is None:
             raise AssertionError(f"{name}: the kernel is there and is not used")
         checker._backend.kernel = kernel

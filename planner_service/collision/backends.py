@@ -1,7 +1,6 @@
-"""Which pairs touch: three backends with the verdicts of FCL, each of which asks it less often than the one before.
+"""Which pairs touch: the compiled kernel asks FCL where it has no proof; the judge asks it about every pair.
 
-``FclBackend`` is the reference and asks about every pair. ``NumpyBackend`` and ``NativeBackend`` leave out pairs that
-are proven apart, in numpy and in the compiled kernel; the latter also those proven to overlap. None of them counts.
+Both have FCL's verdicts, and neither counts.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 
-from planner_service.collision import numpy_broadphase
+from planner_service.collision.clearance import NOT_FINITE
 from planner_service.collision.edge_sampling import SampledEdge
 from planner_service.collision.fcl import FclObjects
 from planner_service.collision.native_kernel import build_kernel
-from planner_service.collision.numpy_broadphase import Broadphase
 from planner_service.collision.pairs import Parts
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
@@ -34,20 +32,13 @@ __all__ = [
     "FirstHit",
     "NarrowPhase",
     "NativeBackend",
-    "NumpyBackend",
     "make_backend",
 ]
 
-BackendName = Literal["auto", "native", "numpy", "fcl"]
+BackendName = Literal["native", "fcl"]
 
-_FIRST_ROWS = 8
-"""Rows that are checked before the others: an edge that collides mostly does so early in bisection order."""
-
-_ROWS_AT_ONCE = 64
-"""Rows between two looks at the limits, where these take microseconds each."""
-
-_NATIVE_ROWS_AT_ONCE = 256
-"""The same of the kernel, to which most edges are one question: 8 ms in a cloud of 50,000 points, a tenth elsewhere."""
+_ROWS_AT_ONCE = 256
+"""Rows between two looks at the limits; most edges have fewer. 8 ms in a cloud of 50,000 points, a tenth elsewhere."""
 
 
 class FirstHit(Protocol):
@@ -115,7 +106,7 @@ class NarrowPhase:
             BrokenInvariant: q is not finite: to FCL nothing would touch there.
         """
         if not all(map(math.isfinite, q)):
-            raise BrokenInvariant(numpy_broadphase.NOT_FINITE)
+            raise BrokenInvariant(NOT_FINITE)
         riding, poses = self.parts.riding, self._robot.body_poses(q)
         placed: set[int] = set()
         for pair, (i, j) in pairs:
@@ -129,7 +120,7 @@ class NarrowPhase:
 
 
 class FclBackend:
-    """The reference: FCL is asked about every pair of every configuration, in the order of the pairs."""
+    """The judge: FCL is asked about every pair of every configuration, in the order of the pairs."""
 
     rows_at_once = 1
 
@@ -160,50 +151,6 @@ class FclBackend:
         return self.narrow_phase.touching_parts(q, self._pairs)
 
 
-class NumpyBackend:
-    """FCL is asked about what the broad phase in numpy leaves: where the kernel was not built.
-
-    Args:
-        broadphase: Makes it when it is first needed.
-    """
-
-    rows_at_once = _ROWS_AT_ONCE
-
-    def __init__(self, narrow_phase: NarrowPhase, broadphase: Callable[[], Broadphase]) -> None:
-        self.narrow_phase, self._broadphase = narrow_phase, broadphase
-
-    def first_collision(self, Q: FloatArray, start: int, stop: int) -> Collision | None:
-        """See ``CollisionBackend``."""
-        for first, end in ((start, min(start + _FIRST_ROWS, stop)), (start + _FIRST_ROWS, stop)):
-            for row, pair in self._collisions(Q[first:end]):
-                return Collision(first + row, 0.0, pair)
-        return None
-
-    def first_collision_on(self, edge: SampledEdge, start: int, stop: int) -> Collision | None:
-        """See ``CollisionBackend``."""
-        return _on(edge, self.first_collision(edge.samples, start, stop))
-
-    def colliding(self, Q: FloatArray) -> Iterator[int]:
-        """See ``CollisionBackend``."""
-        return (row for row, _ in self._collisions(Q))
-
-    def touching(self, q: FloatArray) -> list[int]:
-        """See ``CollisionBackend``."""
-        return list(self.narrow_phase.touching(q.tolist(), self._broadphase().candidates(q[None])[1].tolist()))
-
-    def _collisions(self, Q: FloatArray) -> Iterator[tuple[int, int]]:
-        """The rows that collide, each with the first of its pairs that does."""
-        if not len(Q):
-            return
-        candidates: dict[int, list[int]] = {}
-        for row, pair in zip(*(numbers.tolist() for numbers in self._broadphase().candidates(Q)), strict=True):
-            candidates.setdefault(row, []).append(pair)
-        for row, pairs in candidates.items():
-            for pair in self.narrow_phase.touching(Q[row].tolist(), pairs):
-                yield row, pair
-                break
-
-
 class NativeBackend:
     """FCL is asked about what the kernel leaves undecided; whole edges are checked in one call.
 
@@ -211,7 +158,7 @@ class NativeBackend:
         kernel: Finds the next row that is not free; thread-safe.
     """
 
-    rows_at_once = _NATIVE_ROWS_AT_ONCE
+    rows_at_once = _ROWS_AT_ONCE
 
     def __init__(self, narrow_phase: NarrowPhase, kernel: _core.CollisionKernel) -> None:
         self.narrow_phase, self.kernel = narrow_phase, kernel
@@ -252,26 +199,18 @@ class NativeBackend:
         return next(self.narrow_phase.touching(q, pairs), None)
 
 
-def make_backend(
-    name: BackendName, robot: Robot, parts: Parts, broadphase: Callable[[], Broadphase]
-) -> CollisionBackend:
-    """The backend of that name; "auto" is the kernel where it was built, else numpy.
-
-    Args:
-        broadphase: Makes the broad phase in numpy when it is first needed.
+def make_backend(name: BackendName, robot: Robot, parts: Parts) -> CollisionBackend:
+    """The backend of that name.
 
     Raises:
-        InvalidRequest: no such backend, or "native" where the kernel was not built.
+        InvalidRequest: no such backend.
     """
     if not isinstance(name, str) or name not in get_args(BackendName):
-        raise InvalidRequest("backend", name, '"auto", "native", "numpy" or "fcl"')
-    kernel = build_kernel(robot, parts, numpy_broadphase.MARGIN) if name in ("auto", "native") else None
-    if kernel is None and name == "native":
-        raise InvalidRequest("backend", name, '"auto", "numpy" or "fcl": the compiled kernel was not built')
+        raise InvalidRequest("backend", name, '"native" or "fcl"')
     narrow_phase = NarrowPhase(robot, parts)
-    if kernel is not None:
-        return NativeBackend(narrow_phase, kernel)
-    return FclBackend(narrow_phase) if name == "fcl" else NumpyBackend(narrow_phase, broadphase)
+    if name == "fcl":
+        return FclBackend(narrow_phase)
+    return NativeBackend(narrow_phase, build_kernel(robot, parts))
 
 
 def _on(edge: SampledEdge, collision: Collision | None) -> Collision | None:

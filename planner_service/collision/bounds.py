@@ -7,7 +7,7 @@ a and b; whatever suggests the direction, the bound holds (separating axis theor
 bound proves a pair apart; a negative one bounds its overlap from above.
 
 The hull of a mesh is first taken for the box around it, which can only be too careful; only where that leaves a pair in
-doubt do ``parted`` and ``refined_gaps`` look at its corners.
+doubt does ``refined_gaps`` look at its corners.
 """
 
 from __future__ import annotations
@@ -19,31 +19,23 @@ import numpy as np
 
 from planner_service.collision.gjk import Solid, gap_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, cross
+from planner_service.geometry.arrays import FloatArray, IntArray, cross
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 __all__ = [
     "Placed",
     "Solids",
-    "beyond_faces",
     "box_of",
     "centres_of",
     "doubt_of",
     "gaps_along",
-    "parted",
     "refined_gaps",
     "rough_gaps",
 ]
 
 _PROJECTIONS = 60
 """Alternating projections converge slowly near contact; this many find the gap to micrometres elsewhere."""
-
-_PARTING_STEPS = 6
-"""Of 100 pairs of a UR5's hulls that are apart though the boxes around them overlap, so many steps part 97."""
-
-_LEFT_TO_FCL = 5
-"""Pairs about which FCL is asked in less time than a step takes."""
 
 SMALL, DOUBT = 1e-3, 5e-4
 """Metres. Where a solid fits in a box of twice SMALL each way, FCL may call it touching what is apart: by 72 um in the
@@ -223,52 +215,6 @@ def _edge_crosses(a: Placed, b: Placed) -> FloatArray:
 def rough_gaps(a: Placed, b: Placed) -> FloatArray:
     """Quick lower bounds of the gaps between pairs of solids, (p,): the line of centres and the face normals."""
     return np.asarray(gaps_along(a, b, _axes(a, b)).max(axis=0))
-
-
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """Boxes with their poses: half lengths (p, 3), rotations R (p, 3, 3) and centres t (p, 3)."""
-
-    half: FloatArray
-    R: FloatArray
-    t: FloatArray
-
-    def take(self, rows: IntArray) -> Boxes:
-        """The boxes at ``rows``."""
-        return Boxes(self.half[rows], self.R[rows], self.t[rows])
-
-
-def beyond_faces(a: Boxes, b: Boxes, margin: float) -> BoolArray:
-    """Whether b is proven farther than ``margin`` beyond a face of a, (p,): some separating axes, in little time."""
-    along = np.abs(a.R.transpose(0, 2, 1) @ b.R)
-    apart = np.abs(_into(a.R, b.t - a.t)) - a.half - (along @ b.half[..., None])[..., 0]
-    return np.asarray((apart > margin).any(axis=-1))
-
-
-def parted(a: Placed, b: Placed, margin: float) -> BoolArray:
-    """Which pairs of solids are proven farther apart than ``margin`` within a few steps, (p,); with hulls as they are.
-
-    From support point to support point of the difference b - a towards its point nearest to the origin (Gilbert, SIAM
-    J. Control 4(1), 1966).
-    """
-    proven = np.zeros(len(a.t), dtype=bool)
-    rows: IntArray = np.arange(len(a.t))
-    x = b.t - a.t
-    for _ in range(_PARTING_STEPS):
-        length = np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2 + x[:, 2] ** 2)
-        d = x / np.maximum(length, _TINY)[:, None]
-        support = b.farthest(-d) - a.farthest(d)
-        apart = d[:, 0] * support[:, 0] + d[:, 1] * support[:, 1] + d[:, 2] * support[:, 2] > margin
-        apart &= length > _TINY  # or d is no unit vector, and a ball reaches farther along it than its support says
-        proven[rows[apart]] = True
-        left = np.flatnonzero(~apart)
-        if len(left) <= _LEFT_TO_FCL:
-            break
-        a, b, rows, x = a.take(left), b.take(left), rows[left], x[left]
-        step = support[left] - x
-        share = -(x * step).sum(axis=-1) / np.maximum((step * step).sum(axis=-1), _TINY**2)
-        x = x + np.clip(share, 0.0, 1.0)[:, None] * step
-    return proven
 
 
 def refined_gaps(a: Placed, b: Placed) -> FloatArray:

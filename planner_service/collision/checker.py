@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision.backends import BackendName, Collision, FirstHit, NativeBackend, make_backend
 from planner_service.collision.budget import CancelToken, CheckBudgetSpent, CheckCounts, Ledger, SearchStopped
+from planner_service.collision.clearance import Clearances
 from planner_service.collision.contact import Contact, EdgeHit, deepest, rounded_down
 from planner_service.collision.edge_sampling import (
     MAX_SEGMENTS,
@@ -28,7 +29,6 @@ from planner_service.collision.edge_sampling import (
     judged_ends,
 )
 from planner_service.collision.native_kernel import configure_edges
-from planner_service.collision.numpy_broadphase import Broadphase
 from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
 from planner_service.collision.proximity import NearPairs, measuring_kernel
 from planner_service.concurrency.polling import Prepared, asked
@@ -82,13 +82,12 @@ class CollisionChecker:
         edge_step: How finely edges are sampled; ``MotionStep(0.010)`` if not given.
         padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
         allowed: Pairs of link or object names that may touch, beside those the robot allows.
-        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "numpy", a broad phase in
-            numpy; "auto", the kernel where it was built, else numpy; "fcl", nothing: the reference, which asks FCL
-            about every pair in their order. Verdicts, counts and names are the same.
+        backend: "native", the compiled kernel, which asks FCL where it has no proof; "fcl", the judge of that, which
+            asks FCL about every pair in their order. Verdicts, counts and names are the same.
 
     Raises:
         UnknownName: ``allowed`` names nothing that is there.
-        InvalidRequest: no such backend, or "native" where the kernel was not built.
+        InvalidRequest: no such backend.
     """
 
     def __init__(
@@ -99,7 +98,7 @@ class CollisionChecker:
         edge_step: EdgeStep | None = None,
         padding: float = 0.0,
         allowed: Iterable[tuple[str, str]] = (),
-        backend: BackendName = "auto",
+        backend: BackendName = "native",
     ) -> None:
         require_padding(padding)
         if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
@@ -121,7 +120,7 @@ class CollisionChecker:
         self.edge_step: EdgeStep = step if finest is None else FinestStep((step, MotionStep(finest)))
         self._last = _Last()
         self._coarse_segments = coarse_segments_of(self.edge_step)
-        self._backend = make_backend(self.backend, self.robot, parts, lambda: self._broadphase)
+        self._backend = make_backend(self.backend, self.robot, parts)
         self._reach: list[float] = self.robot.reach(parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in self.robot.bounds[0].tolist()]
         self._upper = [value + LIMIT_SLACK for value in self.robot.bounds[1].tolist()]
@@ -180,7 +179,7 @@ class CollisionChecker:
         return other
 
     def _configured_kernel(self) -> _core.CollisionKernel | None:
-        """The kernel if it checks states and edges itself; None without one, or with a user's own edge step."""
+        """The kernel if it checks states and edges itself; None if FCL judges all pairs, or with a user's own step."""
         if not isinstance(self._backend, NativeBackend):
             return None
         kernel = self._backend.kernel
@@ -190,12 +189,12 @@ class CollisionChecker:
         return kernel if configure_edges(kernel, bounds, tables, self._reach, self.edge_step) else None
 
     @cached_property
-    def _broadphase(self) -> Broadphase:
-        return Broadphase(self.robot, self._parts)
+    def _clearances(self) -> Clearances:
+        return Clearances(self.robot, self._parts)
 
     @property
     def instruction_set(self) -> str | None:
-        """What the compiled kernel uses; None where it is not used."""
+        """What the compiled kernel uses; None where FCL judges every pair."""
         return self._backend.kernel.variant if isinstance(self._backend, NativeBackend) else None
 
     @property
@@ -328,21 +327,21 @@ class CollisionChecker:
     def compiled_oracle(
         self, starts: Sequence[tuple[float, ...]], goals: Sequence[tuple[float, ...]]
     ) -> _core.EdgeOracle | None:
-        """What compiled searches ask (``SearchOracle.core``); None without the kernel, or with a user's own edge step.
+        """What compiled searches ask (``SearchOracle.core``); None if FCL judges all pairs, or with a user's own step.
 
         Args:
             starts: Configurations at which motions are counted apart.
             goals: The same, counted on their own.
         """
-        core, backend = load_core(), self._backend
-        if self._kernel is None or core is None or not isinstance(backend, NativeBackend):
+        backend = self._backend
+        if self._kernel is None or not isinstance(backend, NativeBackend):
             return None
 
         def decide(q: list[float], pairs: list[int]) -> int:
             pair = backend.first_touching(q, pairs)
             return -1 if pair is None else pair
 
-        oracle: _core.EdgeOracle = core.EdgeOracle(self._kernel, starts, goals, decide, self.ledger.poll)
+        oracle: _core.EdgeOracle = load_core().EdgeOracle(self._kernel, starts, goals, decide, self.ledger.poll)
         return oracle
 
     def counted(self, oracle: _core.EdgeOracle, ask: Callable[[], T]) -> T:
@@ -454,7 +453,7 @@ class CollisionChecker:
         Raises:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        gap = self._broadphase.smallest_gap(self._configuration("q", q))
+        gap = self._clearances.smallest_gap(self._configuration("q", q))
         self.ledger.charge_distances(self.pair_count)
         return rounded_down(gap)
 
@@ -464,8 +463,7 @@ class CollisionChecker:
         Counts one distance for each pair whose boxes are so near that it has to be measured.
 
         Raises:
-            InvalidRequest: a row has the wrong shape, is not finite, or lies outside the joint limits; or the compiled
-                kernel was not built.
+            InvalidRequest: a row has the wrong shape, is not finite, or lies outside the joint limits.
         """
         within = number("within", within, "metres in [0, 1]", 0.0, 1.0)
         rows = np.ascontiguousarray(numbers("Q", Q, f"rows of {self.robot.n} joint values"))
@@ -504,7 +502,7 @@ class CollisionChecker:
         self.ledger.require_room()
         pairs = np.array(self._backend.touching(q), dtype=np.intp)
         self.ledger.record_states(1)
-        overlaps = self._broadphase.overlaps(q, pairs).tolist()
+        overlaps = self._clearances.overlaps(q, pairs).tolist()
         return deepest(zip(map(self._parts.names.__getitem__, pairs.tolist()), overlaps, strict=True))
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:

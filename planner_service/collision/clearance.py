@@ -1,36 +1,21 @@
-"""Which pairs FCL has to be asked about: all but those proven apart, for a whole batch of configurations.
-
-Three sieves, each cheaper per pair than the next: world-aligned boxes swept over the whole batch;
-the same boxes per configuration; separating axes for what is left. A pair that passes as "apart" is apart by more
-than ``MARGIN`` in exact arithmetic, beyond the micrometre in which FCL's own answer is undefined
-and far beyond rounding (1e-15), so FCL would say the same. Where the kernel was not built, this stands in for it.
-"""
+"""How far apart the pairs of one configuration are at least, and how far touching ones overlap at most."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from planner_service.collision import bounds
-from planner_service.collision.bounds import Placed, Solids, centres_of, parted
-from planner_service.collision.numpy_groups import Crowds
+from planner_service.collision.bounds import Placed, Solids, centres_of
 from planner_service.collision.pairs import Parts
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.robot.model import Robot
 
-__all__ = ["MARGIN", "NOT_FINITE", "Broadphase"]
-
-MARGIN = 2e-6
-"""Metres by which a pair must be proven apart for FCL not to be asked; ``doubt_of`` small solids comes on top."""
+__all__ = ["NOT_FINITE", "Clearances"]
 
 NOT_FINITE = "a configuration that is not finite reached the judge"
-
-_FEW = 10
-"""Up to this many configurations scalar kinematics are faster than arrays."""
-
-_ASKED_AT_ONCE = 30
-"""Up to this many pairs FCL is faster than a look at their separating axes; for a single configuration it always is:
-one with many boxes overlapping collides, and FCL finds out at the first pairs."""
 
 _LIKELY_SMALLEST = 8
 """Pairs with the smallest rough bounds, refined first."""
@@ -38,61 +23,39 @@ _LIKELY_SMALLEST = 8
 _REFINED_AT_ONCE = 64
 """Then so many at a time, as long as one could be smaller."""
 
+_GROUP = 24
+"""Pieces of a crowd that stand together, looked at as one box before one by one; 16 and 32 cost about the same on a
+cloud of 10,000 boxes."""
 
-class Broadphase:
-    """The sieves for one numbered list of parts; holds nothing that changes."""
+_ROUNDING = 1e-9
+"""Metres by which the box around a group is larger: far above rounding."""
+
+
+class Clearances:
+    """Gaps and overlaps of one numbered list of parts; holds nothing that changes."""
 
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot = robot
-        self._parts = parts
+        self._riders = parts.riding
         self._solids = Solids.of(parts.shapes)
-        self._margin = MARGIN + bounds.doubt_of(self._solids)
         n = parts.riding
         T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
         T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]
         self._bodies = np.array([part.body for part in parts.parts[:n]], dtype=np.intp)
         self._R_part, self._t_part = T[:n, :3, :3].copy(), T[:n, :3, 3].copy()
         self._R_world, self._t_world = T[n:, :3, :3].copy(), T[n:, :3, 3].copy()
-        reach = bounds.box_of(self._solids.take(slice(n, None)), self._R_world)
-        self._low_world, self._high_world = self._t_world - reach, self._t_world + reach
-        self._riding = self._solids.take(slice(n))
         self._i, self._j = parts.pairs[:, 0], parts.pairs[:, 1]
-        self._crowds = Crowds(parts, self._solids, self._R_world, self._t_world) if parts.crowds else None
+        self._crowds = _Crowds(parts, self._solids, self._R_world, self._t_world) if parts.crowds else None
         plain = np.ones(len(parts.pairs), dtype=bool) if self._crowds is None else ~self._crowds.pairs
         self._plain = np.flatnonzero(plain)
-        self._i_plain, self._j_plain = self._i[self._plain], self._j[self._plain]
-        self._with_hull = (self._solids.hulls[self._i] >= 0) | (self._solids.hulls[self._j] >= 0)
-
-    def candidates(self, Q: FloatArray) -> tuple[IntArray, IntArray]:
-        """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
-        R, t = self._place(Q)
-        reach = bounds.box_of(self._riding, R) + self._margin
-        row, pair = self._overlapping(t, reach)
-        rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
-        if rough:
-            left = bounds.rough_gaps(*self._placed(R, t, row, pair)) <= self._margin
-            row, pair = row[left], pair[left]
-        if self._crowds is not None:
-            rows, pairs = self._crowds.candidates(R, t, reach, self._margin)
-            if len(rows):
-                row, pair = np.concatenate([row, rows]), np.concatenate([pair, pairs])
-                order = np.lexsort((pair, row))
-                row, pair = row[order], pair[order]
-            rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
-        if rough and len(row) and self._with_hull[pair].any():
-            row, pair = self._parted(R, t, row, pair)
-        return row, pair
-
-    def _parted(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
-        """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""
-        hulls = np.flatnonzero(self._with_hull[pair])
-        left = np.ones(len(pair), dtype=bool)
-        left[hulls] = ~parted(*self._placed(R, t, row[hulls], pair[hulls]), self._margin)
-        return row[left], pair[left]
 
     def smallest_gap(self, q: FloatArray) -> float:
-        """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs."""
-        R, t = self._place(q[None])
+        """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs.
+
+        Raises:
+            BrokenInvariant: q is not finite.
+        """
+        R, t = self._place(q)
         least = self._smallest(R, t, self._plain)
         if self._crowds is not None:
             least = min(least, self._smallest(R, t, self._crowds.nearest(R, t, None)))
@@ -102,11 +65,11 @@ class Broadphase:
     def _smallest(self, R: FloatArray, t: FloatArray, pairs: IntArray) -> float:
         """Of some pairs: rough bounds of all first; then only those are refined that could be the smallest."""
         if len(pairs) == 0:
-            return float("inf")
-        a, b = self._placed(R, t, np.zeros_like(pairs), pairs)
+            return math.inf
+        a, b = self._placed(R, t, pairs)
         rough = bounds.rough_gaps(a, b)
         order = np.argsort(rough, kind="stable")
-        least, done, count = float("inf"), 0, _LIKELY_SMALLEST
+        least, done, count = math.inf, 0, _LIKELY_SMALLEST
         while done < len(order) and rough[order[done]] <= least:
             likely = order[done : done + count]
             likely = likely[rough[likely] <= least]
@@ -115,50 +78,82 @@ class Broadphase:
         return least
 
     def overlaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
-        """Upper bounds in metres of how far pairs (k,) overlap at q (n,); negative for a pair proven apart."""
-        R, t = self._place(q[None])
-        return np.asarray(-bounds.refined_gaps(*self._placed(R, t, np.zeros_like(pairs), pairs)))
-
-    def _place(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Poses of the riding parts: R (m, parts, 3, 3) and t (m, parts, 3).
-
-        Rounding is free to differ from CPU to CPU here, unlike in the poses FCL gets: ``MARGIN`` covers it.
+        """Upper bounds in metres of how far pairs (k,) overlap at q (n,); negative for a pair proven apart.
 
         Raises:
-            BrokenInvariant: Q is not finite: no sieve would find anything near.
+            BrokenInvariant: q is not finite.
         """
-        if not np.isfinite(Q).all():
+        R, t = self._place(q)
+        return np.asarray(-bounds.refined_gaps(*self._placed(R, t, pairs)))
+
+    def _place(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Poses of the riding parts: R (parts, 3, 3) and t (parts, 3)."""
+        if not np.isfinite(q).all():
             raise BrokenInvariant(NOT_FINITE)
-        if len(Q) <= _FEW:
-            numbers = np.array([self._robot.body_poses(q) for q in Q.tolist()])
-            R_body, t_body = numbers[..., :9].reshape(*numbers.shape[:2], 3, 3), numbers[..., 9:]
-        else:
-            R_body, t_body = self._robot.body_poses_batch(Q)
-        R_body, t_body = R_body[:, self._bodies], t_body[:, self._bodies]
+        poses = np.array(self._robot.body_poses(q.tolist()))
+        R_body, t_body = poses[:, :9].reshape(-1, 3, 3)[self._bodies], poses[:, 9:][self._bodies]
         return R_body @ self._R_part, t_body + (R_body @ self._t_part[..., None])[..., 0]
 
-    def _overlapping(self, t: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
-        """Rows and pairs whose world-aligned boxes overlap: first those swept by the batch, then row by row."""
-        low, high = t - reach, t + reach
-        swept_low = np.concatenate([low.min(axis=0), self._low_world])
-        swept_high = np.concatenate([high.max(axis=0), self._high_world])
-        i, j = self._i_plain, self._j_plain
-        pair = self._plain[((swept_low[i] <= swept_high[j]) & (swept_high[i] >= swept_low[j])).all(axis=-1)]
-        if len(t) == 1:
-            return np.zeros_like(pair), pair
-        i, j = self._i[pair], self._j[pair]
-        own = j < self._parts.riding
-        low_j, high_j = np.empty((len(t), len(j), 3)), np.empty((len(t), len(j), 3))
-        low_j[:, own], high_j[:, own] = low[:, j[own]], high[:, j[own]]
-        low_j[:, ~own], high_j[:, ~own] = swept_low[j[~own]], swept_high[j[~own]]
-        row, column = np.nonzero(((low[:, i] <= high_j) & (high[:, i] >= low_j)).all(axis=-1))
-        return row, pair[column]
-
-    def _placed(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[Placed, Placed]:
-        i, j = self._i[pair], self._j[pair]
-        n = self._parts.riding
+    def _placed(self, R: FloatArray, t: FloatArray, pair: IntArray) -> tuple[Placed, Placed]:
+        i, j, n = self._i[pair], self._j[pair], self._riders
         R_j, t_j = np.empty((len(j), 3, 3)), np.empty((len(j), 3))
         own = j < n
-        R_j[own], t_j[own] = R[row[own], j[own]], t[row[own], j[own]]
+        R_j[own], t_j[own] = R[j[own]], t[j[own]]
         R_j[~own], t_j[~own] = self._R_world[j[~own] - n], self._t_world[j[~own] - n]
-        return Placed(self._solids.take(i), R[row, i], t[row, i]), Placed(self._solids.take(j), R_j, t_j)
+        return Placed(self._solids.take(i), R[i], t[i]), Placed(self._solids.take(j), R_j, t_j)
+
+
+class _Crowds:
+    """Obstacles of many pieces, as clouds are: groups of pieces that stand together, and which pairs these are.
+
+    Attributes:
+        pairs: Which of the pairs have a crowd's piece, (p,).
+    """
+
+    def __init__(self, parts: Parts, solids: Solids, R: FloatArray, t: FloatArray) -> None:
+        """From the solids of all parts, and poses R (s, 3, 3), t (s, 3) of those that stand, after the riding ones."""
+        n, crowds = parts.riding, parts.crowds
+        starts = [k for first, end in crowds for k in range(first, end, _GROUP)]
+        ends = [min(k + _GROUP, end) for first, end in crowds for k in range(first, end, _GROUP)]
+        start, self._size = np.array(starts, dtype=np.intp), np.subtract(ends, starts, dtype=np.intp)
+        crowd = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(*run) for run in crowds)])
+        firsts = np.cumsum(self._size) - self._size
+        self._groups = _around(solids.take(crowd), R[crowd - n], t[crowd - n], firsts, self._size)
+        self._solids = solids
+        in_crowd = np.zeros(len(parts.parts), dtype=bool)
+        in_crowd[crowd] = True
+        self.pairs: BoolArray = in_crowd[parts.pairs[:, 1]]
+        column = np.full(len(parts.parts), -1, dtype=np.intp)
+        column[start] = np.arange(len(start))
+        starting = np.flatnonzero(column[parts.pairs[:, 1]] >= 0)
+        i, j = parts.pairs[starting].T
+        self._first_pair = np.full((n, len(start)), -1, dtype=np.intp)
+        self._first_pair[i, column[j]] = starting
+
+    def nearest(self, R: FloatArray, t: FloatArray, most: float | None) -> IntArray:
+        """Pairs of groups that may be nearer than ``most`` metres to riding solids at R (riding, 3, 3), t (riding, 3).
+
+        Args:
+            most: None for the one group with the smallest bound.
+        """
+        i, group = np.nonzero(self._first_pair >= 0)
+        if not len(i):  # whatever rides may touch the crowds
+            return np.zeros(0, dtype=np.intp)
+        gaps = bounds.rough_gaps(Placed(self._solids.take(i), R[i], t[i]), self._groups.take(group))
+        near = np.array([gaps.argmin()]) if most is None else np.flatnonzero(gaps <= most)
+        firsts, sizes = self._first_pair[i[near], group[near]], self._size[group[near]]
+        ranges = [np.arange(first, first + size) for first, size in zip(firsts.tolist(), sizes.tolist(), strict=True)]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *ranges])
+
+
+def _around(solids: Solids, R: FloatArray, t: FloatArray, firsts: IntArray, sizes: IntArray) -> Placed:
+    """Boxes around groups of solids that stand one after the other, along the axes of the first of each."""
+    group = np.repeat(np.arange(len(firsts)), sizes)
+    turn = R[firsts].transpose(0, 2, 1)
+    reach = bounds.box_of(solids, turn[group] @ R)
+    centre = (turn[group] @ t[..., None])[..., 0]
+    low, high = np.minimum.reduceat(centre - reach, firsts), np.maximum.reduceat(centre + reach, firsts)
+    none = np.zeros(len(firsts))
+    half = 0.5 * (high - low) + _ROUNDING
+    around = Solids(half, none, none, np.full(len(firsts), -1, dtype=np.intp), ())
+    return Placed(around, R[firsts], (R[firsts] @ (0.5 * (low + high))[..., None])[..., 0])

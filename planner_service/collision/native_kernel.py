@@ -1,8 +1,8 @@
 """The compiled kernel: finds pairs that are not proven apart, for a state, for many or for a whole edge in one call.
 
-It proves what ``Broadphase`` proves, by the same margin and with more separating directions, so that FCL is asked about
-fewer pairs and says the same. Nor is FCL asked about a pair that is proven to overlap by a hundred times the micrometre
-in which its answer is undefined. Where the kernel was not built, ``Broadphase`` does without it.
+A pair is proven apart by more than ``MARGIN`` in exact arithmetic, beyond the micrometre in which FCL's own answer is
+undefined and far beyond rounding (1e-15), so that FCL would say the same. Nor is FCL asked about a pair that is proven
+to overlap by a hundred times that micrometre.
 """
 
 from __future__ import annotations
@@ -22,33 +22,32 @@ from planner_service.robot.model import Robot
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["build_kernel", "configure_edges", "instruction_sets"]
+__all__ = ["MARGIN", "build_kernel", "configure_edges", "instruction_sets"]
+
+MARGIN = 2e-6
+"""Metres by which a pair must be proven apart for FCL not to be asked; ``doubt_of`` small solids comes on top."""
 
 SLIDES = 1.0
 
 
 def instruction_sets() -> tuple[str, ...]:
-    """Those the kernel can use on this processor, the fastest last; none where it was not built."""
-    core = load_core()
-    return () if core is None else tuple(core.instruction_sets())
+    """Those the kernel can use on this processor, the fastest last."""
+    return tuple(load_core().instruction_sets())
 
 
-def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -> _core.CollisionKernel | None:
-    """The kernel for a robot and the numbered list of its parts and the scene's; None where it was not built.
+def build_kernel(robot: Robot, parts: Parts, variant: str = "", *, margin: float = MARGIN) -> _core.CollisionKernel:
+    """The kernel for a robot and the numbered list of its parts and the scene's.
 
     Args:
-        margin: Metres by which a pair must be proven apart, ``doubt_of`` small solids apart.
         variant: One of ``instruction_sets()``; the fastest if empty.
+        margin: Metres by which a pair must be proven apart, ``doubt_of`` small solids apart.
     """
-    core = load_core()
-    if core is None:
-        return None
     solids = Solids.of(parts.shapes)
     runs = np.array(parts.runs, dtype=np.int64).reshape(-1, 2) - parts.riding
     rows = np.column_stack([solids.half, solids.ball, solids.disc, solids.hulls])
     hulls = [np.ascontiguousarray(corners.T) for corners in solids.corners]
     pairs = np.ascontiguousarray(parts.pairs, dtype=np.int64)
-    kernel: _core.CollisionKernel = core.CollisionKernel(
+    kernel: _core.CollisionKernel = load_core().CollisionKernel(
         _joints(robot), _places(parts), rows, runs, pairs, hulls, margin + doubt_of(solids), variant
     )
     return kernel

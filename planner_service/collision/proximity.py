@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.collision.backends import CollisionBackend, NativeBackend
-from planner_service.collision.native_kernel import build_kernel, instruction_sets
-from planner_service.collision.numpy_broadphase import MARGIN
+from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
-from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["NearPairs", "measuring_kernel", "require_kernel"]
-
-BUILT = "the compiled kernel, which measures distances and was not built here: install with a C++17 compiler"
+__all__ = ["NearPairs", "measuring_kernel"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +44,5 @@ class NearPairs:
 
 
 def measuring_kernel(backend: CollisionBackend, robot: Robot, parts: Parts) -> _core.CollisionKernel:
-    """The compiled kernel, whichever backend judges.
-
-    Raises:
-        InvalidRequest: it was not built.
-    """
-    kernel = backend.kernel if isinstance(backend, NativeBackend) else build_kernel(robot, parts, MARGIN)
-    if kernel is None:
-        raise InvalidRequest("near", None, BUILT, message=f"near: it needs {BUILT}")
-    return kernel
-
-
-def require_kernel(field: str, value: object) -> None:
-    """Refuse what asks for distances where the compiled kernel was not built."""
-    if not instruction_sets():
-        raise InvalidRequest(field, value, BUILT, message=f"{field}: optimising needs {BUILT}")
+    """The compiled kernel, whichever backend judges."""
+    return backend.kernel if isinstance(backend, NativeBackend) else build_kernel(robot, parts)

@@ -10,7 +10,6 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
-from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.values import Constraint
 from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
@@ -69,13 +68,11 @@ def require_plannable(
     """Refuse a request that does not fit a robot in a scene; the constraints and the torque limits of its motion.
 
     Raises:
-        InvalidRequest: Its start, a goal or its roadmap is of another robot, it is to be optimised without the compiled
-            kernel, or its planner does not keep the constraints.
+        InvalidRequest: Its start, a goal or its roadmap is of another robot, or its planner does not keep the
+            constraints.
         UnknownName: A constraint names no link or joint of the robot.
     """
     require_ends(request, robot)
-    if request.optimise is not None:
-        require_kernel("polish" if request.polish is not None else "planner", request.optimise)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
     limits, constraints = torques_of(request.pace, robot, scene), kept_in(scene, request.constraints)

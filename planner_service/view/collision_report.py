@@ -10,7 +10,6 @@ import numpy as np
 
 from planner_service.certify import Certifier
 from planner_service.collision import Contact
-from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.service import PlannerService
 
@@ -80,7 +79,7 @@ class CollisionReporter:
         self, q: FloatArray, contacts: tuple[Contact, ...]
     ) -> tuple[tuple[Pair, tuple[float, float, float]], ...]:
         """For each contact, the middle between the nearest points of the pieces that overlap most."""
-        if not contacts or not instruction_sets():
+        if not contacts:
             return ()
         near = self._checker.near(q[None], TOUCH_DISTANCE)
         wanted = {(contact.a, contact.b) for contact in contacts}

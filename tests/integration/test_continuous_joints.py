@@ -173,7 +173,7 @@ def test_states_and_edges_outside_the_window_are_judged_as_fcl_does(seed: int, t
     rng = np.random.default_rng(seed)
     robot, scene = built(tmp_path, random_robot(rng)), Scene((POST,))
     assert any(robot.continuous), "pick another seed"
-    fast, slow = (CollisionChecker(robot, scene, edge_step=JointStep(0.02), backend=b) for b in ("auto", "fcl"))
+    fast, slow = (CollisionChecker(robot, scene, edge_step=JointStep(0.02), backend=b) for b in ("native", "fcl"))
     certifier = Certifier(robot, scene)
     lower, upper = robot.limits.lower, robot.limits.upper
     shifts = np.where(robot.continuous, TURN, 0.0) * rng.integers(-150, 150, (150, robot.n))

@@ -133,7 +133,7 @@ def test_mixed_calls_of_one_service_are_the_same_in_1_2_4_and_8_threads() -> Non
     require_same(works(PlannerService("wxai", "bin")))
 
 
-@pytest.mark.parametrize("backend", ["native", "numpy", "fcl"])
+@pytest.mark.parametrize("backend", ["native", "fcl"])
 def test_checks_of_one_checker_are_the_same_in_1_2_4_and_8_threads(backend: BackendName) -> None:
     checker = CollisionChecker(load_robot("planar2"), load_scene("discs"), backend=backend)
     Q = np.random.default_rng(2).uniform(-2.6, 2.6, (12, 2))

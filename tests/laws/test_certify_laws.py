@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.prover import instruction_sets
 from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
-from planner_service.collision import CollisionChecker, JointStep
+from planner_service.collision import CollisionChecker, JointStep, backends
+from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
@@ -350,9 +352,7 @@ def unpaired(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def blind(monkeypatch: pytest.MonkeyPatch) -> None:
-    from planner_service.collision import numpy_broadphase as prefilter
-
-    monkeypatch.setattr(prefilter, "MARGIN", -0.05)
+    monkeypatch.setattr(backends, "build_kernel", partial(build_kernel, margin=-0.05))
 
 
 @pytest.mark.parametrize("fault", [shrunk, displaced, unpaired, blind])
@@ -368,7 +368,7 @@ def test_a_fault_of_the_search_does_not_reach_the_proof(fault: Any, monkeypatch:
         if not sound.edge_is_free(*edge) and not second.path_is_free(edge, 0.002):
             edges.append(edge)
     fault(monkeypatch)
-    faulty = CollisionChecker(WXAI, scene, backend="numpy")  # the kernel has poses and a margin of its own
+    faulty = CollisionChecker(WXAI, scene)
     fooled = [edge for edge in edges if faulty.edge_is_free(*edge)]
     assert len(fooled) >= 3
     for backend in BACKENDS:

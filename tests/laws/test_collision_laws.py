@@ -10,6 +10,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ import pinocchio as pin
 import pytest
 
 from auditor.checker import IndependentChecker, tables_of
-from planner_service.collision import CollisionChecker, JointStep, Known, MotionStep
-from planner_service.collision import numpy_broadphase as prefilter
+from planner_service.collision import CollisionChecker, JointStep, Known, MotionStep, backends
 from planner_service.collision.edge_sampling import EdgeStep
+from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
@@ -272,8 +273,8 @@ def test_both_checkers_judge_the_same_pairs(setup: Setup) -> None:
     assert set(ours) == set(theirs)
 
 
-def test_the_comparison_notices_a_prefilter_that_lets_three_millimetres_pass(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prefilter, "MARGIN", -0.003)
+def test_the_comparison_notices_a_kernel_that_lets_three_millimetres_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "build_kernel", partial(build_kernel, margin=-0.003))
     assert compare(SETUPS[0], 60, seed=3).differing
 
 

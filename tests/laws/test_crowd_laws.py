@@ -248,10 +248,11 @@ def stirred() -> Scene:
 def test_every_piece_is_inside_the_boxes_around_it() -> None:
     robot, scene = load_robot("planar2"), stirred()
     checker = CollisionChecker(robot, scene, padding=0.004)
-    crowds, listed = checker._broadphase._crowds, checker._parts
+    crowds, listed = checker._clearances._crowds, checker._parts
     assert crowds is not None
     groups = crowds._groups
-    for k, (start, count) in enumerate(zip(crowds._start.tolist(), crowds._size.tolist(), strict=True)):
+    starts = np.cumsum(crowds._size) - crowds._size + listed.crowds[0][0]
+    for k, (start, count) in enumerate(zip(starts.tolist(), crowds._size.tolist(), strict=True)):
         for j in range(start, start + count):
             points = tips(listed.shapes[j], listed.parts[j].T)
             assert depth_in(2 * groups.solids.half[k], groups.R[k], groups.t[k], points) >= 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,18 @@ import numpy as np
 import pytest
 
 from planner_service.certify.pairs import ProofPairs
-from planner_service.collision import CollisionChecker, JointStep, MotionStep, bounds
+from planner_service.collision import JointStep, MotionStep, native_kernel
 from planner_service.collision import backends as backends
 from planner_service.collision import fcl as judge
-from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.collision.bounds import Solids
 from planner_service.collision.edge_sampling import EdgeStep
+from planner_service.collision.native_kernel import build_kernel
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Shape
-from planner_service.scene.scene import Scene
 from tests.laws.test_certify_laws import COAL, anywhere
 from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like
 from tests.support.hull_arm import HELD, HullSetup
-from tests.support.pairwise_fcl import PairwiseFcl
 
 
 def test_a_verdict_on_hulls_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Any) -> None:
@@ -33,21 +32,6 @@ def test_a_verdict_on_hulls_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Any) 
     assert found.unlike_fcl == 0
     assert 0 < found.free < found.states
     assert found.at_contact <= found.states / 100
-
-
-def test_a_verdict_does_not_depend_on_how_many_states_are_judged_together(setup: HullSetup) -> None:
-    """Alone a state goes to FCL at once; among others pairs of hulls are parted first."""
-    checker = setup.checker()
-    sieved = CollisionChecker(checker.robot, checker.scene, backend="numpy")
-    pairwise = PairwiseFcl(checker.robot, Scene(setup.obstacles))
-    rng = np.random.default_rng(6)
-    for q in planner_like(checker.robot, checker.state_is_free, rng, 60):
-        others = anywhere(checker.robot, rng, 30)
-        states = np.concatenate([others[:15], q[None], others[15:]])
-        free = bool(sieved.states_are_free(states)[15])
-        assert free == sieved.state_is_free(q) == checker.state_is_free(q)
-        if not setup.attached:
-            assert free == pairwise.state_is_free(q.tolist())
 
 
 def test_both_checkers_judge_the_same_pairs_of_hulls(setup: HullSetup) -> None:
@@ -124,13 +108,12 @@ def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def uncentred(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hull's frame is taken for its centre."""
-    monkeypatch.setattr(prefilter, "centres_of", lambda shapes: np.zeros((len(shapes), 3)))
+    monkeypatch.setattr(native_kernel, "centres_of", lambda shapes: np.zeros((len(shapes), 3)))
 
 
 def loose(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hulls that overlap by 3 mm are parted."""
-    whole = bounds.parted
-    monkeypatch.setattr(prefilter, "parted", lambda a, b, margin: whole(a, b, -0.003))
+    monkeypatch.setattr(backends, "build_kernel", partial(build_kernel, margin=-0.003))
 
 
 def mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,23 +143,6 @@ def blunt(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_comparison_notices_a_fault_with_hulls(
     folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(backends, "build_kernel", lambda *arguments: None)  # the broad phase in numpy is spoilt
-    monkeypatch.setattr(prefilter, "_ASKED_AT_ONCE", 0)
-    whole = CollisionChecker.state_is_free
-
-    def among_others(checker: CollisionChecker, q: Any) -> bool:
-        """The broad phase lets a state alone pass to FCL."""
-        before = checker._broadphase.candidates
-        checker._broadphase.candidates = lambda Q: _first(before(np.concatenate([Q, Q])))  # type: ignore[method-assign]
-        try:
-            return whole(checker, q)
-        finally:
-            checker._broadphase.candidates = before  # type: ignore[method-assign]
-
-    def _first(found: Any) -> Any:
-        return found[0][found[0] == 0], found[1][found[0] == 0]
-
-    monkeypatch.setattr(CollisionChecker, "state_is_free", among_others)
     setup: Any = HullSetup("faulty", folder, attached=(HELD,))
     assert compare(setup, 60, seed=5).differing == []
     fault(monkeypatch)

@@ -19,7 +19,6 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.collision import backends as backends
-from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.path.joint_path import JointPath
@@ -146,7 +145,6 @@ def test_dense_samples_notice_a_fault_in_the_proof(
 def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
     folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(backends, "build_kernel", lambda *arguments: None)  # the broad phase in numpy is spoilt
     setup = HullSetup("fooled", folder, attached=(HELD,))
     robot, scene, sound = setup.robot(), setup.whole_scene(), setup.checker()
     rng, edges = np.random.default_rng(15), []
@@ -154,7 +152,6 @@ def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
         edge = np.clip([q, q + rng.normal(size=4) * 0.02], robot.limits.lower, robot.limits.upper)
         if not sound.edge_is_free(*edge):
             edges.append(edge)
-    monkeypatch.setattr(prefilter, "_ASKED_AT_ONCE", 0)
     fault(monkeypatch)
     faulty = setup.checker()
     fooled = [edge for edge in edges if faulty._first_collision(samples(JointPath(edge), robot.reach(), 0.002)) is None]

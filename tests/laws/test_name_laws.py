@@ -14,14 +14,13 @@ from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.prover import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName
-from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.refusals import refused_pair
 
-JUDGES: list[BackendName] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
+JUDGES: list[BackendName] = ["native", "fcl"]
 PROVERS: list[ProofBackend] = ["native", "numpy"] if proof_instruction_sets() else ["numpy"]
 WORLDS = 12
 

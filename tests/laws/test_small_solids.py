@@ -15,7 +15,6 @@ import pytest
 
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName
-from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
@@ -23,7 +22,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.robot.model import Body, JointLimits, LinkShape, Robot
 from planner_service.scene.scene import Obstacle, Scene
 
-BACKENDS: list[BackendName] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
+BACKENDS: list[BackendName] = ["native", "fcl"]
 STATES = int(os.environ.get("SMALL_STATES", "3000"))
 EACH = 40
 """States of each pair of shapes; so many that the sieves are asked, too."""

@@ -1,19 +1,23 @@
-"""Loading the compiled proof, where it was built."""
+"""Loading the compiled proof."""
 
 from __future__ import annotations
 
-import logging
 from functools import lru_cache
 from types import ModuleType
 
 from planner_service.concurrency.library_import import loaded
+from planner_service.native.loading import NOT_BUILT
 
 __all__ = ["load_proof"]
 
 
 @lru_cache(maxsize=1)
-def load_proof() -> ModuleType | None:
-    """The extension module; None, which is logged once, where it was not built."""
+def load_proof() -> ModuleType:
+    """The extension module.
+
+    Raises:
+        ImportError: it was not built.
+    """
 
     def proof() -> ModuleType:
         from planner_service.certify.native import _proof
@@ -23,5 +27,4 @@ def load_proof() -> ModuleType | None:
     try:
         return loaded(proof)
     except ImportError as error:
-        logging.getLogger("planner_service").info("proofs without compiled code: %s", error)
-        return None
+        raise ImportError(f"{NOT_BUILT} ({error})") from error

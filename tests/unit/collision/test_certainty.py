@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker, MotionStep
-from planner_service.collision.native_kernel import build_kernel, configure_edges, instruction_sets
-from planner_service.collision.numpy_broadphase import MARGIN
+from planner_service.collision.native_kernel import MARGIN, build_kernel, configure_edges, instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose, Sphere
 from planner_service.native.loading import load_core
@@ -158,7 +157,7 @@ def test_tables_of_the_robots_own_pairs_prove_nothing_that_is_in_doubt_without_t
     for padding in (0.0, 0.02, 0.0):  # what is known of one is of no use for another; the last time all is known
         parts = CollisionChecker(robot, Scene(), padding=padding).parts
         for variant in instruction_sets():
-            kernel = build_kernel(robot, parts, MARGIN, variant)
+            kernel = build_kernel(robot, parts, variant)
             assert kernel is not None
             without = kernel.candidates(Q)
             assert without[0]
@@ -208,7 +207,7 @@ def test_an_edge_is_what_its_samples_are_one_by_one(name: str, alone: bool, tmp_
     edges = list(grazing(checker, 300, rng))
     told = []
     for variant in instruction_sets():
-        kernel = build_kernel(robot, checker.parts, MARGIN, variant)
+        kernel = build_kernel(robot, checker.parts, variant)
         assert kernel is not None
         one_by_one = [fields(kernel.check_rows(np.array(kernel.samples(a, b, 200)), 0, 199)) for a, b in edges]
         assert configure_edges(kernel, *args)

@@ -21,8 +21,7 @@ from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.collision.checker import EdgeHit
 from planner_service.collision.edge_sampling import FinestStep, interior
 from planner_service.collision.fcl import FclObjects
-from planner_service.collision.native_kernel import build_kernel, instruction_sets
-from planner_service.collision.numpy_broadphase import MARGIN
+from planner_service.collision.native_kernel import MARGIN, build_kernel, instruction_sets
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.native.loading import load_core
@@ -30,19 +29,16 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Attached, Scene
 from tests.support.backends import CASES, case, checkers, compare, edges_of, states_of
-from tests.support.optional import present
 
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-BUILT = bool(instruction_sets())
 STATES, EDGES = 300, 30
 
 
 def built_kernels(checker: CollisionChecker) -> list[_core.CollisionKernel]:
-    """The kernel of a checker in every instruction set there is; none where it was not built."""
-    found = [build_kernel(checker.robot, checker._parts, MARGIN, name) for name in instruction_sets()]
-    return [kernel for kernel in found if kernel is not None]
+    """The kernel of a checker in every instruction set there is."""
+    return [build_kernel(checker.robot, checker._parts, name) for name in instruction_sets()]
 
 
 def carrying() -> tuple[CollisionChecker, CollisionChecker]:
@@ -55,14 +51,11 @@ def carrying() -> tuple[CollisionChecker, CollisionChecker]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("reference", ["fcl", "numpy"])
 @pytest.mark.parametrize("name", CASES)
-def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_to_contact(
-    name: str, reference: BackendName
-) -> None:
-    pair = checkers(*case(name), reference=reference)
-    assert [checker.instruction_set is not None for checker in pair] == [BUILT, False]
-    few = 10 if pair[1].pair_count > 1000 and reference == "fcl" else 1  # FCL needs milliseconds for as many
+def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_to_contact(name: str) -> None:
+    pair = checkers(*case(name))
+    assert [checker.instruction_set is not None for checker in pair] == [True, False]
+    few = 10 if pair[1].pair_count > 1000 else 1  # FCL needs milliseconds for as many
     found = compare(pair, STATES // few, EDGES // few, seed=11)
     assert found.differences == []
     assert 0 < found.colliding < found.states + found.edges
@@ -93,16 +86,15 @@ def test_both_backends_agree_with_carried_objects_and_padding() -> None:
 def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
     first, second = checkers(*case("wxai bin"))
     if isinstance(first._backend, NativeBackend):
-        wrongly = present(build_kernel(first.robot, first._parts, wrong))
-        first._backend.kernel = wrongly
+        first._backend.kernel = build_kernel(first.robot, first._parts, margin=wrong)
         first._kernel = first._configured_kernel()
-    assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
+    assert compare((first, second), STATES, EDGES, seed=11).differences
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_every_instruction_set_leaves_every_pair_that_touches_and_hardly_another(name: str) -> None:
-    checker = checkers(*case(name), reference="numpy")[1]
+    checker = checkers(*case(name))[1]
     Q = np.array(list(states_of(checker, 120, seed=5)))
     touching = {(row, pair) for row, q in enumerate(Q) for pair in touching_pairs(checker, q)}
     for kernel in built_kernels(checker):
@@ -272,7 +264,7 @@ def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_jud
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
-    checker = checkers(*case(name), reference="numpy")[1]
+    checker = checkers(*case(name))[1]
     sure = 0
     for q in states_of(checker, 300, seed=13):
         for kernel in built_kernels(checker):
@@ -280,7 +272,7 @@ def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
             if check.colliding:
                 sure += 1
                 assert touching_pairs(checker, q)[0] == check.pair
-    assert bool(sure) == BUILT
+    assert sure
 
 
 def test_threads_get_the_answers_they_would_get_alone() -> None:
@@ -352,9 +344,6 @@ def _put(where: Any, value: float) -> Any:
 def test_the_kernel_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
     checker = checkers(*case("wxai bin"))[0]
     core = load_core()
-    if core is None:
-        assert checker.instruction_set is None
-        return
     data = native_data(checker)
     core.CollisionKernel(*data)
     with pytest.raises(ValueError, match=message):

@@ -13,19 +13,18 @@ from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.prover import NumpyProver, Prover, instruction_sets, native_prover
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName, make_backend
+from planner_service.collision.clearance import Clearances
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.native_kernel import instruction_sets as kernel_instruction_sets
-from planner_service.collision.numpy_broadphase import MARGIN, Broadphase
 from planner_service.collision.swept_bounds import Sweep
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
-from tests.support.optional import present
 
 WXAI, BIN = load_robot("wxai"), load_scene("bin")
 CHECKER = CollisionChecker(WXAI, BIN)
-BACKENDS: list[BackendName] = ["native", "numpy", "fcl"] if kernel_instruction_sets() else ["numpy", "fcl"]
+BACKENDS: list[BackendName] = ["native", "fcl"]
 BAD = [math.nan, math.inf, -math.inf]
 bad_values = pytest.mark.parametrize("value", BAD)
 
@@ -40,7 +39,7 @@ def rows(value: float, count: int = 8) -> FloatArray:
 @bad_values
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_no_backend_answers(backend: BackendName, value: float) -> None:
-    made = make_backend(backend, WXAI, CHECKER.parts, lambda: Broadphase(WXAI, CHECKER.parts))
+    made = make_backend(backend, WXAI, CHECKER.parts)
     Q = rows(value)
     assert made.first_collision(rows(0.5), 0, 0) is None
     with pytest.raises((BrokenInvariant, ValueError), match="finite"):
@@ -52,19 +51,18 @@ def test_no_backend_answers(backend: BackendName, value: float) -> None:
 
 
 @bad_values
-def test_no_broad_phase_answers(value: float) -> None:
-    broadphase = Broadphase(WXAI, CHECKER.parts)
-    for count in (1, 8, 40):
-        with pytest.raises(BrokenInvariant, match="finite"):
-            broadphase.candidates(rows(value, count))
+def test_no_clearance_is_told(value: float) -> None:
+    clearances = Clearances(WXAI, CHECKER.parts)
     with pytest.raises(BrokenInvariant, match="finite"):
-        broadphase.smallest_gap(rows(value)[4])
+        clearances.smallest_gap(rows(value)[4])
+    with pytest.raises(BrokenInvariant, match="finite"):
+        clearances.overlaps(rows(value)[4], np.zeros(1, dtype=np.intp))
 
 
 @bad_values
 @pytest.mark.parametrize("variant", kernel_instruction_sets())
 def test_no_kernel_answers(variant: str, value: float) -> None:
-    kernel = present(build_kernel(WXAI, CHECKER.parts, MARGIN, variant))
+    kernel = build_kernel(WXAI, CHECKER.parts, variant)
     Q = rows(value)
     good, bad = WXAI.home.tolist(), Q[len(Q) // 2].tolist()
     for ask in (
@@ -77,7 +75,7 @@ def test_no_kernel_answers(variant: str, value: float) -> None:
         with pytest.raises(ValueError, match="finite"):
             ask()
     with pytest.raises(ValueError, match="finite"):
-        build_kernel(WXAI, CHECKER.parts, value, variant)
+        build_kernel(WXAI, CHECKER.parts, variant, margin=value)
 
 
 @bad_values

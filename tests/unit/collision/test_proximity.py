@@ -25,7 +25,6 @@ from planner_service import (
     load_robot,
     load_scene,
 )
-from planner_service.collision import proximity as near_module
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.collision.proximity import NearPairs
 from planner_service.geometry.arrays import FloatArray
@@ -313,10 +312,3 @@ def test_what_is_carried_is_kept_apart_from_what_stands() -> None:
     names = {checker.pair_names(pair) for pair in found.pairs.tolist()}
     assert any("held" in pair for pair in names)
     assert any(checker.own_pairs[pair] for pair in found.pairs.tolist())
-
-
-def test_without_the_kernel_it_is_said_what_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(near_module, "build_kernel", lambda *_: None)
-    checker = CollisionChecker(load_robot("planar2"), load_scene("discs"), backend="numpy")
-    with pytest.raises(InvalidRequest, match="compiled kernel"):
-        checker.near(np.zeros((1, 2)), 0.05)

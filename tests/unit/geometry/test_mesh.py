@@ -16,14 +16,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from auditor.checker import hull_of
-from planner_service.collision.bounds import Placed, Solids, centres_of, parted
+from planner_service.collision.bounds import Solids, centres_of
 from planner_service.collision.gjk import gap_of
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import mesh
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import MAX_HULL, THINNEST, Mesh, checked_scale
 from planner_service.geometry.mesh_formats import MAX_VERTICES
-from planner_service.geometry.shapes import Box, Shape, Sphere
+from planner_service.geometry.shapes import Box, Sphere
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 2.0) for z in (0.0, 3.0)])
 TETRA = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -424,37 +424,6 @@ def test_a_hull_of_the_most_corners_may_still_be_grown(monkeypatch: pytest.Monke
     grown = Mesh(np.concatenate([rim(100, 1.0, 0.0), rim(100, 1.0, 1e-3)])).grown(0.001)
     assert len(grown.vertices) > 200
     assert grown.distance(np.array([1.001, 0.0, 0.0005])) == 0.0
-
-
-# bounds of the collision checker
-
-
-def turned_and_placed(shape: Shape, R: FloatArray, t: FloatArray) -> Placed:
-    """A solid whose centre is at t."""
-    return Placed(Solids.of([shape]), R[None], t[None])
-
-
-@some
-@given(seeds)
-def test_solids_are_parted_only_along_a_direction_that_proves_it(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    one, two = Mesh(cloud(rng)), Mesh(cloud(rng)) if rng.random() < 0.5 else Sphere(float(rng.uniform(0.01, 1.0)))
-    R, S, t = turned(rng), turned(rng), rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 0.5)
-    a, b = turned_and_placed(one, R, np.zeros(3)), turned_and_placed(two, S, t)
-    gap = gap_of(a.solids.one(0, R, np.zeros(3)), b.solids.one(0, S, t))
-    pairs = [
-        Placed(p.solids.take(np.zeros(9, dtype=np.intp)), *(np.repeat(x, 9, 0) for x in (p.R, p.t))) for p in (a, b)
-    ]
-    assert parted(pairs[0], pairs[1], 2e-6).all() <= (gap > 2e-6 - 1e-9)
-
-
-def test_a_ball_at_the_centre_of_the_box_around_a_hull_is_not_parted_from_it() -> None:
-    """The line between the centres is then too short to be a direction."""
-    away = -np.ones(3) / math.sqrt(3.0)
-    for length in (0.0, 1e-300, 1e-13, 5e-13, 9e-13, 2e-12):
-        ball = turned_and_placed(Sphere(0.35), np.eye(3), np.zeros(3))
-        hull = turned_and_placed(Mesh(TETRA), np.eye(3), away * length)  # 0.29 m from the centre of its box
-        assert not parted(ball, hull, 2e-6).any()
 
 
 STRAY = "".join(f"v {x} {y} {z}\n" for x, y, z in (*CUBE, (9.0, 0.0, 0.0)))

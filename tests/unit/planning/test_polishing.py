@@ -288,18 +288,6 @@ def test_an_optimum_that_takes_too_long_is_left(bin_: PlannerService) -> None:
     assert result.notes == ("not optimised: the time limit passed",)
 
 
-@pytest.mark.parametrize(
-    ("field", "given"), [("polish", {"polish": Optimise()}), ("planner", {"planner": Optimise(method=Chomp())})]
-)
-def test_without_the_compiled_kernel_it_is_refused_before_anything_is_planned(
-    monkeypatch: pytest.MonkeyPatch, field: str, given: dict[str, Any]
-) -> None:
-    monkeypatch.setattr("planner_service.collision.native_kernel.load_core", lambda: None)
-    service = PlannerService("planar2", "empty")
-    with pytest.raises(InvalidRequest, match=f"^{field}: optimising needs the compiled kernel"):
-        service.plan(asked(**given))
-
-
 def test_checks_that_are_spent_end_optimising_and_nothing_else(bin_: PlannerService) -> None:
     plain = bin_.plan(query("bin", 3))
     found = sum(plain.stage(stage).counts.states for stage in (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH))

@@ -74,11 +74,11 @@ def test_compiled_and_in_python_it_gives_the_same_bits_and_counts(name: str, whe
         assert compiled == plain
 
 
-def test_without_the_kernel_it_gives_the_same_bits_and_counts() -> None:
+def test_judged_by_fcl_pair_by_pair_it_gives_the_same_bits_and_counts() -> None:
     robot, scene = load_robot("planar2"), load_scene("discs")
     points = ends(robot, scene, 1)
     assert outcome(CollisionChecker(robot, scene), points, 1) == outcome(
-        CollisionChecker(robot, scene, backend="numpy"), points, 1
+        CollisionChecker(robot, scene, backend="fcl"), points, 1
     )
 
 
