@@ -398,7 +398,7 @@ def _planning(folder: Path) -> Calls:
         _call(checker.near, Q=[q], within=0.05),
         _call(checker.pair_names, pair=0),
         _call(checker.contacts, q=q),
-        _call(Certifier, **world, allowed=(), backend="auto"),
+        _call(Certifier, **world, allowed=()),
         _call(certifier.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length), constraints=kept),
         _call(certifier.certify_edge, q1=q, q2=near, padding=0.001),
         _call(certifier.roots, length=1.0, exempt=()),

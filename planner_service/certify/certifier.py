@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import NoneType
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +17,7 @@ from planner_service.certify.interval_proof import NO_LEAVES, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK, NumpyProver, Prover, native_prover
+from planner_service.certify.prover import LIMIT_SLACK, Prover
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest
@@ -43,13 +42,11 @@ __all__ = [
     "Certificate",
     "Certifier",
     "ExemptInterval",
-    "ProofBackend",
     "Refusal",
     "Trail",
     "certify",
 ]
 
-ProofBackend = Literal["auto", "native", "numpy"]
 
 MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
@@ -212,24 +209,20 @@ class Certifier:
 
     Args:
         allowed: Pairs of links or objects that may touch, beside those that the robot and held objects allow.
-        backend: "native", the compiled prover; "numpy", the reference; "auto", the compiled one where it was built.
-            Their answers are equal to the last bit.
 
     Attributes:
         robot: Its motions are proven.
         scene: What it must not touch.
         listed: The pairs to prove apart.
         motion: Their poses and motion bounds.
-        prover: The compiled prover or the reference.
+        prover: Proves them.
 
     Raises:
         UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
-        InvalidRequest: a pair names a link and an object at once, no such backend, or "native" where it was not built.
+        InvalidRequest: a pair names a link and an object at once, or something else than a Robot or a Scene is given.
     """
 
-    def __init__(
-        self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: ProofBackend = "auto"
-    ) -> None:
+    def __init__(self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = ()) -> None:
         self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
@@ -240,7 +233,7 @@ class Certifier:
             *(AllowedContact(pair, CARRIED_TOGETHER) for pair in self.listed.held_together(scene)),
         )
         self.motion = Motion(robot, self.listed)
-        self.prover = _prover_of(backend, self.motion)
+        self.prover = Prover(self.motion)
         self._bounds = robot.bounds[0] - LIMIT_SLACK, robot.bounds[1] + LIMIT_SLACK
         self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
 
@@ -272,14 +265,16 @@ class Certifier:
                 that others check with little effort.
 
         Raises:
-            InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],
-                or an exempt stretch or a part that is not on the path.
+            InvalidRequest: a path of another class or number of joints or outside the joint limits, a padding outside
+                [0, 0.1], or an exempt stretch or a part that is not on the path.
             UnknownName: an exempt pair names nothing that is there, or a constraint no link or joint of the robot.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         instance("trail", trail, (Trail, NoneType), "a Trail, or None")
         stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
+        if type(curve) is not JointPath:
+            raise InvalidRequest("path", type(curve).__name__, "a JointPath: a subclass may be another curve")
         if curve.n != self.robot.n:
             raise InvalidRequest("path", curve.n, f"a path of {self.robot.n} joints")
         function_or_none("charge", charge, "a function of a number")
@@ -477,15 +472,6 @@ def certify(
     return Certifier(robot, scene, allowed=allowed).certify(
         path, padding=padding, exempt=exempt, constraints=constraints
     )
-
-
-def _prover_of(backend: object, motion: Motion) -> Prover:
-    if not isinstance(backend, str) or backend not in ("auto", "native", "numpy"):
-        raise InvalidRequest("backend", backend, '"auto", "native" or "numpy"')
-    native = None if backend == "numpy" else native_prover(motion)
-    if native is None and backend == "native":
-        raise InvalidRequest("backend", backend, '"auto" or "numpy": the compiled proof was not built')
-    return native or NumpyProver(motion)
 
 
 def _floored(gap: float) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, ProofBackend, Refusal, Trail
+from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, Refusal, Trail
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
@@ -79,7 +79,6 @@ def certify_gripper(
     touching: Sequence[tuple[str, str]] = (),
     reason: str = "",
     charge: Callable[[int], None] | None = None,
-    backend: ProofBackend = "auto",
     trail: Trail | None = None,
 ) -> GripperMotion:
     """The proof that no finger comes near anything between two widths while the arm stands at q (n,), or its refusal.
@@ -109,7 +108,7 @@ def certify_gripper(
     path = JointPath(np.array([[gripper.position(start)], [gripper.position(end)]]))
     pairs = pairs_of_names("touching", touching)
     exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
-    certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed, backend=backend)
+    certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed)
     certificate = certifier.certify(path, exempt=exempt, charge=charge, trail=trail)
     travel = None if gripper.kind == "parallel" else path.length
     return GripperMotion(start, end, certificate, time.perf_counter() - began, travel)

@@ -70,9 +70,8 @@ class Corners:
         return replace(self, rows=self.rows[rows])
 
     def with_compiled(self) -> Corners:
-        """The same, told by compiled code how far they extend; as they are where it was not built."""
-        proof = load_proof()
-        return self if proof is None else replace(self, compiled=proof.Hulls(self.clouds()))
+        """The same, told by compiled code how far they extend."""
+        return replace(self, compiled=load_proof().Hulls(self.clouds()))
 
     def clouds(self) -> list[FloatArray]:
         """The corners (v, 3) of each hull, each once."""

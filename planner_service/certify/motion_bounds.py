@@ -14,11 +14,10 @@ import numpy as np
 
 from planner_service.certify.pairs import Frame, Piece, ProofPairs
 from planner_service.certify.separation import Facing, Solids, centre_of
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
-from planner_service.path.joint_path import JointPath
+from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.robot.model import Body, Robot
 
-__all__ = ["Motion", "Nodes"]
+__all__ = ["Motion"]
 
 
 ROUNDING = 1e-9
@@ -97,11 +96,8 @@ class _Arm:
                 total += _length(body.placement[:3, 3]) + slide
         return out
 
-    def nodes(self, q: FloatArray, *, plain: bool = False) -> tuple[FloatArray, FloatArray]:
+    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Configurations q (m, n) as nodes of a proof.
-
-        Args:
-            plain: The bounds are those of all configurations.
 
         Returns:
             World poses of the riding pieces, (3, 4, m * riding), and upper bounds of how far points of each of them are
@@ -109,8 +105,7 @@ class _Arm:
         """
         bodies = self._body_poses(q)
         poses = self._poses(bodies)
-        radii = np.tile(self._far, (len(q), 1, 1)) if plain else self._radii(bodies, poses)
-        return poses.reshape(3, 4, -1), radii
+        return poses.reshape(3, 4, -1), self._radii(bodies, poses)
 
     def poses(self, q: FloatArray) -> FloatArray:
         """World poses of the riding pieces at configurations q (m, n), (3, 4, m, riding)."""
@@ -164,25 +159,11 @@ class _Arm:
             radii_a, radii_b: Of the nodes at both ends of m stretches, (m, depth, pieces).
             travel: What the joints of q travel in between, (m, n).
         """
-        return self._summed(0.5 * (radii_a + radii_b), 0.5, travel)
-
-    def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
-        """The same, in either direction, while each joint travels so far from a node: (depth + 1, m, pieces).
-
-        ``r_k(x) <= r_k(a) + m(a, x)``: looser than what both ends tell, and one node is enough.
-
-        Args:
-            radii: Of m nodes, (m, depth, pieces).
-            travel: What the joints of q travel, (m, n).
-        """
-        return self._summed(radii, 1.0, travel)
-
-    def _summed(self, radii: FloatArray, share: float, travel: FloatArray) -> FloatArray:
-        """The sums of radius times travel, each radius larger by that ``share`` of the sum before it."""
+        radii = 0.5 * (radii_a + radii_b)
         per_body = np.where(self._moved, travel[:, self._columns] * np.abs(self._multipliers), 0.0)
         out = np.zeros((self.depth + 1, len(travel), self._riding))
         for k, chain in enumerate(self._chains):
-            radius = np.minimum(radii[:, k] + share * out[k], self._far[k])
+            radius = np.minimum(radii[:, k] + 0.5 * out[k], self._far[k])
             out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
         return out
 
@@ -228,7 +209,7 @@ class Motion:
 
     @property
     def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
-        """All of this as numbers, for compiled code that does the same.
+        """All of this as numbers, for compiled code.
 
         The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
         (``_joint``), and multiplier, (bodies, 55); of each piece body (-1: it stands), half lengths, disc, ball,
@@ -252,47 +233,19 @@ class Motion:
         """As ``_Arm.poses``."""
         return self._arm.poses(q)
 
-    def nodes(self, q: FloatArray, *, plain: bool = False) -> tuple[FloatArray, FloatArray]:
+    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``_Arm.nodes``."""
-        return self._arm.nodes(q, plain=plain)
+        return self._arm.nodes(q)
 
     def motions(self, radii_a: FloatArray, radii_b: FloatArray, travel: FloatArray) -> FloatArray:
         """As ``_Arm.motions``."""
         return self._arm.motions(radii_a, radii_b, travel)
-
-    def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
-        """As ``_Arm.motions_about``."""
-        return self._arm.motions_about(radii, travel)
 
     def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
         """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""
         own, other = self._steps[:, pair]
         partner = np.where(self._rides[pair], self.second[pair], 0)  # an obstacle has no steps: entry 0 is no motion
         return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
-
-    def opened(self, pair: IntArray) -> tuple[IntArray, IntArray]:
-        """The children of some pairs, one after the other, and which of these pairs each is of."""
-        first, count = self.children[pair].T
-        parent = np.repeat(np.arange(len(pair)), count)
-        return first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count), parent
-
-    def spheres_apart(self, poses: FloatArray, pair: IntArray, node: IntArray) -> FloatArray:
-        """Gaps of the bounding spheres of pairs at nodes, lower bounds of their own; (k,).
-
-        Args:
-            poses: ``fixed``, then those of one node after the other.
-        """
-        a, b = self._in_poses(pair, node)
-        x, y, z = poses[:, 3, a] - poses[:, 3, b]
-        radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
-        return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
-
-    def spheres_clear(self, poses: FloatArray, pair: IntArray, node: IntArray, grown: FloatArray) -> BoolArray:
-        """Whether the bounding spheres of pairs at nodes, grown by so much (k,), are apart; (k,)."""
-        a, b = self._in_poses(pair, node)
-        x, y, z = poses[:, 3, a] - poses[:, 3, b]
-        within = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]] + grown
-        return np.asarray((x * x + y * y + z * z) * (1.0 - ROUNDING) > within * within)
 
     def _in_poses(self, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
         """Where the two pieces of pairs at nodes are in the poses of everything."""
@@ -305,48 +258,10 @@ class Motion:
         return poses[:, :3, self._in_poses(pair, np.zeros(len(pair), dtype=np.intp))[1]]
 
     def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
-        """Pairs as they stand at nodes; ``poses`` as for ``spheres_apart``."""
+        """Pairs as they stand at nodes; ``poses`` are ``fixed``, then those of one node after the other."""
         first, second = self._in_poses(pair, node)
         a, b = self._every.take(self.first[pair]), self._every.take(self.second[pair])
         return Facing.of(a, b, poses[:, :, first], poses[:, :, second])
-
-
-class Nodes:
-    """The places on a path at which a proof looks, numbered in the order in which they are added.
-
-    Args:
-        plain: Bounds of motions are those that are checked with the least effort: each joint travels as ``path.walked``
-            has it, and each radius is the largest of all configurations.
-
-    Attributes:
-        poses: Of everything, as ``Motion.facing`` takes them.
-        s: Where each is, (k,).
-        travel: What the joints travel from the start of the path to each, (k, n).
-        radii: As ``Motion.nodes`` has them, (k, depth, riding).
-    """
-
-    def __init__(self, motion: Motion, path: JointPath, *, plain: bool = False) -> None:
-        self._motion, self._path = motion, path
-        self._walked = path.walked if plain else None
-        self.poses: FloatArray = motion.fixed
-        self.s: FloatArray = np.zeros(0)
-        self.travel: FloatArray = np.zeros((0, path.n))
-        self.radii: FloatArray = np.zeros((0, motion.depth, motion.riding))
-
-    def add(self, s: FloatArray | Sequence[float]) -> int:
-        """Add nodes at s (m,); the number of the first."""
-        first = len(self.s)
-        poses, radii = self._motion.nodes(self._path(s), plain=self._walked is not None)
-        self.poses = np.concatenate([self.poses, poses], axis=2)
-        self.s = np.concatenate([self.s, s])
-        travel = self._path.travel(s) if self._walked is None else self._walked(s)
-        self.travel = np.concatenate([self.travel, travel])
-        self.radii = np.concatenate([self.radii, radii])
-        return first
-
-    def motions(self, left: IntArray, right: IntArray) -> FloatArray:
-        """How far points of the riding pieces move from some nodes to others; see ``Motion.motions``."""
-        return self._motion.motions(self.radii[left], self.radii[right], self.travel[right] - self.travel[left])
 
 
 def _centred(piece: Piece) -> Frame:

@@ -1,31 +1,28 @@
-"""The two provers: the compiled code in native/ and the reference in numpy. Their answers are equal to the last bit.
+"""The prover: compiled code in native/, which takes the tables and constants of the modules of this folder.
 
-The compiled code repeats the modules of this folder operation by operation and takes their tables and constants. It
-shares no code with the search or its kernel.
+It shares no code with the search or its kernel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import ModuleType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
-from planner_service.certify import clearance, hulls, overlap, separation
+from planner_service.certify import clearance, hulls, separation
 from planner_service.certify import edge_proof as edge
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion
-from planner_service.certify.clearance import near_gaps, smallest_gaps
-from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
-from planner_service.certify.interval_proof import Obstruction, ProofTree, Roots
+from planner_service.certify.edge_proof import EdgeVerdict, Judged
+from planner_service.certify.interval_proof import Obstruction, Roots
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.native.loading import load_proof
 from planner_service.certify.separation import Bounds
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
-__all__ = ["LIMIT_SLACK", "Charge", "NumpyProver", "Proof", "Prover", "instruction_sets", "native_prover"]
+__all__ = ["LIMIT_SLACK", "Charge", "Proof", "Prover", "instruction_sets"]
 
 Charge = Callable[[int], None]
 
@@ -38,7 +35,9 @@ FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
 class Proof(NamedTuple):
     """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so.
 
-    ``leaves`` is what was proven, if that was asked for: float64 numbers of ``ProofTree``.
+    ``leaves`` is what was proven, if that was asked for: rows of nine float64, the pair, from where to where in s,
+    and unit directions at both ends from the second piece towards the first, in the second's axes; zero at an end where
+    none was needed.
     """
 
     bounds: int
@@ -47,67 +46,29 @@ class Proof(NamedTuple):
     leaves: bytes = b""
 
 
-class Prover(Protocol):
-    """Proves motions of one robot in one scene."""
+class Prover:
+    """Proves motions of one robot in one scene.
+
+    Args:
+        variant: One of ``instruction_sets()``; the fastest if empty.
+    """
+
+    def __init__(self, motion: Motion, variant: str = "") -> None:
+        self._prover = load_proof().Prover(_terms(), *motion.tables, variant)
 
     def prove(
         self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
     ) -> Proof:
-        """Prove that the pairs of ``roots`` are more than ``enough`` metres apart on their spans; see ``ProofTree``."""
+        """Prove that the pairs of ``roots`` are more than ``enough`` metres apart on their spans.
 
-    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
-        """The verdict of ``EdgeTree`` on a straight edge; none if an end is not n float64 within the limits."""
+        If ``enough`` is negative, that they overlap by less.
 
-    def clearances(self, Q: FloatArray) -> FloatArray:
-        """``smallest_gaps`` of all pairs at Q (m, n), (m,)."""
-
-    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
-        """As ``near_gaps``."""
-
-
-class NumpyProver:
-    """The reference."""
-
-    def __init__(self, motion: Motion) -> None:
-        self._motion = motion
-
-    def prove(
-        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
-    ) -> Proof:
-        proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None), tracing=tracing)
-        obstruction = proof.run(roots)
-        return Proof(proof.bounds, proof.proven, obstruction, proof.leaves.tobytes())
-
-    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
-        lower, upper = self._motion.limits
-        ends: list[FloatArray] = []
-        for q in (q1, q2):
-            if type(q) is not np.ndarray or q.dtype != np.float64 or q.shape != lower.shape:
-                return NOT_TAKEN
-            if not np.all((q >= lower - LIMIT_SLACK) & (q <= upper + LIMIT_SLACK)):
-                return NOT_TAKEN
-            ends.append(q)
-        return EdgeTree(self._motion, JointPath(np.stack(ends)), enough, nearer).run(self._motion.roots)
-
-    def clearances(self, Q: FloatArray) -> FloatArray:
-        return smallest_gaps(self._motion, Q, self._motion.roots)
-
-    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
-        return near_gaps(self._motion, Q, pairs, within)
-
-
-class _Native:
-    """The compiled code."""
-
-    def __init__(self, module: ModuleType, motion: Motion, variant: str) -> None:
-        self._reference = NumpyProver(motion)
-        self._prover = module.Prover(_terms(), *motion.tables, variant)
-
-    def prove(
-        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
-    ) -> Proof:
-        if type(path) is not JointPath:  # its curve may be another one
-            return self._reference.prove(path, enough, roots, charge, tracing=tracing)
+        Args:
+            path: The curve; no subclass, whose curve may be another one.
+            charge: Called with the number of bounds before each batch; what it raises comes out unchanged.
+            tracing: Keep what is proven as ``leaves``, and prove it by plain bounds of motions: those that are checked
+                with the least effort.
+        """
         spans = np.array(roots.spans, dtype=np.float64).reshape(-1, 2)
         walked = path.walked.tables if tracing else None
         outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, walked)
@@ -118,6 +79,12 @@ class _Native:
         return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
+        """The verdict on a straight edge; none if an end is not n float64 within the limits.
+
+        Args:
+            enough: Metres by which every pair must be proven apart, and more.
+            nearer: Metres; a pair that is proven nearer collides.
+        """
         if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # others may hide entries
             return NOT_TAKEN
         answer = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
@@ -126,11 +93,19 @@ class _Native:
         return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
 
     def clearances(self, Q: FloatArray) -> FloatArray:
+        """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs.
+
+        Of a row that is not finite, and wherever a gap is no number, it is -infinity.
+        """
         out = np.zeros(len(Q))
         self._prover.clearances(Q, out)
         return out
 
     def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+        """Pairs less than ``within`` metres apart at configurations Q (m, n): rows of Q, pairs and signed gaps.
+
+        A gap below 0 is an overlap of no more than that. Pairs with bundles are opened. Sorted by rows and pairs.
+        """
         found = self._prover.near(np.ascontiguousarray(Q), np.ascontiguousarray(pairs, dtype=np.int64), within)
         table = np.frombuffer(found).reshape(-1, 6)
         table = table[np.lexsort((table[:, 1], table[:, 0]))]
@@ -138,20 +113,9 @@ class _Native:
         return rows, near, Bounds(table[:, 2].copy(), table[:, 3:].T.copy())
 
 
-def native_prover(motion: Motion, variant: str = "") -> Prover | None:
-    """The compiled prover; None where it was not built.
-
-    Args:
-        variant: One of ``instruction_sets()``; the fastest if empty.
-    """
-    module = load_proof()
-    return None if module is None else _Native(module, motion, variant)
-
-
 def instruction_sets() -> tuple[str, ...]:
-    """Instruction sets of the compiled prover on this processor, the fastest last; none where it was not built."""
-    module = load_proof()
-    return () if module is None else tuple(module.instruction_sets())
+    """Instruction sets of the compiled prover on this processor, the fastest last."""
+    return tuple(load_proof().instruction_sets())
 
 
 def _terms() -> list[float]:
@@ -160,7 +124,7 @@ def _terms() -> list[float]:
         *(motion.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND, separation.DRAWS),
         *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
         *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
-        *(edge.MAX_EDGE_BOUNDS, overlap.STEPS, overlap.CERTAIN, clearance.CLEARANCE_ROUNDS),
+        *(edge.MAX_EDGE_BOUNDS, edge.OVERLAP_STEPS, edge.CERTAIN, clearance.CLEARANCE_ROUNDS),
     ]
 
 

@@ -21,7 +21,7 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
-__all__ = ["Bounds", "Facing", "Solids", "centre_of", "drawn_apart", "refined_gaps", "rough_gaps", "walked"]
+__all__ = ["Bounds", "Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps", "walked"]
 
 
 TINY = 1e-12
@@ -35,11 +35,6 @@ STEPS_PER_ROUND = 3
 
 DRAWS = 20
 """Times that two hulls are drawn apart to find a better direction of their overlap."""
-
-WAYS: FloatArray = np.array([[x, y, z] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) for z in (-1.0, 0.0, 1.0)])
-WAYS = np.delete(WAYS, 13, axis=0)
-WAYS = WAYS / np.sqrt(WAYS[:, 0] * WAYS[:, 0] + WAYS[:, 1] * WAYS[:, 1] + WAYS[:, 2] * WAYS[:, 2])[:, None]
-"""Unit directions from a cube's centre to its faces, edges and corners, (26, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,31 +321,3 @@ def _ascended(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> t
         gaps = np.where(better, bounds, gaps)
         n = np.where(better, line, n)
     return gaps, n
-
-
-def drawn_apart(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> tuple[FloatArray, FloatArray]:
-    """Improve bounds (p,) of overlaps with a hull, and directions (3, p), which no walk to a nearest point does.
-
-    As in ``_ascended`` a is first drawn away from b along the best direction so far; then there is a nearest point.
-    Where an ascent ends there may be no better direction nearby, but one elsewhere: so there is one from each of
-    ``WAYS`` besides. The first of the best counts.
-    """
-    count = len(gaps)
-    starts = np.concatenate([n[None], np.repeat(WAYS[:, :, None], count, axis=2)])
-    every = facing.take(np.tile(np.arange(count), len(starts)))
-    way = starts.transpose(1, 0, 2).reshape(3, -1).copy()
-    found = every.along(way)
-    found[:count] = gaps
-    rows: IntArray = np.arange(len(found))
-    for _ in range(DRAWS):
-        pairs, known, before = every.take(rows), found[rows], way[:, rows]
-        moved = replace(pairs, x=pairs.x + before * np.maximum(SHIFT - known, 0.0))
-        _, after = walked(moved, moved.along(before), before, STEPS_PER_ROUND * rounds)
-        bounds = pairs.along(after)
-        better = bounds > known
-        rows = rows[better]
-        if not len(rows):
-            break
-        found[rows], way[:, rows] = bounds[better], after[:, better]
-    best = found.reshape(len(starts), count).argmax(axis=0) * count + np.arange(count)
-    return found[best], way[:, best]

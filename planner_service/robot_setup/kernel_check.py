@@ -1,4 +1,4 @@
-"""Whether compiled code was built and gives the answers of its references: states, searches, proofs, timed paths."""
+"""Whether compiled code gives the answers of its judges on this machine: states, searches, proofs, timed paths."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from planner_service.certify import Certifier
+from planner_service.certify.prover import Prover
 from planner_service.certify.prover import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker, MotionStep
 from planner_service.collision.budget import CheckBudgetSpent
@@ -34,12 +35,12 @@ __all__ = ["MAX_STATES", "Comparison", "Health", "examine"]
 MAX_STATES = 1_000_000
 
 STATES_PER_EDGE = 20
-"""One edge is proven for so many states judged: a proof by the reference takes milliseconds."""
+"""One edge is proven for so many states judged."""
 
 Question = TypeVar("Question", FloatArray, JointPath)
 
 STATES_PER_PATH = 100
-"""One path is searched, and one timed, for so many states judged: by the references that takes tens of milliseconds."""
+"""One path is searched, and one timed, for so many states judged: by their judges that takes tens of milliseconds."""
 
 MAX_SEARCH = 10_000
 """States after which a search is given up."""
@@ -56,18 +57,18 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class Comparison:
-    """The answers of compiled code and of its reference to the same questions.
+    """The answers of compiled code and of its judge to the same questions.
 
     Attributes:
-        instruction_set: What the compiled code uses; None where it was not built and numpy stands in for it.
+        instruction_set: What the compiled code uses.
         available: What it could use on this processor.
         asked: Questions put to both.
-        refused: How many of these collide, or are not proven, according to the reference.
+        refused: How many of these collide, or are not proven, according to the judge.
         differences: How many have different answers.
         us, reference_us: Microseconds per question, asked one by one.
     """
 
-    instruction_set: str | None
+    instruction_set: str
     available: tuple[str, ...]
     asked: int
     refused: int
@@ -83,7 +84,7 @@ class Health:
     Attributes:
         checks: Of states: which pair touches first, by the kernel and by FCL asked about every pair.
         searches: Of free states: the shortened path from one to the next to the last bit, and what it cost.
-        proofs: Of short edges: their certificates, to the last bit.
+        proofs: Of short edges: their certificates to the last bit, by the fastest instructions and by plain ones.
         timing: Of blended paths: their durations by TOPP-RA, compared with the toppra library to 1e-9.
     """
 
@@ -111,17 +112,17 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     Q = np.array([[chance.uniform(*range_) for range_ in ranges] for _ in range(states)])
     kernel, reference = CollisionChecker(robot, scene), CollisionChecker(robot, scene, backend="fcl")
     checkers = (partial(_first_contact, kernel), partial(_first_contact, reference))
-    checks = _compared(kernel.instruction_set, instruction_sets(), Q, checkers)
+    checks = _compared(instruction_sets()[-1], instruction_sets(), Q, checkers)
     free = [q for q in Q if kernel.state_is_free(q)][: 1 + states // STATES_PER_PATH]
     ends = [np.array(pair) for pair in pairwise([*free, *free[:1]])]
     searchers = (partial(_searched, kernel), partial(_searched, CollisionChecker(robot, scene, edge_step=_InPython())))
-    searches = _compared(kernel.instruction_set, instruction_sets(), ends, searchers)
+    searches = _compared(instruction_sets()[-1], instruction_sets(), ends, searchers)
     chosen = Q[::STATES_PER_EDGE]
     edges = [np.array([a, a + SHARE * (b - a)]) for a, b in pairwise([*chosen, Q[0]])]
-    certifiers = Certifier(robot, scene), Certifier(robot, scene, backend="numpy")
-    provers = (partial(_certificate, certifiers[0]), partial(_certificate, certifiers[1]))
-    available = proof_instruction_sets()
-    proofs = _compared(available[-1] if available else None, available, edges, provers)
+    available, plain = proof_instruction_sets(), Certifier(robot, scene)
+    plain.prover = Prover(plain.motion, available[0])
+    provers = (partial(_certificate, Certifier(robot, scene)), partial(_certificate, plain))
+    proofs = _compared(available[-1], available, edges, provers)
     paths = [_path(Q[k : k + 4]) for k in range(0, max(1, states - 3), STATES_PER_PATH)]
     timers = partial(_timed, ToppRa(), robot), partial(_timed, ToppRa(backend="toppra"), robot)
     timers[1](paths[0])  # loads the toppra library
@@ -182,12 +183,12 @@ def _certificate(certifier: Certifier, edge: FloatArray) -> tuple[bool, Any]:
 
 
 def _compared(
-    used: str | None,
+    used: str,
     available: tuple[str, ...],
     questions: Sequence[Question] | FloatArray,
     backends: tuple[Callable[[Question], tuple[bool, Any]], Callable[[Question], tuple[bool, Any]]],
 ) -> Comparison:
-    """The answers of compiled code and of its reference."""
+    """The answers of compiled code and of its judge."""
     answers, took = [], []
     for backend in backends:
         clock = time.perf_counter()

@@ -73,7 +73,7 @@ def test_whole_plans_are_the_same_to_the_last_bit_with_every_instruction_set(
     proofs = prover.instruction_sets()
     monkeypatch.setattr(native_kernel.build_kernel, "__defaults__", (instructions,))
     fitting = instructions if instructions in proofs else proofs[-1]
-    monkeypatch.setattr(prover.native_prover, "__defaults__", (fitting,))
+    monkeypatch.setattr(prover.Prover.__init__, "__defaults__", (fitting,))
     service = PlannerService(queries.ROBOT, "clutter", edge_step=STEPS[JOINT_STEP])
     assert service.checker.instruction_set == instructions
     rows = {f"{q.name} {JOINT_STEP}": fingerprint(plan(service, q, timing=Trapezoidal())) for q in chosen("clutter")}

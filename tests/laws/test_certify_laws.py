@@ -16,11 +16,9 @@ from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker, tables_of
 from planner_service.certify import Certifier, certify
-from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.interval_proof import LAST_ROUNDS
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.prover import instruction_sets
 from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker, JointStep, backends
 from planner_service.collision.native_kernel import build_kernel
@@ -38,7 +36,6 @@ from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.collision.test_edge_sampling import points_of
 
 ROOT = Path(__file__).parents[2]
-BACKENDS: list[ProofBackend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
 WXAI = load_robot("wxai")
 PLANAR = load_robot("planar2")
 STEP = 0.0002
@@ -371,7 +368,6 @@ def test_a_fault_of_the_search_does_not_reach_the_proof(fault: Any, monkeypatch:
     faulty = CollisionChecker(WXAI, scene)
     fooled = [edge for edge in edges if faulty.edge_is_free(*edge)]
     assert len(fooled) >= 3
-    for backend in BACKENDS:
-        certifier = Certifier(WXAI, scene, backend=backend)
-        assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
-        assert [certifier.certify_edge(*edge).free for edge in fooled] == [False] * len(fooled)
+    certifier = Certifier(WXAI, scene)
+    assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
+    assert [certifier.certify_edge(*edge).free for edge in fooled] == [False] * len(fooled)

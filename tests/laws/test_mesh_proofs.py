@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from planner_service.certify import Certifier, certify, separation
 from planner_service.certify import motion_bounds as motion
-from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.hulls import Corners
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
@@ -23,7 +22,7 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.path.joint_path import JointPath
 from planner_service.scene.scene import Obstacle, Scene
-from tests.laws.test_certify_laws import BACKENDS, COAL, anywhere, samples, walks
+from tests.laws.test_certify_laws import COAL, anywhere, samples, walks
 from tests.laws.test_collision_laws import near_contact
 from tests.laws.test_mesh_laws import blunt, loose, mirrored, uncentred
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup
@@ -89,10 +88,10 @@ def test_a_hull_stands_in_the_proof_where_the_robot_and_the_scene_say(folder: Pa
 # certificates
 
 
-def judged(setup: HullSetup, count: int, seed: int, backend: ProofBackend = "auto") -> Iterator[tuple[bool, str]]:
+def judged(setup: HullSetup, count: int, seed: int) -> Iterator[tuple[bool, str]]:
     """Of ``count`` walks whether each is certified, and what Coal says against that on dense samples."""
     robot, second = setup.robot(), setup.independent()
-    certifier = Certifier(robot, setup.whole_scene(), backend=backend)
+    certifier = Certifier(robot, setup.whole_scene())
     for path in walks(robot, second, np.random.default_rng(seed), count):
         found, wrong = certifier.certify(path), ""
         smallest = min(min(second.gaps(q).values()) for q in samples(path, second.reach, STEP))
@@ -130,15 +129,12 @@ def shrunk_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(separation, "_corners", smaller)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("fault", [uncentred_proof, symmetric_proof, shrunk_proof])
 def test_dense_samples_notice_a_fault_in_the_proof(
-    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], backend: ProofBackend, monkeypatch: pytest.MonkeyPatch
+    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fault(monkeypatch)
-    assert any(
-        wrong for _, wrong in judged(HullSetup("faulty", folder, attached=(HELD,)), 12, seed=14, backend=backend)
-    )
+    assert any(wrong for _, wrong in judged(HullSetup("faulty", folder, attached=(HELD,)), 12, seed=14))
 
 
 @pytest.mark.parametrize("fault", [uncentred, loose, mirrored, blunt])
@@ -156,10 +152,9 @@ def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
     faulty = setup.checker()
     fooled = [edge for edge in edges if faulty._first_collision(samples(JointPath(edge), robot.reach(), 0.002)) is None]
     assert len(fooled) >= 3
-    for backend in BACKENDS:
-        certifier = Certifier(robot, scene, backend=backend)
-        assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
-        assert [certifier.certify_edge(*edge).free for edge in fooled] == [False] * len(fooled)
+    certifier = Certifier(robot, scene)
+    assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
+    assert [certifier.certify_edge(*edge).free for edge in fooled] == [False] * len(fooled)
 
 
 def test_a_thin_hull_that_crosses_a_thin_one_between_two_samples_is_refused(folder: Path) -> None:

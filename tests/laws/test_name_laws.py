@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, ExemptInterval
-from planner_service.certify.certifier import ProofBackend
-from planner_service.certify.prover import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName
 from planner_service.geometry.arrays import FloatArray
@@ -21,7 +19,6 @@ from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.refusals import refused_pair
 
 JUDGES: list[BackendName] = ["native", "fcl"]
-PROVERS: list[ProofBackend] = ["native", "numpy"] if proof_instruction_sets() else ["numpy"]
 WORLDS = 12
 
 Pair = tuple[str, str]
@@ -120,8 +117,8 @@ def test_verdicts_and_contacts_do_not_depend_on_what_objects_are_called(backend:
     for _ in range(WORLDS):
         world = random_world(rng, tmp_path)
         for pairs in ((), world.pairs):
-            checker = CollisionChecker(world.robot, world.clashing, allowed=pairs, backend=backend)
-            usual = CollisionChecker(world.robot, world.plain, allowed=world.plainly(pairs), backend=backend)
+            checker = CollisionChecker(world.robot, world.clashing, allowed=pairs)
+            usual = CollisionChecker(world.robot, world.plain, allowed=world.plainly(pairs))
             assert checker.pair_count == usual.pair_count
             Q = states(rng, world.robot, 12)
             for q, other in zip(Q, Q[::-1], strict=True):
@@ -140,14 +137,13 @@ def test_verdicts_and_contacts_do_not_depend_on_what_objects_are_called(backend:
     assert WORLDS < free < 23 * WORLDS
 
 
-@pytest.mark.parametrize("backend", PROVERS)
-def test_proofs_do_not_depend_on_what_objects_are_called(backend: ProofBackend, tmp_path: Path) -> None:
+def test_proofs_do_not_depend_on_what_objects_are_called(tmp_path: Path) -> None:
     rng = np.random.default_rng(19)
     certified = 0
     for _ in range(WORLDS):
         world = random_world(rng, tmp_path)
-        prover = Certifier(world.robot, world.clashing, backend=backend)
-        usual = Certifier(world.robot, world.plain, backend=backend)
+        prover = Certifier(world.robot, world.clashing)
+        usual = Certifier(world.robot, world.plain)
         for q in states(rng, world.robot, 5):
             ends = np.array([q, q + rng.uniform(-0.2, 0.2, world.robot.n)])
             for pairs in ((), world.pairs):

@@ -1,13 +1,10 @@
-"""The compiled proof says what the reference says, to the last bit: proofs, verdicts on edges, clearances."""
+"""The proof says the same to the last bit with every instruction set: proofs, verdicts on edges, clearances."""
 
 from __future__ import annotations
 
-import logging
 import math
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +17,7 @@ from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
 from planner_service.certify import prover as proof
 from planner_service.certify.native.loading import load_proof
-from planner_service.certify.prover import NumpyProver, Proof, Prover, instruction_sets, native_prover
+from planner_service.certify.prover import Proof, Prover, instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
@@ -40,7 +37,6 @@ from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.certify.test_certifier import RIM, ball_beyond
 
 WXAI, PLANAR = load_robot("wxai"), load_robot("planar2")
-BUILT = bool(instruction_sets())
 CROWDS = [("wxai", 0), ("planar2", 1), ("ur5", 2), ("wxai", 7)]
 SWEEP = np.array([[-0.5, 0.0], [0.5, 0.0]])
 
@@ -48,9 +44,8 @@ Told = tuple[Proof, int]
 
 
 def provers(certifier: Certifier) -> list[Prover]:
-    """The reference, then compiled code for each instruction set there is."""
-    found = [native_prover(certifier.motion, name) for name in instruction_sets()]
-    return [NumpyProver(certifier.motion), *(prover for prover in found if prover is not None)]
+    """One for each instruction set there is, plain ones first."""
+    return [Prover(certifier.motion, name) for name in instruction_sets()]
 
 
 def told(
@@ -64,7 +59,7 @@ def told(
 def agreed(certifier: Certifier, path: JointPath, padding: float = 0.0, exempt: Sequence[ExemptInterval] = ()) -> Proof:
     """What all provers say, which is the same."""
     first, *others = [told(prover, certifier, path, padding, exempt) for prover in provers(certifier)]
-    assert others == [first] * len(instruction_sets())
+    assert others == [first] * len(others)
     return first[0]
 
 
@@ -166,7 +161,7 @@ def test_a_proof_in_small_batches_is_the_same(monkeypatch: pytest.MonkeyPatch) -
     certifier, rng = Certifier(WXAI, load_scene("clutter")), np.random.default_rng(9)
     charged: list[int] = []
     path = curve(WXAI, rng)
-    NumpyProver(certifier.motion).prove(path, MARGIN, certifier.roots(path.length), charged.append)
+    Prover(certifier.motion).prove(path, MARGIN, certifier.roots(path.length), charged.append)
     assert max(charged[1:]) == 7
     for _ in range(6):
         agreed(certifier, curve(WXAI, rng))
@@ -191,14 +186,12 @@ def test_many_nodes_are_forgotten_without_a_trace() -> None:
     assert agreed(certifier, JointPath(np.array([[-3.0, 0.0], [3.0, 0.0], [-3.0, 0.1], [3.0, 0.0]]))).bounds > 2000
 
 
-def test_a_path_of_another_class_is_proven_as_the_curve_it_says_it_is() -> None:
+def test_a_path_of_another_class_is_refused() -> None:
     class Elsewhere(JointPath):
-        def __call__(self, s: Any, order: int = 0) -> FloatArray:
-            return np.asarray(super().__call__(s, order) + np.array([0.6, 0.0]))
+        pass
 
-    certifier = Certifier(PLANAR, ball_beyond(-0.01, 1.0))
-    assert certifier.certify(JointPath(SWEEP)).certified
-    assert not certifier.certify(Elsewhere(SWEEP)).certified
+    with pytest.raises(InvalidRequest, match="a subclass may be another curve"):
+        Certifier(PLANAR, ball_beyond(-0.01, 1.0)).certify(Elsewhere(SWEEP))
 
 
 @pytest.mark.parametrize(
@@ -217,51 +210,45 @@ def test_a_path_of_another_class_is_proven_as_the_curve_it_says_it_is() -> None:
         (tree, "BATCH", 50),
     ],
 )
-def test_the_comparison_notices_a_constant_that_differs(
+def test_compiled_code_takes_its_constants_from_here(
     folder: Path, module: Any, name: str, value: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     setup, rng = HullSetup("other", folder, attached=(NEEDLE,)), np.random.default_rng(15)
     certifiers = [Certifier(WXAI, load_scene("clutter")), Certifier(setup.robot(), setup.whole_scene())]
     with monkeypatch.context() as patch:
         patch.setattr(module, name, value)
-        others = [native_prover(certifier.motion) for certifier in certifiers]
-    assert _unlike(certifiers, others, rng) == BUILT
+        others = [Prover(certifier.motion) for certifier in certifiers]
+    assert _unlike(certifiers, others, rng)
 
 
-def _unlike(certifiers: Sequence[Certifier], others: Sequence[Prover | None], rng: np.random.Generator) -> bool:
-    """Whether some short path is proven with another result, or other charges, than the reference's."""
+def _unlike(certifiers: Sequence[Certifier], others: Sequence[Prover], rng: np.random.Generator) -> bool:
+    """Whether some short path is proven with another result, or other charges, than usual."""
     for _ in range(40):
         for certifier, other in zip(certifiers, others, strict=True):
             q = anywhere(certifier.robot, rng, 2)
             path = JointPath(q[0] + 0.1 * (q - q[0]))
-            reference = told(NumpyProver(certifier.motion), certifier, path, 0.0, ())
-            if other is not None and told(other, certifier, path, 0.0, ()) != reference:
+            if told(other, certifier, path, 0.0, ()) != told(certifier.prover, certifier, path, 0.0, ()):
                 return True
     return False
 
 
-# --- charge, threads, absence
+# --- charge, threads
 
 
-@pytest.mark.parametrize("after", [0, 1, 3])
-def test_what_charge_raises_comes_out_of_every_prover_unchanged(after: int) -> None:
+def test_what_charge_raises_comes_out_unchanged() -> None:
     class Enough(Exception):
         pass
 
     certifier, path = Certifier(WXAI, load_scene("bin")), JointPath(np.array([WXAI.home, WXAI.home + 0.3]))
-    for prover in provers(certifier)[: None if after == 0 else 1]:  # a short compiled proof charges at its end
+    for prover in provers(certifier):
         enough = Enough("so")
-        calls: list[int] = []
 
-        def stop(bounds: int, enough: Enough = enough, calls: list[int] = calls) -> None:
-            calls.append(bounds)
-            if len(calls) > after:
-                raise enough
+        def stop(bounds: int, enough: Enough = enough) -> None:
+            raise enough
 
         with pytest.raises(Enough, match="so") as caught:
             prover.prove(path, MARGIN, certifier.roots(path.length), stop)
         assert caught.value is enough
-        assert len(calls) == after + 1
 
 
 def test_one_certifier_serves_several_threads() -> None:
@@ -277,53 +264,6 @@ def test_one_certifier_serves_several_threads() -> None:
         assert all(np.array_equal(gaps, found) for found in more)
 
 
-@pytest.fixture
-def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """As if the extension had not been built."""
-    load_proof.cache_clear()
-    monkeypatch.setitem(sys.modules, "planner_service.certify.native._proof", None)
-    monkeypatch.delattr("planner_service.certify.native._proof", raising=False)
-    yield
-    load_proof.cache_clear()
-
-
-def said(certifier: Certifier) -> list[Any]:
-    """A proof, a refusal, an edge and some clearances."""
-    Q = anywhere(WXAI, np.random.default_rng(11), 12)
-    paths = [np.array([WXAI.home, WXAI.home + 0.2]), Q[:2]]
-    return [
-        *(certifier.certify(path) for path in paths),
-        *(certifier.certify_edge(a, a + 0.1 * (b - a)) for a, b in pairwise(Q)),
-        certifier.clearances(Q).tolist(),
-    ]
-
-
-@pytest.mark.usefixtures("absent")
-def test_without_the_extension_all_is_the_same_and_it_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO, logger="planner_service"):
-        without = [said(Certifier(WXAI, load_scene("bin"))) for _ in range(2)]
-    assert ["compiled" in record.getMessage() for record in caplog.records] == [True]
-    assert instruction_sets() == ()
-    assert without == [said(Certifier(WXAI, load_scene("bin"), backend="numpy"))] * 2
-
-
-@pytest.mark.usefixtures("absent")
-def test_compiled_code_that_must_be_there_and_is_not_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="the compiled proof was not built"):
-        Certifier(WXAI, Scene(), backend="native")
-
-
-def test_an_unknown_backend_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match='expected "auto", "native" or "numpy"'):
-        Certifier(WXAI, Scene(), backend="fcl")  # type: ignore[arg-type]
-
-
-def test_a_certifier_with_either_backend_says_the_same() -> None:
-    scene = load_scene("bin")
-    assert said(Certifier(WXAI, scene)) == said(Certifier(WXAI, scene, backend="numpy"))
-    assert (type(Certifier(WXAI, scene).prover) is not type(Certifier(WXAI, scene, backend="numpy").prover)) == BUILT
-
-
 # --- edges and clearances
 
 
@@ -335,7 +275,7 @@ def judged(
     for a, b in edges:
         first, *others = [prover.edge(a, b, padding + MARGIN, padding - MARGIN) for prover in provers(certifier)]
         assert first.verdict is not None
-        assert others == [first] * len(instruction_sets())
+        assert others == [first] * len(others)
         found.append(first.verdict)
     return found
 
@@ -431,9 +371,6 @@ def _put(where: Any, value: float) -> Callable[[Any], None]:
 def test_compiled_code_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
     module = load_proof()
     data: list[Any] = [np.array(proof._terms()), *Certifier(WXAI, load_scene("bin")).motion.tables]
-    if module is None:
-        assert not BUILT
-        return
     module.Prover(*data)
     spoilt = data[which].copy()
     changed = change(spoilt)
@@ -445,12 +382,8 @@ def test_compiled_code_refuses_what_makes_no_sense(which: int, change: Any, mess
 def test_compiled_code_refuses_the_path_of_another_robot() -> None:
     certifier = Certifier(WXAI, load_scene("bin"))
     path = JointPath(SWEEP)
-    native = native_prover(certifier.motion)
-    if native is None:
-        assert not BUILT
-        return
     with pytest.raises(ValueError, match="a path of another robot"):
-        native.prove(path, MARGIN, certifier.roots(path.length), None)
+        certifier.prover.prove(path, MARGIN, certifier.roots(path.length), None)
 
 
 def test_a_sphere_alone_is_carried_into_compiled_code_as_it_is() -> None:

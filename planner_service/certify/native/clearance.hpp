@@ -1,4 +1,6 @@
-// The smallest gap of any pair at a configuration: clearance.py, to the last bit.
+// The smallest gap of any pair at a configuration. A pair's gap is at least its best bound, and at least that of the bundle it
+// is in. The smallest of these does not depend on the order in which pairs are looked at, nor on which are left out because a
+// cheaper bound of theirs is no smaller.
 #pragma once
 
 #include <vector>

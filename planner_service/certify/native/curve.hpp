@@ -1,4 +1,4 @@
-// The curve q(s) of a proof, and how far each joint has travelled: path.py and blend.py, to the last bit.
+// The curve q(s) of a proof, and how far each joint has travelled: joint_path.py and corner_blend.py, to the last bit.
 #pragma once
 
 #include <cstddef>

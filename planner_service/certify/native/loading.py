@@ -6,7 +6,6 @@ from functools import lru_cache
 from types import ModuleType
 
 from planner_service.concurrency.library_import import loaded
-from planner_service.native.loading import NOT_BUILT
 
 __all__ = ["load_proof"]
 
@@ -27,4 +26,5 @@ def load_proof() -> ModuleType:
     try:
         return loaded(proof)
     except ImportError as error:
-        raise ImportError(f"{NOT_BUILT} ({error})") from error
+        expected = "install planner_service anew, from a wheel or with a C++17 compiler"
+        raise ImportError(f"the compiled proof is missing: {expected} ({error})") from error

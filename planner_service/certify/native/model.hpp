@@ -1,5 +1,5 @@
 // What a proof is about, as plain numbers: a robot's bodies, the convex pieces that ride on them or stand in the world,
-// and the pairs to prove apart. Built once from the tables of motion.py, then only read, from any thread.
+// and the pairs to prove apart. Built once from the tables of motion_bounds.py, then only read, from any thread.
 //
 // Everything here repeats the arithmetic of the Python modules of this folder, operation by operation, so that both
 // give equal bits; what it means and why it is right is said there. It shares no code with the search.
@@ -13,13 +13,13 @@ namespace proof {
 
 constexpr std::size_t LANES = 8;  // corners are padded to a multiple of this
 
-// Numbers that the Python modules name and explain, in the order in which proof.py hands them over.
+// Numbers that the Python modules name and explain, in the order in which prover.py hands them over.
 struct Terms {
-    double rounding;                               // motion.py
+    double rounding;                               // motion_bounds.py
     double tiny, shift, steps_per_round, draws;    // separation.py
     double gain, share, thin, none;                // hulls.py
-    double fraction, most, far, batch, near, close, rounds, last_rounds;  // tree.py
-    double edge_most, steps, certain;                                     // edge.py
+    double fraction, most, far, batch, near, close, rounds, last_rounds;  // interval_proof.py
+    double edge_most, steps, certain;                                     // edge_proof.py
     double clearance_rounds;                                              // clearance.py
 };
 

@@ -1,4 +1,4 @@
-// Where pieces are at the nodes of a proof, and how far they move between two of them: motion.py. Worked out when first
+// Where pieces are at the nodes of a proof, and how far they move between two of them: motion_bounds.py. Worked out when first
 // asked for, so that a piece that is proven apart costs nothing more.
 #pragma once
 

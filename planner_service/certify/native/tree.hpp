@@ -1,4 +1,4 @@
-// The bisection of a whole curve: tree.py, to the last bit and the last count.
+// The bisection of a whole curve; interval_proof.py says how it goes.
 #pragma once
 
 #include <cstddef>

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, EdgeVerdict, ExemptInterval
-from planner_service.certify.certifier import ProofBackend
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
@@ -33,8 +32,8 @@ class World(NamedTuple):
     allowed: tuple[tuple[str, str], ...] = ()
     padding: float = 0.0
 
-    def certifier(self, backend: ProofBackend) -> Certifier:
-        return Certifier(self.robot, self.scene, allowed=self.allowed, backend=backend)
+    def certifier(self) -> Certifier:
+        return Certifier(self.robot, self.scene, allowed=self.allowed)
 
 
 def crowded(name: str, seed: int) -> World:
@@ -77,8 +76,8 @@ def paths(world: World) -> list[JointPath]:
     return out
 
 
-def proofs(world: World, backend: ProofBackend) -> tuple[int, int, float, float]:
-    certifier = world.certifier(backend)
+def proofs(world: World) -> tuple[int, int, float, float]:
+    certifier = world.certifier()
     pair = (world.robot.shapes[-1].link, world.scene.names[0])
     found = []
     for k, path in enumerate(paths(world)):
@@ -90,8 +89,8 @@ def proofs(world: World, backend: ProofBackend) -> tuple[int, int, float, float]
     return sum(one.certified for one in found), sum(one.distances for one in found), clearances, places
 
 
-def verdicts(world: World, backend: ProofBackend) -> tuple[int, int, float, float]:
-    certifier, rng = world.certifier(backend), np.random.default_rng(5)
+def verdicts(world: World) -> tuple[int, int, float, float]:
+    certifier, rng = world.certifier(), np.random.default_rng(5)
     Q = drawn(world, 40, 1.0, rng)
     edges = zip(Q, Q + 0.15 * (Q[::-1] - Q), strict=True)
     found = [certifier.certify_edge(a, b, padding=world.padding) for a, b in edges]
@@ -113,10 +112,9 @@ places at which others are refused; then edges that are free and that collide, w
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["numpy", "auto"])
 @pytest.mark.parametrize("name", WORLDS)
-def test_proofs_are_those_of_the_first_release(name: str, backend: ProofBackend, tmp_path: Path) -> None:
+def test_proofs_are_those_of_the_first_release(name: str, tmp_path: Path) -> None:
     world = WORLDS[name](tmp_path)
-    for found, expected in zip((proofs(world, backend), verdicts(world, backend)), EXPECTED[name], strict=True):
+    for found, expected in zip((proofs(world), verdicts(world)), EXPECTED[name], strict=True):
         assert found[:2] == expected[:2]
         assert found[2:] == pytest.approx(expected[2:], abs=2e-8)

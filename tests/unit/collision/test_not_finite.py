@@ -10,7 +10,7 @@ import pytest
 from planner_service.certify import Certifier
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.prover import NumpyProver, Prover, instruction_sets, native_prover
+from planner_service.certify.prover import Prover, instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName, make_backend
 from planner_service.collision.clearance import Clearances
@@ -87,8 +87,7 @@ def test_no_checker_answers(ask: str, value: float) -> None:
 
 def provers() -> list[Prover]:
     motion = Motion(WXAI, ProofPairs(WXAI, BIN, ()))
-    native = [native_prover(motion, variant) for variant in instruction_sets()]
-    return [NumpyProver(motion), *(prover for prover in native if prover is not None)]
+    return [Prover(motion, variant) for variant in instruction_sets()]
 
 
 @bad_values

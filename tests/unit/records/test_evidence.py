@@ -34,7 +34,6 @@ from planner_service import (
     load_robot,
     load_scene,
 )
-from planner_service.certify import Certifier, Trail
 from planner_service.constraints import KeepUpright
 from planner_service.path.joint_path import JointPath
 from planner_service.records.evidence import with_evidence
@@ -178,21 +177,6 @@ def test_a_plan_that_was_asked_for_with_evidence_is_saved_with_it(tmp_path: Path
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "plan.json").read_bytes()
     with pytest.raises(InvalidRequest, match="evidence"):
         planned(Scene(), evidence=1)
-
-
-def test_both_provers_leave_the_same_trail() -> None:
-    robot = load_robot("wxai")
-    cloud = Obstacle("cloud", PointCloud(np.random.default_rng(1).uniform(0.2, 0.4, (900, 3)), 0.02))
-    path = planned(Scene((WALL, cloud))).result.unwrap()[0]
-    trails = []
-    for backend in ("native", "numpy"):
-        trails.append(Trail())
-        try:
-            certifier = Certifier(robot, Scene((WALL, cloud)), backend=backend)
-        except InvalidRequest:
-            pytest.skip("the compiled proof was not built")
-        assert certifier.certify(path, trail=trails[-1]).certified
-    assert trails[0].leaves.tobytes() == trails[1].leaves.tobytes()
 
 
 # Forgeries: their author works out every digest anew.

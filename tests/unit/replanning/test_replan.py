@@ -652,15 +652,6 @@ def test_a_part_of_a_path_is_proven_and_no_more() -> None:
     assert not certifier.certify(path, part=(1.2, 1.2)).certified
 
 
-def test_both_provers_say_the_same_of_a_part() -> None:
-    service = PlannerService("wxai", "bin")
-    path = service.plan(PlanRequest(queries.load("bin")[1].start, queries.load("bin")[1].goal)).unwrap()[0]
-    for part in ((0.3, 1.1), (0.7, path.length), (0.5, 0.5)):
-        found = [Certifier(service.robot, service.scene, backend=b).certify(path, part=part) for b in ("numpy", "auto")]
-        assert found[0] == found[1]
-        assert found[0].part == part
-
-
 @pytest.mark.parametrize("part", [(-0.1, 1.0), (1.0, 0.5), (0.0, 2.5), (math.nan, 1.0)])
 def test_a_part_that_is_not_on_the_path_is_refused(part: tuple[float, float]) -> None:
     robot = PlannerService("planar2", EMPTY).robot
