@@ -300,7 +300,7 @@ def doctor(
     seed: options.Seed = 0,
     as_json: options.AsJson = False,
 ) -> None:
-    """Show which compiled code is in use, and compare it with its references: checks, searches, proofs and timing."""
+    """Show which compiled code is in use, and compare it with its judges: checks, searches, proofs and timing."""
     with bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
     document = {**asdict(health), "agrees": health.agrees}
@@ -370,17 +370,15 @@ def _health_lines(health: Health, where: str) -> list[str]:
         ("checks", health.checks, f"random states of {where}", " ({:,} collide)", "state"),
         ("searches", health.searches, "shortened paths between free ones", " ({:,} are given up)", "path"),
         ("proofs", health.proofs, "short edges between them", " ({:,} are refused)", "edge"),
-        ("timing", health.timing, "paths through them, with toppra and numpy", "", "path"),
+        ("timing", health.timing, "paths through them, with toppra", "", "path"),
     )
     lines = []
     for name, opinions, questions, refused, unit in kernels:
         lines += [
-            f"{name}: not compiled; numpy is used instead: the same plans, more slowly"
-            if opinions.instruction_set is None
-            else f"{name}: {opinions.instruction_set}; this processor has {', '.join(opinions.available)}",
+            f"{name}: {opinions.instruction_set}; this processor has {', '.join(opinions.available)}",
             f"  compared on {opinions.asked:,} {questions}{refused.format(opinions.refused)}: "
             f"{opinions.differences:,} differences",
-            f"  {opinions.us:.1f} us per {unit}, {opinions.reference_us:.1f} us by the reference",
+            f"  {opinions.us:.1f} us per {unit}, {opinions.reference_us:.1f} us by its judge",
         ]
     return lines
 
@@ -428,6 +426,6 @@ _add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json -
 _add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
 _add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")
 _add(serve, "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
-_add(doctor, "Compare the compiled kernels with their references.", "doctor")
+_add(doctor, "Compare compiled code with its judges.", "doctor")
 app.add_typer(roadmaps, name="roadmap")
 app.add_typer(robot_commands, name="robot")

@@ -20,7 +20,7 @@ from planner_service.certify.interval_proof import LAST_ROUNDS
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
-from planner_service.collision import CollisionChecker, JointStep, backends
+from planner_service.collision import CollisionChecker, JointStep, backends, native_kernel
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray
@@ -227,7 +227,7 @@ def test_the_proof_judges_the_pairs_that_the_checkers_judge(
     checker = CollisionChecker(WXAI, scene, allowed=allowed)
     second = IndependentChecker(ROOT / "robots" / "wxai", tables_of(scene), allowed=allowed)
     ours = sorted(sorted(listed.names(k)) for k in range(len(listed.pairs)))
-    assert ours == sorted(sorted(checker._parts.names(k)) for k in range(checker.pair_count))
+    assert ours == sorted(sorted(checker.pair_names(k)) for k in range(checker.pair_count))
     assert ours == sorted(sorted(pair) for pair in second.pairs)
 
 
@@ -321,21 +321,14 @@ def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def displaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    one, many = Robot.body_poses, Robot.body_poses_batch
+    whole = native_kernel._joints
 
-    def lifted(robot: Robot, q: Any) -> Any:
-        poses = one(robot, q)
-        poses[6] = (*poses[6][:11], poses[6][11] + 0.03)
-        return poses
+    def lifted(robot: Robot) -> FloatArray:
+        joints = whole(robot).copy()
+        joints[5, 17] += 0.03  # where the sixth joint is along the link before it
+        return joints
 
-    def all_lifted(robot: Robot, Q: Any) -> Any:
-        R, t = many(robot, Q)
-        t = t.copy()
-        t[:, 6, 2] += 0.03
-        return R, t
-
-    monkeypatch.setattr(Robot, "body_poses", lifted)
-    monkeypatch.setattr(Robot, "body_poses_batch", all_lifted)
+    monkeypatch.setattr(native_kernel, "_joints", lifted)
 
 
 def unpaired(monkeypatch: pytest.MonkeyPatch) -> None:

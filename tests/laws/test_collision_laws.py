@@ -261,7 +261,7 @@ def test_a_verdict_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Setup) -> None
 @by_name
 def test_both_checkers_judge_the_same_pairs(setup: Setup) -> None:
     checker, second = setup.checker(), setup.independent()
-    ours = Counter(frozenset(checker._parts.names(k)) for k in range(checker.pair_count))
+    ours = Counter(frozenset(checker.pair_names(k)) for k in range(checker.pair_count))
     clouds = {o.name: len(o.shape.pieces.shapes) for o in setup.obstacles if isinstance(o.shape, PointCloud)}
     for name, boxes in clouds.items():  # an octree is one thing to Coal
         for pair in (pair for pair in ours if name in pair):
