@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from benchmarks.worlds import constrained, queries
+from benchmarks.worlds import queries
 from planner_service.files.writing import write_whole
 
 __all__ = ["main"]
@@ -20,9 +20,6 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser.add_argument("--write", action="store_true", help="store them")
     write = parser.parse_args(arguments).write
     texts = {queries.FOLDER / f"{scene}.json": queries.text_of(queries.draw(scene)) for scene in queries.SCENES}
-    constrained.FOLDER.mkdir(exist_ok=True)
-    for name in (*constrained.UPRIGHT, *constrained.REGIONS):
-        texts[constrained.FOLDER / f"{name}.json"] = constrained.text_of(tuple(constrained.draw(name)))
     made = {path: text for path, text in texts.items() if not path.exists() or path.read_text("utf-8") != text}
     for path, text in made.items():
         if write:

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import islice
 
 from rich.table import Table
 
@@ -16,7 +15,7 @@ from auditor.checker import IndependentChecker
 from auditor.constraints import MOTION_STEP, Deviation, deviations
 from benchmarks.harness.audit import audited, independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
-from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, draw, load
+from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, load
 from planner_service import PlannerService, PlanRequest, PlanResult, SCurve
 from planner_service.path.joint_path import JointPath
 from planner_service.robot_setup.loading import load_robot
@@ -143,10 +142,9 @@ def _pace(service: PlannerService, path: JointPath) -> float:
     return SCurve().time_path(path, service.robot.limits).duration / path.length
 
 
-def _rows(cases: Sequence[Case], queries: int | None, seed: int | None) -> Iterator[Row]:
+def _rows(cases: Sequence[Case], queries: int | None) -> Iterator[Row]:
     for case in cases:
-        drawn = load(case.set) if seed is None else draw(case.set, seed)
-        asked = list(islice(drawn, queries))
+        asked = load(case.set)[:queries]
         if asked:  # what is imported and built once is not a query's own
             _service(ROBOTS[case.set], asked[0].scene).plan(_request(case, asked[0]))
         for query in asked:
@@ -158,15 +156,14 @@ def _request(case: Case, query: ConstrainedQuery) -> PlanRequest:
     return PlanRequest(query.start, query.goals, constraints=query.constraints(case.tolerance))
 
 
-def run(part: str | None = None, queries: int | None = None, seed: int | None = None) -> Report:
+def run(part: str | None = None, queries: int | None = None) -> Report:
     """Plan all queries of a part, or of all; judge.
 
     Args:
         part: One of ``PARTS``.
         queries: Of each set; all if None.
-        seed: Of queries that are drawn now; the stored ones if None.
     """
-    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries, seed))
+    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries))
     return Report("constrained", rows, (_outcome_table(rows), _time_table(rows)), _promises(rows))
 
 

@@ -31,7 +31,7 @@ from benchmarks.studies import (
     toy,
 )
 from benchmarks.studies.states import run_lesson
-from benchmarks.worlds import constrained, drawn, queries, sheets
+from benchmarks.worlds import drawn, queries, sheets
 from benchmarks.worlds.queries import SCENES, Region
 from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
@@ -250,8 +250,6 @@ def test_changed_queries_are_told_and_stored_only_when_asked(
 ) -> None:
     monkeypatch.setattr(queries, "FOLDER", tmp_path)
     monkeypatch.setattr(queries, "SCENES", {"post": SCENES["post"]})
-    monkeypatch.setattr(constrained, "UPRIGHT", ())
-    monkeypatch.setattr(constrained, "REGIONS", ())
     assert command.main(["queries"]) == 1
     assert "python -m benchmarks queries --write" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
