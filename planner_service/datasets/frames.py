@@ -123,7 +123,7 @@ def _widths(part: EpisodeMotion, since: FloatArray) -> FloatArray:
 
 
 def _tool(robot: Robot, q: FloatArray) -> Pose:
-    return Pose.from_matrix([*robot.tool_rows(q), [0.0, 0.0, 0.0, 1.0]])
+    return Pose.from_matrix(robot.tool_pose(q))
 
 
 def _seven(pose: Pose) -> list[float]:

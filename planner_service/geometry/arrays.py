@@ -32,10 +32,12 @@ __all__ = [
     "minus",
     "polyline_length",
     "product",
+    "quartered",
     "read_only",
     "rpy_matrix",
     "rpy_of",
     "set_fields",
+    "turned",
     "vector",
 ]
 
@@ -108,6 +110,12 @@ def vector(values: Sequence[float]) -> Vector:
     return (x, y, z)
 
 
+def turned(direction: Vector, T: FloatArray) -> Vector:
+    """A direction turned by a rotation (3, 3), or by that of a pose (4, 4)."""
+    x, y, z = T[:3, :3].tolist()
+    return (dot(x, direction), dot(y, direction), dot(z, direction))
+
+
 def minus(a: Vector, b: Vector) -> Vector:
     """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
@@ -140,6 +148,14 @@ def blocks(rows: int, width: int) -> list[slice]:
     """Slices of rows whose products with ``width`` numbers stay small; an empty one if there are no rows."""
     step = max(1, AT_ONCE // width)
     return [slice(k, k + step) for k in range(0, max(rows, 1), step)]
+
+
+def quartered(triangles: FloatArray) -> FloatArray:
+    """Triangles (k, 3, 3) cut in four at the middles of their sides, (4 k, 3, 3); the last k are the inner ones."""
+    middles = 0.5 * (triangles + np.roll(triangles, -1, axis=1))  # of the sides ab, bc, ca
+    (a, b, c), (ab, bc, ca) = (np.moveaxis(corners, 1, 0) for corners in (triangles, middles))
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(corners, axis=1) for corners in parts])
 
 
 def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from typing import TypeVar
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, Vector, product, vector
+from planner_service.geometry.arrays import FloatArray, Vector, product, turned, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
 from planner_service.robot.gripper import Gripper
@@ -106,25 +106,19 @@ def _moved_gripper(gripper: Gripper, anchors: list[Anchor]) -> Gripper:
     for k, item in enumerate(gripper.closed):
         offset = anchors[item.body][1]
         if offset is not None and gripper.directions:
-            directions[k] = _turned(gripper.directions[k], offset)
+            directions[k] = turned(gripper.directions[k], offset)
         if offset is not None and gripper.turns:
-            across = _turned(gripper.across, offset)
+            across = turned(gripper.across, offset)
             turns[k] = tuple(
-                replace(turn, axis=_turned(turn.axis, offset), point=_placed(turn.point, offset))
+                replace(turn, axis=turned(turn.axis, offset), point=_placed(turn.point, offset))
                 for turn in gripper.turns[k]
             )
     closed = tuple(_moved(item, anchors) for item in gripper.closed)
     return replace(gripper, closed=closed, directions=tuple(directions), turns=tuple(turns), across=across)
 
 
-def _turned(direction: Vector, T: FloatArray) -> Vector:
-    u, v, w = direction
-    x, y, z = (a * u + b * v + c * w for a, b, c in T[:3, :3].tolist())
-    return (x, y, z)
-
-
 def _placed(point: Vector, T: FloatArray) -> Vector:
-    x, y, z = (turned + moved for turned, moved in zip(_turned(point, T), T[:3, 3].tolist(), strict=True))
+    x, y, z = (a + b for a, b in zip(turned(point, T), T[:3, 3].tolist(), strict=True))
     return (x, y, z)
 
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import Vector, cross_of, dot, minus, vector
+from planner_service.geometry.arrays import Vector, cross_of, dot, minus, turned, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.kinematic_tree import Body, chain_to_base
@@ -72,14 +72,15 @@ def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[flo
         if body.prismatic:  # the pivot slides along with the body
             total += abs(body.multiplier) * travel[body.q_index]
         else:
-            axis = _turn(body, vector(body.axis.tolist()))
+            axis = turned(vector(body.axis.tolist()), body.placement)
             onto = _nearest(vector(body.placement[:3, 3].tolist()), axis, pivot, about)
             total += _across(minus(onto, pivot), about)
             pivot = onto
             if about is not None and not _is_parallel(axis, about):
                 about = None
-        about = None if about is None else _turn_back(body, about)
-        pivot = _turn_back(body, minus(pivot, vector(body.placement[:3, 3].tolist())))
+        back = body.placement[:3, :3].T
+        about = None if about is None else turned(about, back)
+        pivot = turned(minus(pivot, vector(body.placement[:3, 3].tolist())), back)
     return total + max(_across(minus(point, pivot), about) + radius for point, radius in cloud)
 
 
@@ -144,14 +145,3 @@ def _local_hull(shape: Shape) -> list[Ball]:
 def _reject(part: Vector, unit: Vector) -> Vector:
     along = dot(part, unit)
     return (part[0] - along * unit[0], part[1] - along * unit[1], part[2] - along * unit[2])
-
-
-def _turn(body: Body, direction: Vector) -> Vector:
-    """From the joint frame of ``body`` into its parent's axes."""
-    R = body.placement.tolist()
-    return (dot(R[0], direction), dot(R[1], direction), dot(R[2], direction))
-
-
-def _turn_back(body: Body, direction: Vector) -> Vector:
-    x, y, z = body.placement[:3, :3].T.tolist()
-    return (dot(x, direction), dot(y, direction), dot(z, direction))

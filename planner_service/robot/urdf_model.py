@@ -7,9 +7,9 @@ from pathlib import Path
 
 from planner_service.geometry.arrays import Vector
 from planner_service.geometry.mesh_paths import Surface
-from planner_service.geometry.shapes import Shape
+from planner_service.geometry.shapes import Pose, Shape
 
-__all__ = ["Description", "Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "UrdfVisual", "Vector"]
+__all__ = ["Description", "Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "Vector", "Visual"]
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,17 @@ class UrdfCollision:
     rpy: Vector
 
 
-@dataclass(frozen=True)
-class UrdfVisual:
-    """A visual element, the surface of a mesh or another shape, and its ``<origin>`` in the link."""
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """One visual element of a link.
+
+    Attributes:
+        appearance: The triangles of its mesh, or its box, cylinder or sphere.
+        pose: T_link_visual; ``Robot.link_frame`` says where the link is.
+    """
 
     appearance: Shape | Surface
-    xyz: Vector
-    rpy: Vector
+    pose: Pose
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class UrdfLink:
     name: str
     collisions: tuple[UrdfCollision, ...]
     inertial: Inertial | None
-    visuals: tuple[UrdfVisual, ...] = ()
+    visuals: tuple[Visual, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,12 +78,12 @@ class UrdfJoint:
     child: str
     xyz: Vector
     rpy: Vector
-    axis: Vector
-    lower: float
-    upper: float
-    velocity: float
-    effort: float
-    mimic: Mimic | None
+    axis: Vector = (1.0, 0.0, 0.0)
+    lower: float = 0.0
+    upper: float = 0.0
+    velocity: float = 0.0
+    effort: float = 0.0
+    mimic: Mimic | None = None
     continuous: bool = False
     hard: tuple[float, float] | None = None
     acceleration: float = 0.0

@@ -32,8 +32,8 @@ from planner_service.robot.urdf_model import (
     UrdfCollision,
     UrdfJoint,
     UrdfLink,
-    UrdfVisual,
     Vector,
+    Visual,
 )
 
 __all__ = ["inspect_urdf", "read_urdf"]
@@ -204,7 +204,7 @@ class _Reader:
         inertial = self.inertial(element, name)
         return UrdfLink(name, tuple(collisions), inertial, self.visuals(element, name))
 
-    def visuals(self, link: ElementTree.Element, name: str) -> tuple[UrdfVisual, ...]:
+    def visuals(self, link: ElementTree.Element, name: str) -> tuple[Visual, ...]:
         """What a link looks like; problems are not those of the robot."""
         if self.surfaces is None:
             return ()
@@ -215,7 +215,7 @@ class _Reader:
             appearances = self.shapes(child, where, lambda file, scale: (surface(file, scale),))
             xyz, rpy = self.origin(child, where)
             if len(self.problems) == before:
-                found += [UrdfVisual(each, xyz, rpy) for each in appearances]
+                found += [Visual(each, Pose.from_rpy(xyz, rpy)) for each in appearances]
         self.unread_visuals += self.problems
         self.problems = problems
         return tuple(found)

@@ -24,7 +24,6 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
-from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, items
 from planner_service.presentation.measures import numbers_text
 from planner_service.robot.loading import LARGE, is_mjcf
@@ -35,7 +34,7 @@ from planner_service.robot.urdf_model import Urdf, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import inspect_urdf
 from planner_service.robot_setup.overhang import extent, overhangs
 from planner_service.robot_setup.urdf_robot import FoundSrdf, described_robot, free_home, srdf_of
-from planner_service.robot_setup.visuals import Visual, visuals_of
+from planner_service.robot_setup.visuals import Visual, shape_poses, visuals_of
 from planner_service.scene.scene import Scene
 
 __all__ = ["Finding", "FindingKind", "RobotCheck", "check_robot"]
@@ -144,9 +143,8 @@ def check_robot(
             problems = problems or error.problems  # else perhaps because of a stand-in
     visuals = visuals_of(urdf)
     large = {finding.links[0]: finding for finding in _sizes(urdf, visuals)}
-    first = {link.name: link.collisions[0] for link in urdf.links if link.collisions}
-    shaped = {name: Pose.from_rpy(item.xyz, item.rpy) for name, item in first.items()}
-    beyond = {} if robot is None else overhangs(robot, {k: v for k, v in visuals.items() if k not in large}, shaped)
+    usual = {link: items for link, items in visuals.items() if link not in large}
+    beyond = {} if robot is None else overhangs(robot, usual, shape_poses(urdf))
     found = [
         *(_refused(problem, urdf) for problem in problems),
         *(finding for joint in urdf.joints for finding in _joint_findings(joint)),

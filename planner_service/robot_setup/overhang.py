@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, quartered
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Pose, Shape
@@ -105,9 +105,5 @@ def _points(appearance: Shape | Surface) -> FloatArray:
         corners = corners[(sides * sides).sum(axis=-1).max(axis=-1) > step * step]
         if not len(corners):
             return np.unique(np.concatenate(points), axis=0)
-        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))  # of the sides ab, bc, ca
-        points.append(middles.reshape(-1, 3))
-        a, b, c = (corners[:, k] for k in range(3))
-        ab, bc, ca = (middles[:, k] for k in range(3))
-        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        corners = np.concatenate([np.stack(each, axis=1) for each in quarters])
+        inner, corners = len(corners), quartered(corners)
+        points.append(corners[-inner:].reshape(-1, 3))

@@ -10,28 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.mesh_paths import Surface
-from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.shapes import Pose
 from planner_service.robot.kinematic_tree import body_matrix
 from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
-from planner_service.robot.urdf_model import Urdf
+from planner_service.robot.urdf_model import Urdf, Visual
 from planner_service.robot.urdf_reader import read_urdf
 
-__all__ = ["Looks", "Visual", "link_visuals", "looks_of", "visuals_of"]
-
-
-@dataclass(frozen=True, eq=False)
-class Visual:
-    """One visual element of a link.
-
-    Attributes:
-        appearance: The triangles of its mesh, or its box, cylinder or sphere.
-        pose: T_link_visual; ``Robot.link_frame`` says where the link is.
-    """
-
-    appearance: Shape | Surface
-    pose: Pose
+__all__ = ["Looks", "Visual", "link_visuals", "looks_of", "shape_poses", "visuals_of"]
 
 
 def link_visuals(urdf: Path, package_dirs: Sequence[Path] = ()) -> dict[str, tuple[Visual, ...]]:
@@ -48,11 +34,13 @@ def link_visuals(urdf: Path, package_dirs: Sequence[Path] = ()) -> dict[str, tup
 
 def visuals_of(urdf: Urdf) -> dict[str, tuple[Visual, ...]]:
     """As ``link_visuals``, of a URDF that was read with its visual elements."""
-    return {
-        link.name: tuple(Visual(item.appearance, Pose.from_rpy(item.xyz, item.rpy)) for item in link.visuals)
-        for link in urdf.links
-        if link.visuals
-    }
+    return {link.name: link.visuals for link in urdf.links if link.visuals}
+
+
+def shape_poses(urdf: Urdf) -> dict[str, Pose]:
+    """T_link_shape of the first collision shape of each link that has one."""
+    first = ((link.name, link.collisions[0]) for link in urdf.links if link.collisions)
+    return {name: Pose.from_rpy(item.xyz, item.rpy) for name, item in first}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +50,7 @@ class Looks:
     Attributes:
         visuals: As ``link_visuals``.
         unread: Why visual elements are missing, a line each.
-        shaped: T_link_shape of the first collision shape of each link that has one.
+        shaped: As ``shape_poses``.
     """
 
     visuals: Mapping[str, tuple[Visual, ...]]
@@ -92,6 +80,4 @@ def looks_of(robot: Robot) -> Looks:
     if robot.description is None:
         return Looks({}, (), {})
     urdf = read_urdf(robot.description.path, robot.description.folders, visuals=True)
-    first = {link.name: link.collisions[0] for link in urdf.links if link.collisions}
-    shaped = {name: Pose.from_rpy(item.xyz, item.rpy) for name, item in first.items()}
-    return Looks(visuals_of(urdf), urdf.unread_visuals, shaped)
+    return Looks(visuals_of(urdf), urdf.unread_visuals, shape_poses(urdf))

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, along, blocks
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, along, blocks, quartered
 from planner_service.geometry.composite import Composite, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import MAX_LENGTH, cloud, finite_numbers, instance, items, margin_of
+from planner_service.robot.kinematic_tree import body_matrix
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached
 
@@ -87,7 +88,7 @@ class _Piece:
 
 def _pieces(robot: Robot, q: FloatArray, attached: Sequence[Attached]) -> list[_Piece]:
     """All that moves with the robot and all that it stands on, neighbours beside each other."""
-    frames = [np.array([[*p[:3], p[9]], [*p[3:6], p[10]], [*p[6:9], p[11]], [0, 0, 0, 1]]) for p in robot.body_poses(q)]
+    frames = list(map(body_matrix, robot.body_poses(q)))
     pieces = [_Piece.at(item.shape, frames[item.body] @ item.pose.matrix) for item in robot.shapes]
     tool = frames[robot.tool_body] @ robot.tool_placement
     for held in attached:
@@ -145,14 +146,11 @@ def _surface(mesh: Mesh, spacing: float, most: int) -> FloatArray:
     """Points of a hull's surface (m, 3), about as close as ``spacing``, or ``most`` to four times as many."""
     triangles = mesh.vertices[mesh.faces]
     while len(triangles) < most:
-        middles = (triangles + np.roll(triangles, -1, axis=1)) / 2.0  # of ab, bc, ca
         edges = np.roll(triangles, -1, axis=1) - triangles
         long = (edges * edges).sum(axis=-1).max(axis=1) > spacing * spacing
         if not long.any():
             break
-        (a, b, c), (ab, bc, ca) = (np.moveaxis(t[long], 1, 0) for t in (triangles, middles))
-        quarters = [np.stack(corners, axis=1) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        triangles = np.concatenate([triangles[~long], *quarters])
+        triangles = np.concatenate([triangles[~long], quartered(triangles[long])])
     return np.concatenate([mesh.vertices, triangles.mean(axis=1)])
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from planner_service.geometry.arrays import FloatArray, Vector, product, vector
+from planner_service.geometry.arrays import FloatArray, Vector, product, turned, vector
 from planner_service.robot.gripper import FingerTurn, Gripper, reach
 from planner_service.robot.toml_reader import GripperTable
 from planner_service.robot.urdf_assembly import Assembly, transform
@@ -110,7 +110,7 @@ def _opening(entry: GripperTable, joint: UrdfJoint, beyond: float) -> float:
 
 def _require_closing(gripper: Gripper, tool: tuple[int, FloatArray]) -> None:
     """Refuse a closing axis along which the fingers do not move."""
-    axis = _in_body(gripper.closing, tool[1])
+    axis = turned(gripper.closing, tool[1])
     for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
         if item.body == tool[0] and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
             columns = tool[1][:3, :3].T.tolist()
@@ -141,7 +141,7 @@ def _revolute(entry: GripperTable, urdf: Urdf, assembly: Assembly, tool: tuple[i
         kind="revolute",
         turns=(*(turns[item.link] for item in closed), *(() for _ in still)),
         tips=tuple(entry.tips),
-        across=_in_body(vector(entry.closing or ()), tool[1]),
+        across=turned(vector(entry.closing or ()), tool[1]),
     )
     return _ranged(gripper, entry, (leader.lower, leader.upper))
 
@@ -208,13 +208,7 @@ def _ratios(entry: GripperTable, urdf: Urdf) -> Iterator[tuple[str, float]]:
 def finger_turn(joint: UrdfJoint, assembly: Assembly, ratio: float = 1.0) -> FingerTurn:
     """The axis of a finger's joint, and a point on it, in the body of the palm."""
     T = product(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))
-    return FingerTurn(_in_body(joint.axis, T), vector(T[:3, 3].tolist()), ratio)
-
-
-def _in_body(direction: Vector, T: FloatArray) -> Vector:
-    u, v, w = direction
-    x, y, z = (row[0] * u + row[1] * v + row[2] * w for row in T[:3, :3].tolist())
-    return (x, y, z)
+    return FingerTurn(turned(joint.axis, T), vector(T[:3, 3].tolist()), ratio)
 
 
 def _downstream(urdf: Urdf, link: str) -> Sequence[str]:

@@ -62,4 +62,4 @@ def _shape(table: ToolShapeTable) -> Shape:
 
 
 def _fixed(link: str, parent: str, xyz: Vector, rpy: Vector) -> UrdfJoint:
-    return UrdfJoint(f"to {link}", "fixed", parent, link, xyz, rpy, (1.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, None)
+    return UrdfJoint(f"to {link}", "fixed", parent, link, xyz, rpy)

@@ -23,6 +23,7 @@ from planner_service.geometry.arrays import FloatArray, Vector, rpy_of, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.elements.table import unlisted_words, words_of
+from planner_service.robot.inertia import tensor_numbers
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
@@ -322,8 +323,7 @@ def _around_ball() -> FloatArray:
 
 def _fixed(name: str, parent: str, T: FloatArray) -> UrdfJoint:
     """The joint that fixes a link to its parent at T in it."""
-    xyz, rpy = _origin(T)
-    return UrdfJoint(f"{name}_fixed", "fixed", parent, name, xyz, rpy, (1.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, None)
+    return UrdfJoint(f"{name}_fixed", "fixed", parent, name, *_origin(T))
 
 
 def _inertial(
@@ -332,10 +332,7 @@ def _inertial(
     if mass <= 0.0:
         return None
     R = Pose(at, quat).matrix[:3, :3]
-    tensor = (R @ np.diag(moments) @ R.T).tolist()
-    (xx, xy, xz), (_, yy, yz), (*_, zz) = tensor
-    x, y, z = at
-    return Inertial(mass, (x, y, z), (0.0, 0.0, 0.0), (xx, xy, xz, yy, yz, zz))
+    return Inertial(mass, vector(at), (0.0, 0.0, 0.0), tensor_numbers(R @ np.diag(moments) @ R.T))
 
 
 def _shift(at: Sequence[float]) -> FloatArray:
