@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.util import find_spec
@@ -87,6 +87,18 @@ def inspect_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf, Seque
     return reader.urdf, reader.srdf, reader.problems
 
 
+ENTRIES = {
+    "bodies": ("body", 2),
+    "joints": ("joint", 3),
+    "geoms": ("geom", 4),
+    "sites": ("site", 2),
+    "meshes": ("mesh", 0),
+    "follows": ("equality", 0),
+    "keys": ("key", 0),
+}
+"""What an entry of each list of ``mjcf_child`` is called, and which of its columns says where it is; 0: none."""
+
+
 @dataclass(frozen=True)
 class JointPlaces:
     """Where the joints of an MJCF model stand in its ``qpos`` and ``qvel``.
@@ -131,7 +143,26 @@ def _compiled(path: Path, folders: Sequence[Path]) -> dict[str, Any]:
         problem = str(error)
     if problem is not None:
         raise InvalidFile(path, [f"mujoco cannot compile it: {problem}"])
+    if problems := list(_beyond(told)):
+        raise InvalidFile(path, problems)
     return told
+
+
+def _beyond(told: Mapping[str, Any]) -> Iterator[str]:
+    """What of a model has a number that is not finite, or is too far away: mujoco takes both."""
+    for key, (kind, place) in ENTRIES.items():
+        for row in told[key]:
+            where = " ".join([kind, *(repr(each) for each in row if isinstance(each, str))])
+            if not _is_finite(row):
+                yield f"{where}: not finite; expected finite numbers"
+            elif place and max(map(abs, row[place])) > MAX_OFFSET:
+                yield f"{where}: at {row[place]}; expected at most {MAX_OFFSET:g} m"
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, list):
+        return all(map(_is_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _require_inside(path: Path, folders: Sequence[Path]) -> None:

@@ -153,6 +153,24 @@ def test_what_cannot_be_shown_is_refused_with_what_to_do(tmp_path: Path, old: st
         load_robot(path)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ('axis="0 0.6 0.8"', 'axis="0 inf 0"', "joint 'turn': not finite"),
+        ('range="-1 1"', 'range="-inf 1"', "joint 'wrist': not finite"),
+        ('qpos="1 0 2 0"', 'qpos="1 0 inf 0"', "key 'far': not finite"),
+        ('pos="0 0.02 0.2"', 'pos="0 1e300 0.2"', r"body 'column': at \[0.0, 1e\+300, 0.2\]; expected at most 1000 m"),
+        ('pos="0.03 0.01 0.02"', 'pos="0.03 2e3 0.02"', "joint 'turn': at"),
+    ],
+)
+def test_numbers_that_no_arm_has_are_refused_by_the_name_of_what_has_them(
+    tmp_path: Path, old: str, new: str, what: str
+) -> None:
+    path = written(tmp_path, ARM.replace(old, new))
+    with pytest.raises(InvalidFile, match=what):
+        load_robot(path)
+
+
 def test_sites_are_frames_and_the_tool_frame_may_be_one(tmp_path: Path) -> None:
     site = '<site name="tcp" pos="0 0 0.1" euler="0.3 0 0"/><site name="tip" pos="1 0 0"/><site pos="2 0 0"/>'
     path = written(tmp_path, ARM.replace('range="-1 1"/>', f'range="-1 1"/>{site}'))
