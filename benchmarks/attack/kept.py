@@ -21,7 +21,8 @@ from planner_service.constraints.values import MIN_ANGLE, MIN_LENGTH
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import ReferenceProjector, projector_of
+from planner_service.kinematics.projection import projector_of
+from tests.reference.projector import ReferenceProjector
 
 __all__ = ["constraints_of", "draw_constraints", "judge_constraints", "judge_projector"]
 

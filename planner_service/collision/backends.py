@@ -64,6 +64,8 @@ class Collision(NamedTuple):
 class CollisionBackend(Protocol):
     """Finds what collides; of a configuration always the first pair, in their order, that FCL says touches."""
 
+    narrow_phase: NarrowPhase
+
     @property
     def rows_at_once(self) -> int:
         """Rows to ask about between two looks at the limits: a user may cancel within 50 ms."""

@@ -28,7 +28,7 @@ from planner_service.collision.edge_sampling import (
     coarse_segments_of,
     judged_ends,
 )
-from planner_service.collision.native_kernel import configure_edges
+from planner_service.collision.native_kernel import FCL, build_kernel, configure_edges
 from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
 from planner_service.collision.proximity import NearPairs, measuring_kernel
 from planner_service.concurrency.polling import Prepared, asked
@@ -182,11 +182,21 @@ class CollisionChecker:
         """The kernel if it checks states and edges itself; None if FCL judges all pairs, or with a user's own step."""
         if not isinstance(self._backend, NativeBackend):
             return None
-        kernel = self._backend.kernel
+        return self._backend.kernel if self._configure(self._backend.kernel) else None
+
+    def _configure(self, kernel: _core.CollisionKernel) -> bool:
+        """Have a kernel check states and edges; False if it cannot split edges."""
         limits = self.robot.limits  # outside them there is no table of what is proven apart, and pairs are looked at
         tables = (limits.lower - LIMIT_SLACK).tolist(), (limits.upper + LIMIT_SLACK).tolist()
-        bounds = self._lower, self._upper
-        return kernel if configure_edges(kernel, bounds, tables, self._reach, self.edge_step) else None
+        return configure_edges(kernel, (self._lower, self._upper), tables, self._reach, self.edge_step)
+
+    @cached_property
+    def _asked_kernel(self) -> tuple[_core.CollisionKernel, bool]:
+        """What compiled searches ask, and whether it splits edges: one that proves nothing where FCL is the judge."""
+        if isinstance(self._backend, NativeBackend):
+            return self._backend.kernel, self._kernel is not None
+        kernel = build_kernel(self.robot, self._parts, FCL)
+        return kernel, self._configure(kernel)
 
     @cached_property
     def _clearances(self) -> Clearances:
@@ -324,24 +334,24 @@ class CollisionChecker:
         rows = coarse if samples is _COARSE else edge.rows
         return self._counted(partial(self._backend.first_collision_on, edge), rows, start)
 
-    def compiled_oracle(
-        self, starts: Sequence[tuple[float, ...]], goals: Sequence[tuple[float, ...]]
-    ) -> _core.EdgeOracle | None:
-        """What compiled searches ask (``SearchOracle.core``); None if FCL judges all pairs, or with a user's own step.
+    def oracle(self, starts: Sequence[tuple[float, ...]], goals: Sequence[tuple[float, ...]]) -> _core.EdgeOracle:
+        """What compiled searches ask (``SearchOracle.core``).
 
         Args:
             starts: Configurations at which motions are counted apart.
             goals: The same, counted on their own.
         """
-        backend = self._backend
-        if self._kernel is None or not isinstance(backend, NativeBackend):
-            return None
+        narrow_phase, (kernel, splits) = self._backend.narrow_phase, self._asked_kernel
 
         def decide(q: list[float], pairs: list[int]) -> int:
-            pair = backend.first_touching(q, pairs)
-            return -1 if pair is None else pair
+            return next(narrow_phase.touching(q, pairs), -1)
 
-        oracle: _core.EdgeOracle = load_core().EdgeOracle(self._kernel, starts, goals, decide, self.ledger.poll)
+        def split(dq: list[float]) -> int:
+            return self.edge_step.segments(dq, self._reach)
+
+        oracle: _core.EdgeOracle = load_core().EdgeOracle(
+            kernel, starts, goals, decide, self.ledger.poll, None if splits else split
+        )
         return oracle
 
     def counted(self, oracle: _core.EdgeOracle, ask: Callable[[], T]) -> T:

@@ -22,10 +22,13 @@ from planner_service.robot.model import Robot
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["MARGIN", "build_kernel", "configure_edges", "instruction_sets"]
+__all__ = ["FCL", "MARGIN", "build_kernel", "configure_edges", "instruction_sets"]
 
 MARGIN = 2e-6
 """Metres by which a pair must be proven apart for FCL not to be asked; ``doubt_of`` small solids comes on top."""
+
+FCL = "fcl"
+"""A variant that proves nothing, so that FCL is asked about every pair in their order."""
 
 SLIDES = 1.0
 
@@ -39,7 +42,7 @@ def build_kernel(robot: Robot, parts: Parts, variant: str = "", *, margin: float
     """The kernel for a robot and the numbered list of its parts and the scene's.
 
     Args:
-        variant: One of ``instruction_sets()``; the fastest if empty.
+        variant: One of ``instruction_sets()`` or ``FCL``; the fastest if empty.
         margin: Metres by which a pair must be proven apart, ``doubt_of`` small solids apart.
     """
     solids = Solids.of(parts.shapes)
@@ -60,15 +63,13 @@ def configure_edges(
     reach: list[float],
     step: EdgeStep,
 ) -> bool:
-    """Have the kernel check states and edges itself; False if the step is a user's own rule.
+    """Have the kernel check states and edges itself; False if it cannot split edges, as the step is a rule of a user's.
 
     Args:
         bounds: Between which joint values it takes states and edges, lower and upper.
         tables: Between which it keeps what is proven of pairs of links.
     """
     rules = _simple_rules(step)
-    if not rules or any(type(rule) not in (MotionStep, JointStep) for rule in rules):
-        return False
     kernel.configure(
         *bounds,
         *tables,
@@ -77,7 +78,7 @@ def configure_edges(
         joint_steps=[rule.angle for rule in rules if isinstance(rule, JointStep)],
         coarse_segments=coarse_segments_of(step),
     )
-    return True
+    return bool(rules) and all(type(rule) in (MotionStep, JointStep) for rule in rules)
 
 
 def _simple_rules(step: EdgeStep) -> list[EdgeStep]:

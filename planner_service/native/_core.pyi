@@ -161,6 +161,29 @@ class CollisionKernel:
 class Oracle:
     """What compiled searching and smoothing ask; see search/oracle.hpp. Any of its answers may raise."""
 
+    def state_is_free(self, q: Sequence[float], /) -> bool: ...
+    def edge_is_free(self, a: Sequence[float], b: Sequence[float], known: int, /) -> bool: ...
+    def edge_is_free_coarse(self, a: Sequence[float], b: Sequence[float], known: int, /) -> bool: ...
+
+class AskedOracle(Oracle):
+    """An oracle behind functions, which take configurations as tuples and known ends as numbers.
+
+    Args:
+        state, edge: Whether a state or an edge is free.
+        coarse: As ``edge``, at a first look; None if there is none.
+        last: Of the collision found last where it was on its edge, and a number.
+        poll: Called often; what it raises ends the call.
+    """
+
+    def __init__(
+        self,
+        state: Callable[[tuple[float, ...]], bool],
+        edge: Callable[[tuple[float, ...], tuple[float, ...], int], bool],
+        coarse: Callable[[tuple[float, ...], tuple[float, ...], int], bool] | None,
+        last: Callable[[], tuple[float, int]],
+        poll: Callable[[], None],
+    ) -> None: ...
+
 class EdgeOracle(Oracle):
     """What compiled searches ask: ``SearchOracle.core`` (edge_cache.py). Used by one thread at a time.
 
@@ -169,6 +192,7 @@ class EdgeOracle(Oracle):
         starts, goals: Configurations at which motions are counted apart.
         decide: The first pair that touches at a configuration, given those in doubt there; -1 if none does.
         poll: Raises if the call is over its time or cancelled; called every few milliseconds.
+        split: Equal parts of an edge with some joint differences; None if the kernel splits edges by its own rules.
     """
 
     def __init__(
@@ -178,9 +202,8 @@ class EdgeOracle(Oracle):
         goals: Sequence[tuple[float, ...]],
         decide: Callable[[list[float], list[int]], int],
         poll: Callable[[], None],
+        split: Callable[[list[float]], int] | None,
     ) -> None: ...
-    def edge_is_free(self, a: Sequence[float], b: Sequence[float], known: int, /) -> bool: ...
-    def edge_is_free_coarse(self, a: Sequence[float], b: Sequence[float], known: int, /) -> bool: ...
     def allow(self, room: int, poll_first: bool, /) -> None:
         """Set how many states may be judged, below 0 any number, and whether ``poll`` is called before the first."""
 
@@ -229,7 +252,13 @@ class BalancedSearch:
     """One search as search/balanced.py describes it; releases the interpreter's lock."""
 
     def __init__(
-        self, oracle: Oracle, lower: Sequence[float], upper: Sequence[float], range: float, seed: int
+        self,
+        oracle: Oracle,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        range: float,
+        seed: int,
+        projector: Projector | None = None,
     ) -> None: ...
     def run(self, start: Sequence[float], goals: Sequence[Sequence[float]], /) -> list[list[float]]:
         """A path from the start to the goal reached first; only an exception ends it without one."""
@@ -266,7 +295,7 @@ def blend_widths(
     """The width of the blend at each corner as ``smoothing.blended`` finds it, 0 for a stop."""
 
 class Projector:
-    """What kinematics/projection.py says of ``Projector``.
+    """Keeps configurations and edges on constraints (kinematics/projection.py).
 
     Args:
         table: ``Robot.body_table``.
@@ -283,10 +312,18 @@ class Projector:
         upper: NDArray[np.float64],
         regions: NDArray[np.float64],
     ) -> None: ...
-    def share(self, q: Sequence[float]) -> float: ...
-    def has_room(self, q: Sequence[float]) -> bool: ...
-    def project(self, q: Sequence[float]) -> tuple[float, ...] | None: ...
-    def keeps(self, a: Sequence[float], b: Sequence[float]) -> bool: ...
+    def share(self, q: Sequence[float]) -> float:
+        """The largest share of a tolerance that is used at q (n,)."""
+
+    def has_room(self, q: Sequence[float]) -> bool:
+        """Whether q keeps them with the room that samples of an edge have."""
+
+    def project(self, q: Sequence[float]) -> tuple[float, ...] | None:
+        """A configuration near q that keeps them with room; None if there is none."""
+
+    def keeps(self, a: Sequence[float], b: Sequence[float]) -> bool:
+        """Whether the edge from a to b keeps them."""
+
     def step(
         self,
         start: Sequence[float],
@@ -295,8 +332,15 @@ class Projector:
         distance: float,
         step: float,
         fixed: bool,
-    ) -> tuple[float, ...] | None: ...
-    def take(self) -> int: ...
+    ) -> tuple[float, ...] | None:
+        """Where a step ends that was to lead from ``start`` to ``end``, on the way to a target ``distance`` away.
+
+        That is ``end``, projected unless it is ``fixed``; None if it is not nearer to the target then, or the edge does
+        not keep the constraints.
+        """
+
+    def take(self) -> int:
+        """How often ``project`` was called since the last time this was asked."""
 
 def body_poses(table: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Pose of every body (b, 12): ``BodyPose`` (robot/kinematic_tree.py).
@@ -465,11 +509,15 @@ class Places:
     ) -> None: ...
 
 class NearestPlaces:
-    """The places nearest to q, in the order of ``nearest.nearest_places``; looks no further than it is asked."""
+    """About a thousand places nearest to q, nearest first and one for each edge; looks no further than it is asked."""
 
     def __init__(self, places: Places, q: Sequence[float]) -> None: ...
     def next(self) -> tuple[float, int, int, tuple[float, ...]] | None:
-        """The fields of the next ``nearest.Place``; None after the last."""
+        """The next place; None after the last.
+
+        The most that any point of the robot moves on the way to it (m), its edge (-1: none), its milestone (-1: it is
+        a point on an edge), and its configuration.
+        """
 
 class RoadmapQuery:
     """One query as roadmap/query.py describes it; releases the interpreter's lock."""
@@ -482,7 +530,7 @@ class RoadmapQuery:
         edges: NDArray[np.int8],
         start: Sequence[float],
         goals: Sequence[Sequence[float]],
-        oracle: EdgeOracle,
+        oracle: Oracle,
         /,
     ) -> None: ...
     def route(

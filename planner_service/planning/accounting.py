@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from operator import sub
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from planner_service.constraints import Constraint
 from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set
-from planner_service.kinematics.projection import Projector, projector_of
+from planner_service.kinematics.projection import projector_of
 from planner_service.kinematics.tool_speed import peak_tool_speed, tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -51,6 +51,9 @@ from planner_service.smoothing.smoothing import MIN_BLEND
 from planner_service.timing.laws import TimingFailed, stop_duration, time_with_peaks
 from planner_service.timing.segments import SpeedLimit
 from planner_service.timing.torque_limits import TorqueLimits
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 T = TypeVar("T")
 
@@ -157,7 +160,7 @@ class PlanAccounting:
         self.roadmap = roadmap
         self.polish: PolishReport | None = None
         self.constraints: ConstraintSet | None = None
-        self.projector: Projector | None = None
+        self.projector: _core.Projector | None = None
         self.torque_limits: TorqueLimits | None = None
 
     def keep(self, constraints: Sequence[Constraint]) -> None:

@@ -24,7 +24,9 @@ from planner_service.planning.accounting import NoPlan, PlanAccounting, certifie
 from planner_service.planning.kept_padding import padding_kept
 from planner_service.planning.request import Pace, clamp_note, clamped, kept_in, torques_of
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.smoothing.constrained import blend_is_kept
+from planner_service.search.compiled_oracle import CompiledOracle
+from planner_service.search.constrained import ConstrainedOracle
+from planner_service.search.edge_cache import SearchOracle
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
@@ -171,14 +173,16 @@ def _blended(
     if len(path.waypoints) < len(sizes) or not any(sizes[k] > 0.0 for k in path.corners):
         return path
 
-    def is_free(trial: JointPath, k: int) -> bool:
+    def oracle_at(k: int) -> CompiledOracle:
         pairs = _allowed_on(request.contacts, k - 1, k + 1)
-        if accounting.projector is not None and not blend_is_kept(trial, k, accounting.projector):
-            return False
-        return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
+        oracle = SearchOracle(checker.variant(allowed=(*checker.allowed, *pairs)))
+        return oracle if accounting.projector is None else ConstrainedOracle(oracle, accounting.projector)
 
     with accounting.during(Stage.POLISH) as entry:
-        smooth = blended(path, is_free, sizes, least=request.min_blend)
+        smooth = path
+        for k in path.corners:
+            if sizes[k] > 0.0:
+                smooth = blended(smooth, oracle_at(k), sizes, least=request.min_blend, corners=[k])
         entry.note = f"{len(path.corners) - len(smooth.corners)} of {len(path.corners)} corners blended"
         entry.length = path.length
         return smooth

@@ -42,7 +42,6 @@ from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.trace import Tracer
-from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import blended
 from planner_service.timing.torque_limits import TorqueLimits
 
@@ -453,13 +452,7 @@ def _blended(context: PlanContext, route: _Route, candidates: Candidates) -> Joi
         entry.length = path.length
         sizes = np.full(len(path.waypoints), size)
         sizes[list(route.kept)] = 0.0
-        projector = context.accounting.projector
-
-        def is_free(path: JointPath, k: int) -> bool:
-            kept = projector is None or blend_is_kept(path, k, projector)
-            return kept and candidates.round.checker(context, candidates.padding).blend_is_free(path, k)
-
-        path = blended(path, is_free, sizes, oracle=candidates.oracle)
+        path = blended(path, candidates.oracle, sizes)
         corners, stops = len(route.path.corners), len(path.corners)
         entry.note = f"{corners - stops} of {corners} corners blended"
     return path

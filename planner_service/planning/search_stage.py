@@ -32,8 +32,12 @@ from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.planners import BalancedRRTConnect, RRTConnect
 from planner_service.search.problem import Planner, SearchProblem
-from planner_service.smoothing.constrained import shortcut_on_constraints
-from planner_service.smoothing.smoothing import pulled_in, shortcut, without_short_pieces
+from planner_service.smoothing.smoothing import (
+    pulled_in,
+    shortcut,
+    shortcut_on_constraints,
+    without_short_pieces,
+)
 
 __all__ = [
     "FIRST_TRIES",

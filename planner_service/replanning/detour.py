@@ -213,7 +213,7 @@ class Detours:
             sizes[index] = min(sizes[index], max(0.0, s - reached))
             if index and switch.rate > 0.0 and len(points) > 1:
                 sizes[index] = min(sizes[index], self._passable(path, index, switch))
-            path = blended(path, tight.blend_is_free, sizes, least=MIN_BLEND, oracle=SearchOracle(tight))
+            path = blended(path, SearchOracle(tight), sizes, least=MIN_BLEND)
             entry.length = path.length - s
         padding = min(self._request.padding, least, goal.padding) if place.roomy or not s > switch.s else 0.0
         return CandidatePath(path, index, s, switch, searched, place.roomy, padding)

@@ -10,20 +10,20 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen, joint_distance, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, frozen, joint_distance, read_only
 from planner_service.geometry.validation import numbers
 from planner_service.native.loading import load_core
 
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["EdgePoints", "Graph", "Neighbour", "Trunk", "checked_edges", "motion"]
+__all__ = ["Graph", "Neighbour", "Trunk", "checked_edges", "motion"]
 
 
 Neighbour = tuple[int, float, int]
@@ -72,14 +72,11 @@ class Trunk:
         return {name: value for name, value in vars(self).items() if not name.startswith("compiled")}
 
     @cached_property
-    def compiled(self) -> _core.RoadmapTrunk | None:
-        """The same for the compiled query; None where it was not built."""
-        core = load_core()
-        if core is None:
-            return None
+    def compiled(self) -> _core.RoadmapTrunk:
+        """The same for the compiled query."""
         starts, *rows = self._rows
         components = np.array(self.components, dtype=np.int64)
-        trunk: _core.RoadmapTrunk = core.RoadmapTrunk(
+        trunk: _core.RoadmapTrunk = load_core().RoadmapTrunk(
             *(self.milestones, self.edges, self.reach, self.spacing),
             *(np.array(starts), *map(np.ascontiguousarray, rows), components),
         )
@@ -98,46 +95,10 @@ class Trunk:
         return labels
 
     @cached_property
-    def milestone_tree(self) -> Any:
-        """The milestones in metres of motion, for nearest-neighbour queries."""
-        return _tree_of(self.milestones * self.reach)
-
-    @cached_property
     def spacing(self) -> float:
         """Metres of motion between the points on an edge."""
         a, b = self.milestones[self.edges[:, 0]], self.milestones[self.edges[:, 1]]
         return max(SPACING, math.fsum(motion(a, b, self.reach).tolist()) / MAX_EDGE_POINTS)
-
-    @cached_property
-    def edge_points(self) -> EdgePoints:
-        """Points along all edges."""
-        return EdgePoints.along(self, np.arange(len(self.edges)), self.spacing)
-
-    @cached_property
-    def edge_point_tree(self) -> Any:
-        """Them in metres of motion, for nearest-neighbour queries."""
-        return _tree_of(self.edge_points.q * self.reach)
-
-
-class EdgePoints(NamedTuple):
-    """Points on edges: configurations q (p, n) and the edge of each, (p,)."""
-
-    q: FloatArray
-    edge: IntArray
-
-    @classmethod
-    def along(cls, graph: Graph | Trunk, edges: IntArray, spacing: float) -> EdgePoints:
-        """Evenly spaced points along some edges."""
-        ends = graph.edges[edges]
-        a, b = graph.milestones[ends[:, 0]], graph.milestones[ends[:, 1]]
-        parts = np.clip(motion(a, b, graph.reach) / spacing, 1, MAX_POINTS_PER_EDGE).astype(np.int64)
-        on = np.repeat(np.arange(len(edges)), parts - 1)
-        step = np.arange(len(on)) - np.repeat(np.cumsum(parts - 1) - (parts - 1), parts - 1) + 1
-        return cls(a[on] + (b - a)[on] * (step / parts[on])[:, None], edges[on])
-
-    def take(self, rows: IntArray | BoolArray) -> EdgePoints:
-        """The points at ``rows``."""
-        return EdgePoints(self.q[rows], self.edge[rows])
 
 
 class Graph:
@@ -195,11 +156,6 @@ class Graph:
         """L2 joint length of every edge, (E,): the bits of ``joint_distance``."""
         return lengths_of(self.milestones, self.edges)
 
-    @cached_property
-    def added_points(self) -> EdgePoints:
-        """Points along the edges that were added."""
-        return EdgePoints.along(self, np.arange(len(self.trunk.edges), len(self.edges)), SPACING)
-
     def around(self, milestone: int) -> list[Neighbour]:
         """The neighbours of a milestone; do not change the list."""
         grown = self.trunk.around(milestone) if milestone < len(self.trunk.milestones) else []
@@ -210,13 +166,10 @@ class Graph:
         return {name: value for name, value in vars(self).items() if not name.startswith("compiled")}
 
     @cached_property
-    def compiled(self) -> _core.RoadmapGraph | None:
-        """The same for the compiled query; None where it was not built."""
-        core, trunk = load_core(), self.trunk.compiled
-        if core is None or trunk is None:
-            return None
-        graph: _core.RoadmapGraph = core.RoadmapGraph(
-            trunk, self.milestones, self.edges, self.reach, SPACING, self._added, self._merged
+    def compiled(self) -> _core.RoadmapGraph:
+        """The same for the compiled query."""
+        graph: _core.RoadmapGraph = load_core().RoadmapGraph(
+            self.trunk.compiled, self.milestones, self.edges, self.reach, SPACING, self._added, self._merged
         )
         return graph
 
@@ -287,13 +240,6 @@ def lengths_of(milestones: FloatArray, edges: IntArray) -> FloatArray:
         difference = column[edges[:, 1]] - column[edges[:, 0]]
         total = total + difference * difference
     return read_only(np.sqrt(total))
-
-
-def _tree_of(points: FloatArray) -> Any:
-    """A tree for nearest-neighbour queries among points (m, n)."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(points)
 
 
 def checked_edges(edges: ArrayLike, count: int) -> IntArray:

@@ -20,10 +20,11 @@ from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import copied_in, instance, items, numbers
+from planner_service.native.loading import load_core
 from planner_service.provided import Provided
 from planner_service.roadmap.graph import Graph, checked_edges
-from planner_service.roadmap.nearest import nearest_places
-from planner_service.roadmap.query import Carried, query_of
+from planner_service.roadmap.nearest import places_of
+from planner_service.roadmap.query import Carried, Query
 from planner_service.roadmap.validity import Terms
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import SearchProblem, SearchResult
@@ -182,7 +183,7 @@ class Roadmap:
         if problem.lower.size != self.graph.n:
             expected = f"a roadmap of {problem.lower.size} joints"
             raise InvalidRequest("planner", f"a roadmap of {self.graph.n} joints", expected)
-        query = query_of(self.graph, self.milestone_knowledge, self.edge_knowledge, problem)
+        query = Query(self.graph, self.milestone_knowledge, self.edge_knowledge, problem)
         route, stopped = None, None
         try:
             route = query.route(carried)
@@ -195,7 +196,7 @@ class Roadmap:
     def prepare(self) -> None:
         """Build the lookup tables of queries, for all roadmaps made from this one; 100,000 milestones take 0.3 s."""
         offered = self.milestone_knowledge.possible, self.edge_knowledge.free
-        next(nearest_places(self.graph, *offered, np.zeros(self.graph.n)), None)
+        load_core().NearestPlaces(places_of(self.graph, *offered), [0.0] * self.graph.n).next()
         if len(self.milestones):
             self.graph.around(0)
             self.graph.component(0)

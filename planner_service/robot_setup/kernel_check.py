@@ -16,7 +16,7 @@ import numpy as np
 from planner_service.certify import Certifier
 from planner_service.certify.prover import Prover
 from planner_service.certify.prover import instruction_sets as proof_instruction_sets
-from planner_service.collision import CollisionChecker, MotionStep
+from planner_service.collision import CollisionChecker
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.arrays import FloatArray
@@ -115,7 +115,7 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     checks = _compared(instruction_sets()[-1], instruction_sets(), Q, checkers)
     free = [q for q in Q if kernel.state_is_free(q)][: 1 + states // STATES_PER_PATH]
     ends = [np.array(pair) for pair in pairwise([*free, *free[:1]])]
-    searchers = (partial(_searched, kernel), partial(_searched, CollisionChecker(robot, scene, edge_step=_InPython())))
+    searchers = partial(_searched, kernel), partial(_searched, reference)
     searches = _compared(instruction_sets()[-1], instruction_sets(), ends, searchers)
     chosen = Q[::STATES_PER_EDGE]
     edges = [np.array([a, a + SHARE * (b - a)]) for a, b in pairwise([*chosen, Q[0]])]
@@ -127,13 +127,6 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     timers = partial(_timed, ToppRa(), robot), partial(_timed, ToppRa(backend="toppra"), robot)
     timers[1](paths[0])  # loads the toppra library
     return Health(checks, searches, proofs, _compared("baseline", ("baseline",), paths, timers))
-
-
-class _InPython:
-    """Keeps searching and smoothing in Python, as any edge step of a user's own."""
-
-    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
-        return MotionStep().segments(dq, reach)
 
 
 def _searched(checker: CollisionChecker, ends: FloatArray) -> tuple[bool, Any]:

@@ -1,4 +1,4 @@
-"""RRT-Connect with balanced trees and dynamic domains, compiled where the oracle is, with a reference of the same bits.
+"""RRT-Connect with balanced trees and dynamic domains, compiled (native/search/balanced.cpp).
 
 Two trees grow, one from the start and one from all goals. The smaller one takes a step towards a random configuration,
 and the other then grows towards that step as far as it is free; that the smaller one grows is what keeps hard searches
@@ -11,59 +11,17 @@ it; one that collides then is cut off with all that grew from it.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
-from planner_service.collision.edge_sampling import Known
-from planner_service.geometry.arrays import joint_distance
-from planner_service.kinematics.projection import LEAST_STRIDE, Projector
 from planner_service.native.loading import load_core
-from planner_service.search.edge_cache import SearchOracle, TieredOracle
-from planner_service.search.problem import (
-    Configuration,
-    SearchProblem,
-    SearchResult,
-    of_tuples,
-)
+from planner_service.search.compiled_oracle import compiled
+from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = ["search"]
 
-START_RADIUS, LEAST_RADIUS, ALPHA = 0.3, 0.075, 1e-4
-"""Of a node that could not be extended: how near samples must be at first and at the least, as shares of the longest
-distance in the space; and how fast that changes with each step that is not free, or is."""
-
-MAX_LEFT_OUT = 1000
-"""Samples left out in a row for being too far away, after which the next is used wherever it is."""
-
-MAX_REFUTED = 8
-"""Paths with an edge that was not free after all, after which edges are no longer judged coarsely first."""
-
-Grown = tuple[Sequence[Sequence[float]], list[tuple[int, int]]]
-"""Milestones, and the pairs of them that are joined."""
-
-_FAR_AWAY = 1e100
-"""Where nodes that were cut off are: farther than any other."""
-
-
-MAX_IDLE = 2000
-"""Steps in a row of which constraints left nothing, after which the search gives up."""
-
 _WORD = 2**64 - 1
-
-
-class _Run(Protocol):
-    """One search: the compiled ``BalancedSearch`` or its reference."""
-
-    def run(self, start: Configuration, goals: Sequence[Configuration]) -> Sequence[Sequence[float]]:
-        """A path. Without constraints only an exception of the oracle ends it without one; with them also that nothing
-        was left to judge for long: the path is then empty."""
-
-    def grown(self) -> Grown:
-        """The milestones of both trees, and which of them are joined."""
 
 
 def search(problem: SearchProblem, longest: float) -> SearchResult:
@@ -74,16 +32,10 @@ def search(problem: SearchProblem, longest: float) -> SearchResult:
     """
     start, goals = tuple(problem.start.tolist()), list(map(tuple, problem.goals.tolist()))
     seed = (problem.seed ^ problem.seed >> 64) & _WORD
-    oracle, core = problem.oracle, load_core()
-    run: _Run
+    oracle, bounds = compiled(problem.oracle, problem.poll), (problem.lower.tolist(), problem.upper.tolist())
+    run = load_core().BalancedSearch(oracle.core, *bounds, longest, seed, problem.projector)
     try:
-        if isinstance(oracle, SearchOracle | TieredOracle) and oracle.core is not None and core is not None:
-            bounds = problem.lower.tolist(), problem.upper.tolist()
-            run = core.BalancedSearch(oracle.core, *bounds, longest, seed, problem.projector)
-            path = oracle.counted(partial(run.run, start, goals))
-        else:
-            run = _Reference(problem, longest, seed)
-            path = run.run(start, goals)
+        path = oracle.counted(partial(run.run, start, goals))
     finally:
         if problem.grown is not None:
             milestones, edges = run.grown()
@@ -91,233 +43,3 @@ def search(problem: SearchProblem, longest: float) -> SearchResult:
     if not path:
         return SearchResult(waypoints=None)
     return SearchResult(waypoints=np.array(path), goal_index=goals.index(tuple(path[-1])))
-
-
-class _Reference:
-    """The same as native/search/balanced.cpp, for any oracle, step by step."""
-
-    def __init__(self, problem: SearchProblem, longest: float, seed: int) -> None:
-        self._oracle = of_tuples(problem.oracle)
-        self._coarse = hasattr(problem.oracle, "edge_is_free_coarse")
-        self._poll, self._longest = problem.poll, longest
-        self._lower, self._upper = problem.lower.tolist(), problem.upper.tolist()
-        extent = joint_distance(self._lower, self._upper)
-        self._start_radius, self._least_radius = START_RADIUS * extent, LEAST_RADIUS * extent
-        self._generator = _Generator(seed)
-        self._start, self._goal = _Tree(len(self._lower)), _Tree(len(self._lower))
-        self._refuted = self._left_out = self._idle = 0
-        self._projector, self._stride = problem.projector, longest
-
-    def run(self, start: Configuration, goals: Sequence[Configuration]) -> list[Configuration]:
-        """See ``_Run``."""
-        self._start.add(start, -1, confirmed=True)
-        for goal in goals:
-            self._goal.add(goal, -1, confirmed=True)
-        while self._idle < MAX_IDLE:
-            self._poll()
-            from_start = len(self._start.nodes) <= len(self._goal.nodes)
-            tree, other = (self._start, self._goal) if from_start else (self._goal, self._start)
-            node = self._extended(tree)
-            met = -1 if node < 0 else self._connected(other, tree.nodes[node])
-            if met < 0:
-                continue
-            at_start, at_goal = (node, met) if from_start else (met, node)
-            if self._confirmed(self._start, at_start) and self._confirmed(self._goal, at_goal):
-                return [*reversed(self._start.branch(at_start)), *self._goal.branch(at_goal)[1:]]
-            self._refuted += 1
-            if self._refuted == MAX_REFUTED:
-                self._coarse = False
-                for each in (self._start, self._goal):
-                    for k in range(len(each.nodes)):
-                        _ = each.cut_off[k] or self._confirm(each, k)
-        return []
-
-    def grown(self) -> Grown:
-        """See ``_Run``."""
-        milestones: list[Configuration] = []
-        edges: list[tuple[int, int]] = []
-        for tree in (self._start, self._goal):
-            numbers: dict[int, int] = {}
-            for node in (k for k, off in enumerate(tree.cut_off) if not off):
-                numbers[node] = len(milestones)
-                milestones.append(tree.nodes[node])
-                if tree.parents[node] >= 0:
-                    edges.append((numbers[tree.parents[node]], numbers[node]))
-        return milestones, edges
-
-    def _extended(self, tree: _Tree) -> int:
-        """The node by which a tree grew towards a random configuration; -1 if it did not grow."""
-        drawn = tuple(
-            low + (high - low) * self._generator.uniform() for low, high in zip(self._lower, self._upper, strict=True)
-        )
-        nearest, distance = tree.nearest(drawn)
-        if distance > tree.radii[nearest] and self._left_out < MAX_LEFT_OUT:
-            self._left_out += 1
-            return -1
-        self._left_out = 0
-        node, radius = nearest, tree.radii[nearest]
-        if self._projector is not None:
-            node = self._walked(self._projector, tree, nearest, drawn, self._longest, target_is_node=False)
-        else:
-            fresh = self._step(tree.nodes[nearest], drawn, distance, self._longest)
-            if self._step_is_free(tree.nodes[nearest], fresh, Known.START):
-                node = tree.add(fresh, nearest, confirmed=not self._coarse)
-        if node == nearest:
-            less = max(radius * (1.0 - ALPHA), self._least_radius)
-            tree.radii[nearest] = self._start_radius if math.isinf(radius) else less
-            return -1
-        tree.radii[nearest] *= 1.0 + ALPHA
-        return node
-
-    def _connected(self, tree: _Tree, target: Configuration) -> int:
-        """The node by which a tree reached the target, growing towards it step by step; -1 if it did not."""
-        node, distance = tree.nearest(target)
-        if self._projector is not None:
-            node = self._walked(self._projector, tree, node, target, math.inf, target_is_node=True)
-            return node if tree.nodes[node] == target else -1
-        while distance > 0.0:
-            fresh = self._step(tree.nodes[node], target, distance, self._longest)
-            known = Known.BOTH if distance <= self._longest else Known.START  # the target is a node of the other tree
-            if not self._step_is_free(tree.nodes[node], fresh, known):
-                return -1
-            node = tree.add(fresh, node, confirmed=not self._coarse)
-            distance = joint_distance(fresh, target)
-        return node
-
-    def _walked(
-        self, projector: Projector, tree: _Tree, node: int, target: Configuration, most: float, *, target_is_node: bool
-    ) -> int:
-        """The node that a tree reached on its way towards a target, at most ``most`` far, by steps that keep the
-        constraints: halved until they do, then doubled again."""
-        gone, stride = 0.0, self._stride
-        while gone < most:
-            self._poll()
-            near = tree.nodes[node]
-            distance = joint_distance(near, target)
-            if not distance > 0.0:
-                break
-            step = min(stride, distance)
-            arrives = target_is_node and step == distance
-            fresh = self._step(near, target, distance, step)
-            kept = projector.step(near, fresh, target, distance, step, arrives)
-            if kept is None:
-                if step <= LEAST_STRIDE:
-                    self._idle += 1
-                    break
-                stride = step / 2.0
-                continue
-            self._idle = 0
-            if not self._step_is_free(near, kept, Known.BOTH if arrives else Known.START):
-                break
-            gone += joint_distance(near, kept)
-            node = tree.add(kept, node, confirmed=not self._coarse)
-            self._stride = step
-            stride = min(2.0 * step, self._longest)
-        return node
-
-    def _step(self, a: Configuration, b: Configuration, distance: float, longest: float) -> Configuration:
-        if distance <= longest:
-            return b
-        share = longest / distance
-        return tuple(x + (y - x) * share for x, y in zip(a, b, strict=True))
-
-    def _step_is_free(self, a: Configuration, b: Configuration, known: Known) -> bool:
-        judge = self._oracle.edge_is_free_coarse if self._coarse else self._oracle.edge_is_free
-        return judge(a, b, known=known)
-
-    def _confirmed(self, tree: _Tree, node: int) -> bool:
-        """Whether all edges from a node to its root are free; the first that is not is cut off."""
-        while tree.parents[node] >= 0:
-            if not self._confirm(tree, node):
-                return False
-            node = tree.parents[node]
-        return True
-
-    def _confirm(self, tree: _Tree, node: int) -> bool:
-        """Whether the edge to a node is free at all its samples; the node is cut off if not."""
-        if not tree.confirmed[node]:
-            before = tree.nodes[tree.parents[node]]
-            tree.confirmed[node] = self._oracle.edge_is_free(before, tree.nodes[node], known=Known.BOTH)
-            if not tree.confirmed[node]:
-                tree.cut(node)
-        return tree.confirmed[node]
-
-
-class _Tree:
-    """A tree of configurations, cut off or not.
-
-    Attributes:
-        nodes: The configurations in the order in which they came.
-        parents: Of each node; -1 for a root.
-        radii: How far from each node samples may be that it is extended towards.
-        confirmed: Whether all samples of the edge from the parent were judged.
-        cut_off: Whether the node is no longer part of the tree.
-    """
-
-    def __init__(self, n: int) -> None:
-        self.nodes: list[Configuration] = []
-        self.parents: list[int] = []
-        self.radii: list[float] = []
-        self.confirmed: list[bool] = []
-        self.cut_off: list[bool] = []
-        self._points = np.full((64, n), _FAR_AWAY)
-
-    def add(self, q: Configuration, parent: int, *, confirmed: bool) -> int:
-        """Add a node; returns its number."""
-        count = len(self.nodes)
-        if count == len(self._points):
-            self._points = np.concatenate([self._points, np.full(self._points.shape, _FAR_AWAY)])
-        self._points[count] = q
-        self.nodes.append(q)
-        self.parents.append(parent)
-        self.radii.append(math.inf)
-        self.confirmed.append(confirmed)
-        self.cut_off.append(False)
-        return count
-
-    def nearest(self, q: Configuration) -> tuple[int, float]:
-        """The node nearest to q, of several the first, and its distance."""
-        squares = np.zeros(len(self.nodes))
-        for column, value in zip(self._points[: len(self.nodes)].T, q, strict=True):
-            squares = squares + (value - column) * (value - column)
-        node = int(np.argmin(squares))
-        return node, math.sqrt(squares[node])
-
-    def cut(self, node: int) -> None:
-        """Take a node and all that grew from it out of the tree."""
-        for k in range(node, len(self.nodes)):
-            if k == node or (self.parents[k] >= 0 and self.cut_off[self.parents[k]]):
-                self.cut_off[k] = True
-                self._points[k] = _FAR_AWAY
-
-    def branch(self, node: int) -> list[Configuration]:
-        """The configurations from a node to its root."""
-        out = []
-        while node >= 0:
-            out.append(self.nodes[node])
-            node = self.parents[node]
-        return out
-
-
-class _Generator:
-    """Random numbers that are the same on every machine: xoshiro256++ (Blackman & Vigna, ACM TOMS 47(4), 2021)."""
-
-    def __init__(self, seed: int) -> None:
-        self._state: list[int] = []
-        for _ in range(4):  # by splitmix64, as its authors advise
-            seed = (seed + 0x9E3779B97F4A7C15) & _WORD
-            z = ((seed ^ (seed >> 30)) * 0xBF58476D1CE4E5B9) & _WORD
-            z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _WORD
-            self._state.append(z ^ (z >> 31))
-
-    def uniform(self) -> float:
-        """In [0, 1), a multiple of 2^-53."""
-        a, b, c, d = self._state
-        total = (_turned((a + d) & _WORD, 23) + a) & _WORD
-        c, d = c ^ a, d ^ b
-        self._state = [a ^ d, b ^ c, c ^ (b << 17 & _WORD), _turned(d, 45)]
-        return (total >> 11) * 2.0**-53
-
-
-def _turned(word: int, by: int) -> int:
-    return (word << by | word >> (64 - by)) & _WORD

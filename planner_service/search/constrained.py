@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from planner_service.collision import Known
 from planner_service.collision.checker import EdgeHit
-from planner_service.kinematics.projection import Projector
 from planner_service.native.loading import load_core
 from planner_service.search.edge_cache import SearchOracle, State
 from planner_service.search.problem import Configuration
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 __all__ = ["ConstrainedOracle"]
 
@@ -26,11 +28,9 @@ class ConstrainedOracle:
         core: As of ``SearchOracle``.
     """
 
-    def __init__(self, oracle: SearchOracle, projector: Projector) -> None:
+    def __init__(self, oracle: SearchOracle, projector: _core.Projector) -> None:
         self.inner, self.projector = oracle, projector
-        core = load_core()
-        compiled = core is not None and oracle.core is not None and isinstance(projector, core.Projector)
-        self.core = core.ConstrainedOracle(oracle.core, projector) if core is not None and compiled else None
+        self.core: _core.ConstrainedOracle = load_core().ConstrainedOracle(oracle.core, projector)
 
     def counted(self, ask: Callable[[], T]) -> T:
         """As of ``SearchOracle``."""
@@ -60,6 +60,10 @@ class ConstrainedOracle:
     def boxed_in(self) -> str:
         """As of ``SearchOracle``."""
         return self.inner.boxed_in()
+
+    def blocker_of(self, pair: int) -> str:
+        """As of ``SearchOracle``."""
+        return self.inner.blocker_of(pair)
 
     def keeps(self, q1: State, q2: State) -> bool:
         """Whether the edge keeps the constraints."""

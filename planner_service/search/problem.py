@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, all_read_only
 from planner_service.geometry.validation import whole
-from planner_service.kinematics.projection import Projector
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 __all__ = [
     "SELF",
@@ -158,7 +160,7 @@ class SearchProblem:
     poll: Callable[[], None] = _never
     reach: FloatArray | None = None
     grown: Callable[[FloatArray, list[tuple[int, int]]], None] | None = None
-    projector: Projector | None = None
+    projector: _core.Projector | None = None
 
     def __post_init__(self) -> None:
         start, goals, lower, upper = all_read_only(self.start, self.goals, self.lower, self.upper)

@@ -23,7 +23,7 @@ from planner_service import (
     pick,
     top_grasps,
 )
-from planner_service.collision.backends import BackendName
+from planner_service.collision.checker import BackendName
 from planner_service.geometry.arrays import FloatArray
 
 Work = Callable[[], object]

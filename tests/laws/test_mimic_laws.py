@@ -19,7 +19,7 @@ from planner_service.constraints.values import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.kinematics.projection import ReferenceProjector, projector_of
+from planner_service.kinematics.projection import projector_of
 from planner_service.kinematics.tool_arm import descended
 from planner_service.kinematics.tool_speed import tool_speeds
 from planner_service.path.joint_path import JointPath
@@ -27,6 +27,7 @@ from planner_service.records.robot import RobotRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 from tests.laws.test_proof_laws import agreed
+from tests.reference.projector import ReferenceProjector
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import built, joint, link, solid, urdf
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.studies.differential import STEP, case
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision.backends import BackendName
+from planner_service.collision.checker import BackendName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene

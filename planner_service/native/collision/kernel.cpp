@@ -94,6 +94,7 @@ class Kernel {
            const NumberRows& pairs, const std::vector<Rows>& hulls, double margin, const std::string& variant) {
         require_finite(&margin, 1);
         model_.margin = margin;
+        if (variant == doubter.name) variant_ = &doubter;
         for (const auto* found : variants())
             if (variant.empty() || variant == found->name) variant_ = found;
         require(variant_ != nullptr, "this processor has no such instruction set");
@@ -156,7 +157,6 @@ class Kernel {
         require(table_lower.size() == n && table_upper.size() == n, "limits of another robot");
         require_finite(table_lower.data(), n);
         require_finite(table_upper.data(), n);
-        require(!motion_steps.empty() || !joint_steps.empty(), "at least one step");
         for (const double step : motion_steps) require(step > 0.0, "a step is positive");
         for (const double step : joint_steps) require(step > 0.0, "a step is positive");
         require(1 <= coarse_segments && coarse_segments <= 1000, "1 to 1000 segments between coarse samples");
@@ -226,7 +226,6 @@ class Kernel {
     Model model_;
     Settings settings_;
     const Variant* variant_ = nullptr;
-    int pairs_ = 0;
     nb::object free_ = nb::cast(RowCheck{});  // of every free state the same: to make one takes as long as some checks
     nb::object array_ = nb::module_::import_("numpy").attr("ndarray");
 
@@ -254,7 +253,7 @@ class Kernel {
     }
 
     // How many pairs there are in some configurations.
-    std::int64_t pairs_of(int rows) const { return static_cast<std::int64_t>(rows) * pairs_; }
+    std::int64_t pairs_of(int rows) const { return static_cast<std::int64_t>(rows) * model_.pairs; }
 
     int rows_of(const Rows& Q) const {
         require(Q.shape(1) == static_cast<std::size_t>(model_.dof), "a configuration of another robot");
@@ -381,7 +380,7 @@ class Kernel {
         const std::size_t obstacles = model_.run_first.size();
         model_.first_pair.assign(model_.riders.size() * obstacles, -1);
         const auto count = whole(static_cast<std::int64_t>(pairs.shape(0)), 0, 2'000'000'000, "too many pairs");
-        pairs_ = count;
+        model_.pairs = count;
         std::int64_t with_world = 0;
         for (int k = 0; k < count; ++k) {
             const int i = whole(pairs.data()[2 * k], 0, riding - 1, "the first of a pair rides");

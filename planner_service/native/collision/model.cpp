@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <new>
+#include <numeric>
 
 namespace collision {
 
@@ -106,6 +107,35 @@ void* Workspace::of(std::size_t bytes) {
     }
     return data_;
 }
+
+namespace {
+
+std::size_t no_bytes(const Model& /*model*/) { return 1; }
+
+void find_all(const Model& model, const double* /*q*/, unsigned lanes, const double* /*by*/, void* /*workspace*/,
+              Candidates& candidates) {
+    candidates.entries.clear();
+    for (int pair = 0; pair < model.pairs; ++pair) {
+        Candidate all{};
+        all.pair = pair;
+        all.lanes = lanes;
+        candidates.entries.push_back(all);
+    }
+}
+
+FirstDoubted doubt_all(const Model& model, const double* /*q*/, unsigned lanes, const std::vector<Candidate>* /*among*/,
+                       void* /*workspace*/, Candidates& candidates) {
+    candidates.doubted.resize(static_cast<std::size_t>(model.pairs));
+    std::iota(candidates.doubted.begin(), candidates.doubted.end(), 0);
+    FirstDoubted first;
+    if (model.pairs > 0)
+        for (first.lane = 0; (lanes >> first.lane & 1U) == 0U; ++first.lane) {}
+    return first;
+}
+
+}  // namespace
+
+const Variant doubter{"fcl", no_bytes, find_all, doubt_all};
 
 std::vector<const Variant*> variants() {
     std::vector<const Variant*> out{&baseline};

@@ -110,6 +110,7 @@ struct Table {
 
 struct Model {
     int dof = 0;  // entries of q; several joints may move by the same one
+    int pairs = 0;
     double margin = 0.0;
     std::vector<Joint> joints;  // of body 1, 2, ...; body 0 is the fixed base
     std::vector<Rider> riders;
@@ -203,6 +204,8 @@ struct Variant {
                                void* workspace, Candidates& candidates);
 };
 
+// Proves nothing: all pairs of the first configuration are doubted, in their order.
+extern const Variant doubter;
 extern const Variant baseline;
 #ifdef KERNEL_X86
 extern const Variant avx2;

@@ -19,7 +19,7 @@ constexpr double NOT_KNOWN = -1.0;  // the distance from a node to the goals
 }  // namespace
 
 Query::Query(const Graph& graph, const Places& places, const Verdicts& milestones, const Verdicts& edges,
-             const Configuration& start, const std::vector<Configuration>& goals, search::EdgeOracle& oracle)
+             const Configuration& start, const std::vector<Configuration>& goals, search::Oracle& oracle)
     : graph_(graph), places_(places), oracle_(oracle), dof_(graph.dof()),
       nodes_(milestones.data(), milestones.data() + milestones.size()), pieces_(edges.data(), edges.data() + edges.size()),
       bounds_(nodes_.size(), NOT_KNOWN), goals_(goals), start_(graph.milestones()), effort_(MAX_NODES) {
@@ -270,6 +270,7 @@ bool Query::milestone_is_free(std::int64_t node) {
 }
 
 bool Query::seems_free(std::int64_t piece) {
+    if (!oracle_.glances()) return piece_is_free(piece);
     const auto [a, b] = ends_of(piece);
     const bool free = oracle_.edge_is_free_coarse(configuration(a), configuration(b), known_ends(a, b));
     if (!free) learn_piece(piece, BLOCKED);

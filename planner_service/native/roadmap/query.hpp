@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "../search/edge_oracle.hpp"
+#include "../search/oracle.hpp"
 #include "graph.hpp"
 #include "places.hpp"
 
@@ -32,7 +32,7 @@ class Query {
 
     // All it is given but the verdicts, the start and the goals outlives it.
     Query(const Graph& graph, const Places& places, const Verdicts& milestones, const Verdicts& edges,
-          const Configuration& start, const std::vector<Configuration>& goals, search::EdgeOracle& oracle);
+          const Configuration& start, const std::vector<Configuration>& goals, search::Oracle& oracle);
 
     // The path and the goal it reaches; none if the roadmap has none.
     std::optional<Route> route(const Carried& carried);
@@ -92,7 +92,7 @@ class Query {
 
     const Graph& graph_;
     const Places& places_;
-    search::EdgeOracle& oracle_;
+    search::Oracle& oracle_;
     std::size_t dof_;
     std::vector<std::int8_t> nodes_, pieces_;
     std::vector<double> bounds_;  // from each node to the nearest goal, where they are known

@@ -34,7 +34,7 @@ void bind(nb::module_& m) {
         });
     nb::class_<Query>(m, "RoadmapQuery")
         .def(nb::init<const Graph&, const Places&, const Verdicts&, const Verdicts&, const Configuration&,
-                      const std::vector<Configuration>&, search::EdgeOracle&>(),
+                      const std::vector<Configuration>&, search::Oracle&>(),
              nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 8>())
         .def("route", [](Query& self, nb::object ask) {
             Query::Carried carried;

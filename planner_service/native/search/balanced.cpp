@@ -7,15 +7,18 @@ namespace search {
 
 namespace {
 
-// These are those of search/balanced.py.
+// Of a node that could not be extended: how near samples must be at first and at the least, as shares of the longest
+// distance in the space; and how fast that changes with each step that is not free, or is.
 constexpr double START_RADIUS = 0.3, LEAST_RADIUS = 0.075, ALPHA = 1e-4;
-constexpr int MAX_LEFT_OUT = 1000, MAX_REFUTED = 8, MAX_IDLE = 2000;
+constexpr int MAX_LEFT_OUT = 1000;  // samples left out in a row for being too far away, after which the next is used
+constexpr int MAX_REFUTED = 8;  // paths with an edge that was not free after all, after which no edge is glanced at
+constexpr int MAX_IDLE = 2000;  // steps in a row of which constraints left nothing, after which the search gives up
 
 }  // namespace
 
 BalancedSearch::BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed)
     : oracle_(oracle), space_(std::move(space)), range_(range), start_radius_(START_RADIUS * space_.extent()),
-      least_radius_(LEAST_RADIUS * space_.extent()), generator_(seed), start_(space_), goal_(space_), stride_(range),
+      least_radius_(LEAST_RADIUS * space_.extent()), generator_(seed), start_(space_), goal_(space_), stride_(range), coarse_(oracle.glances()),
       near_(space_.dof()), drawn_(space_.dof()), fresh_(space_.dof()) {}
 
 std::vector<Configuration> BalancedSearch::run(const Configuration& start, const std::vector<Configuration>& goals) {

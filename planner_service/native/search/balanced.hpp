@@ -1,4 +1,4 @@
-// RRT-Connect with balanced trees and dynamic domains; search/balanced.py is the same in Python and says what it does.
+// RRT-Connect with balanced trees and dynamic domains, as search/balanced.py says.
 #pragma once
 
 #include <utility>
@@ -42,7 +42,7 @@ class BalancedSearch {
     int left_out_ = 0;     // samples in a row
     int idle_ = 0;         // steps in a row that the constraints left nothing of
     double stride_;        // length of the last step that kept the constraints
-    bool coarse_ = true;   // whether edges are judged coarsely first
+    bool coarse_;          // whether edges are judged coarsely first
     Configuration near_, drawn_, fresh_;
 };
 

@@ -1,4 +1,4 @@
-// An oracle that also refuses edges that leave the constraints: search/constrained.py is its reference.
+// An oracle that also refuses edges that leave the constraints.
 #pragma once
 
 #include "../constraints/projector.hpp"
@@ -18,8 +18,12 @@ class ConstrainedOracle final : public Oracle {
     bool edge_is_free_coarse(const Configuration& a, const Configuration& b, int known) override {
         return projector_.keeps(a, b) && oracle_.edge_is_free_coarse(a, b, known);
     }
+    bool glances() const override { return oracle_.glances(); }
+    bool state_is_free(const Configuration& q) override { return oracle_.state_is_free(q); }
     bool states_are_free(const double* Q, int rows) override { return oracle_.states_are_free(Q, rows); }
     int segments(const Configuration& differences) override { return oracle_.segments(differences); }
+    double last_fraction() const override { return oracle_.last_fraction(); }
+    int last_pair() const override { return oracle_.last_pair(); }
     void poll() override { oracle_.poll(); }
 
     bool constrained() const override { return true; }

@@ -36,9 +36,10 @@ std::size_t EdgeOracle::Hash::operator()(const Configuration& q) const {
 
 EdgeOracle::EdgeOracle(const collision::Model& model, const collision::Variant& variant,
                        const collision::Settings& settings, const std::vector<Configuration>& starts,
-                       const std::vector<Configuration>& goals, Decide decide, Poll poll)
+                       const std::vector<Configuration>& goals, Decide decide, Poll poll,
+                       Split split)
     : model_(model), variant_(variant), settings_(settings), decide_(std::move(decide)), poll_(std::move(poll)),
-      ends_{starts, goals} {
+      split_(std::move(split)), ends_{starts, goals} {
 }
 
 void EdgeOracle::allow(long room, bool poll_first) {
@@ -57,9 +58,17 @@ void EdgeOracle::poll() {
     account_->next_poll = std::chrono::steady_clock::now() + POLL_EVERY;
 }
 
+// Equal parts of an edge; 0 if there would be too many.
+int EdgeOracle::parts(const Configuration& a, const Configuration& b) const {
+    if (!split_) return collision::segments_of(settings_, a, b);
+    Configuration differences(a.size());
+    for (std::size_t k = 0; k < a.size(); ++k) differences[k] = b[k] - a[k];
+    return split_(differences);
+}
+
 collision::Edge EdgeOracle::sampled(const Configuration& a, const Configuration& b, int known) {
     const bool inside = collision::within_limits(settings_, a) && collision::within_limits(settings_, b);
-    const int segments = inside ? collision::segments_of(settings_, a, b) : 0;
+    const int segments = inside ? parts(a, b) : 0;
     if (segments == 0) {
         account_->refused.emplace(a, b);
         throw Ended("an edge that cannot be judged");
@@ -143,12 +152,12 @@ bool EdgeOracle::state_is_free(const Configuration& q) {
 
 int EdgeOracle::segments(const Configuration& differences) {
     const Configuration nowhere(differences.size(), 0.0);
-    const int parts = collision::segments_of(settings_, nowhere, differences);
-    if (parts == 0) {
+    const int count = parts(nowhere, differences);
+    if (count == 0) {
         account_->refused.emplace(nowhere, differences);
         throw Ended("a motion of too many samples");
     }
-    return parts;
+    return count;
 }
 
 // Counts a motion if it starts or ends at a start or goal.

@@ -1,6 +1,6 @@
 // The collision kernel as searching and smoothing use it: free edges are remembered, everything is counted, limits hold.
 //
-// The compiled ``SearchOracle`` of search/edge_cache.py, which is its reference: same answers, same counts.
+// Its Python side is ``SearchOracle`` of search/edge_cache.py.
 #pragma once
 
 #include <array>
@@ -50,16 +50,18 @@ class EdgeOracle final : public Oracle {
     using Decide = std::function<int(const Configuration& q, const std::vector<int>& pairs)>;
     // Throws if the call is over its time or cancelled.
     using Poll = std::function<void()>;
+    // Equal parts of an edge with these joint differences, by a rule of the user's own.
+    using Split = std::function<int(const Configuration& differences)>;
 
     // The model and the settings stay where they are as long as this exists.
     EdgeOracle(const collision::Model& model, const collision::Variant& variant, const collision::Settings& settings,
-               const std::vector<Configuration>& starts, const std::vector<Configuration>& goals, Decide decide, Poll poll);
+               const std::vector<Configuration>& starts, const std::vector<Configuration>& goals, Decide decide, Poll poll,
+               Split split);
 
     bool edge_is_free(const Configuration& a, const Configuration& b, int known) override;
     bool edge_is_free_coarse(const Configuration& a, const Configuration& b, int known) override;
     bool states_are_free(const double* Q, int rows) override;
-    // Whether one configuration, which must be within the joint limits, is free.
-    bool state_is_free(const Configuration& q);
+    bool state_is_free(const Configuration& q) override;  // q must be within the joint limits
     int segments(const Configuration& differences) override;
     void poll() override;
 
@@ -75,9 +77,8 @@ class EdgeOracle final : public Oracle {
     bool spent() const { return account_->spent; }
     const std::optional<std::pair<Configuration, Configuration>>& refused() const { return account_->refused; }
 
-    // The collision found last.
-    double last_fraction() const { return account_->last_fraction; }
-    int last_pair() const { return account_->last_pair; }
+    double last_fraction() const override { return account_->last_fraction; }
+    int last_pair() const override { return account_->last_pair; }
     const Motions& starts_tried() const { return tried_[0]; }
     const Motions& goals_tried() const { return tried_[1]; }
 
@@ -87,6 +88,7 @@ class EdgeOracle final : public Oracle {
     };
     using JudgedEdges = std::unordered_map<Configuration, bool, Hash>;
 
+    int parts(const Configuration& a, const Configuration& b) const;
     collision::Edge sampled(const Configuration& a, const Configuration& b, int known);
     template <class Rows>
     bool rows_are_free(const Rows& rows, int start, int stop);
@@ -98,6 +100,7 @@ class EdgeOracle final : public Oracle {
     const collision::Settings& settings_;
     Decide decide_;
     Poll poll_;
+    Split split_;  // none if the settings say how
     std::array<std::vector<Configuration>, 2> ends_;  // starts, goals
     std::array<Motions, 2> tried_;
     JudgedEdges edges_;  // those not found to collide, both ends in one; whether all of their samples were judged

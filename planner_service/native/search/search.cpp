@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "../collision/kernel.hpp"
+#include "asked_oracle.hpp"
 #include "balanced.hpp"
 #include "constrained_oracle.hpp"
 #include "edge_oracle.hpp"
@@ -36,23 +37,64 @@ EdgeOracle::Poll poll_by(nb::object ask) {
     };
 }
 
+EdgeOracle::Split split_by(nb::object ask) {
+    if (ask.is_none()) return {};
+    return [ask](const Configuration& differences) {
+        const nb::gil_scoped_acquire locked;
+        return nb::cast<int>(ask(differences));
+    };
+}
+
+nb::tuple tuple_of(const Configuration& q) { return nb::tuple(nb::cast(q)); }
+
+std::function<bool(const Configuration&, const Configuration&, int)> edge_by(nb::object ask) {
+    if (ask.is_none()) return {};
+    return [ask](const Configuration& a, const Configuration& b, int known) {
+        const nb::gil_scoped_acquire locked;
+        return nb::cast<bool>(ask(tuple_of(a), tuple_of(b), known));
+    };
+}
+
+AskedOracle::Answers answers_by(nb::object state, nb::object edge, nb::object coarse, nb::object last, nb::object poll) {
+    return {[state](const Configuration& q) {
+                const nb::gil_scoped_acquire locked;
+                return nb::cast<bool>(state(tuple_of(q)));
+            },
+            edge_by(std::move(edge)), edge_by(std::move(coarse)),
+            [last] {
+                const nb::gil_scoped_acquire locked;
+                return nb::cast<std::pair<double, int>>(last());
+            },
+            poll_by(std::move(poll))};
+}
+
 }  // namespace
 
 void bind(nb::module_& m) {
-    nb::class_<Oracle>(m, "Oracle");
+    nb::class_<Oracle>(m, "Oracle")
+        .def("state_is_free", &Oracle::state_is_free)
+        .def("edge_is_free", &Oracle::edge_is_free)
+        .def("edge_is_free_coarse", &Oracle::edge_is_free_coarse);
+    nb::class_<AskedOracle, Oracle>(m, "AskedOracle")
+        .def(
+            "__init__",
+            [](AskedOracle* self, nb::object state, nb::object edge, nb::object coarse, nb::object last, nb::object poll) {
+                new (self) AskedOracle(answers_by(std::move(state), std::move(edge), std::move(coarse), std::move(last),
+                                                  std::move(poll)));
+            },
+            nb::arg("state"), nb::arg("edge"), nb::arg("coarse").none(), nb::arg("last"), nb::arg("poll"));
     nb::class_<EdgeOracle, Oracle>(m, "EdgeOracle")
         .def(
             "__init__",
             [](EdgeOracle* self, nb::handle kernel, const std::vector<Configuration>& starts,
-               const std::vector<Configuration>& goals, nb::object decide, nb::object poll) {
+               const std::vector<Configuration>& goals, nb::object decide, nb::object poll,
+               nb::object split) {
                 const auto view = collision::view_of(kernel);
                 new (self) EdgeOracle(view.model, view.variant, view.settings, starts, goals, decide_by(std::move(decide)),
-                                      poll_by(std::move(poll)));
+                                      poll_by(std::move(poll)), split_by(std::move(split)));
             },
-            nb::arg("kernel"), nb::arg("starts"), nb::arg("goals"), nb::arg("decide"), nb::arg("poll"),
+            nb::arg("kernel"), nb::arg("starts"), nb::arg("goals"), nb::arg("decide"), nb::arg("poll"), nb::arg("split").none(),
             nb::keep_alive<1, 2>())
-        .def("edge_is_free", &EdgeOracle::edge_is_free)
-        .def("edge_is_free_coarse", &EdgeOracle::edge_is_free_coarse)
         .def("allow", &EdgeOracle::allow)
         .def("take",
              [](EdgeOracle& self) {

@@ -61,6 +61,11 @@ bool TieredOracle::parts_are_free(const Configuration& a, const Configuration& b
     return true;
 }
 
+bool TieredOracle::state_is_free(const Configuration& q) {
+    EdgeOracle* tight = tight_at(q);
+    return (tight != nullptr ? *tight : roomy_).state_is_free(q);
+}
+
 bool TieredOracle::edge_is_free(const Configuration& a, const Configuration& b, int known) {
     return parts_are_free(a, b, known, [](EdgeOracle& oracle, const Configuration& p, const Configuration& q, int ends) {
         return oracle.edge_is_free(p, q, ends);

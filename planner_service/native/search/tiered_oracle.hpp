@@ -1,5 +1,4 @@
-// Less padding near starts and goals that are closer to something than the padding of the rest: the compiled
-// ``TieredOracle`` of search/edge_cache.py, which is its reference.
+// Less padding near starts and goals that are closer to something than the padding of the rest.
 #pragma once
 
 #include <utility>
@@ -16,8 +15,11 @@ class TieredOracle final : public Oracle {
 
     bool edge_is_free(const Configuration& a, const Configuration& b, int known) override;
     bool edge_is_free_coarse(const Configuration& a, const Configuration& b, int known) override;
+    bool state_is_free(const Configuration& q) override;
     bool states_are_free(const double* Q, int rows) override { return roomy_.states_are_free(Q, rows); }
     int segments(const Configuration& differences) override { return roomy_.segments(differences); }
+    double last_fraction() const override { return roomy_.last_fraction(); }
+    int last_pair() const override { return roomy_.last_pair(); }
     void poll() override { roomy_.poll(); }
 
   private:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
@@ -26,6 +27,8 @@ from planner_service.kinematics.tool_arm import descended
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, JointLimits, Robot
 from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.scene import Scene
+from planner_service.search.edge_cache import SearchOracle
 from planner_service.smoothing.smoothing import blended
 from tests.support.optional import present
 
@@ -467,7 +470,7 @@ def test_a_thinned_line_keeps_its_tolerance_with_few_waypoints_and_blended_corne
         assert (kept[0].tolist(), kept[-1].tolist()) == (line[0].tolist(), line[-1].tolist())
         assert line[3].tolist() in kept.tolist()
         sharp = JointPath(kept)
-        smooth = blended(sharp, lambda path, k: True, line_blends(robot, kept))
+        smooth = blended(sharp, SearchOracle(CollisionChecker(robot, Scene())), line_blends(robot, kept))
         blends += len(sharp.corners) - len(smooth.corners)
         for path in (sharp, smooth):
             tips = np.array([robot.tool_pose(p)[:3] for p in path(np.linspace(0.0, path.length, 400))])

@@ -38,13 +38,13 @@ from planner_service import (
     load_robot,
 )
 from planner_service.collision.budget import TimeBoxSpent
+from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.tool_speed import peak_tool_speed, tool_speeds
-from planner_service.planning import AllowedStretch, Pace
+from planner_service.planning import AllowedStretch, Pace, pipeline
 from planner_service.planning.accounting import certified_path, timed
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.support.optional import present
 from tests.support.refusals import refused_pair
-from tests.support.steps import InPython
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 ROOT = Path(__file__).parents[3]
@@ -198,9 +198,15 @@ def test_blends_make_every_law_faster(timing: Any) -> None:
 def test_blends_that_samples_wrongly_call_free_are_narrowed_until_they_are_proven(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    service, query = PlannerService("wxai", "post", edge_step=InPython()), queries.load("post")[3]
+    service, query = PlannerService("wxai", "post"), queries.load("post")[3]
     second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "post.toml")
-    monkeypatch.setattr(CollisionChecker, "blend_is_free", lambda self, path, k: True)
+
+    def hopeful(path: JointPath, oracle: Any, sizes: FloatArray) -> JointPath:
+        pieces = np.diff(path.knots)
+        inner = np.minimum(sizes[1:-1], 0.499 * np.minimum(pieces[:-1], pieces[1:]))
+        return path.with_blends([0.0, *(inner * [k in path.corners for k in range(1, len(sizes) - 1)]), 0.0])
+
+    monkeypatch.setattr(pipeline, "blended", hopeful)
     result = service.plan(asked(query.start, query.goal, seed=query.number))
     path = result.unwrap()[0]
     assert result.stage(Stage.CERTIFY).counts.distances > present(result.certificate).distances, (

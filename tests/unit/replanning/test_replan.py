@@ -38,7 +38,6 @@ from planner_service import (
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
-from planner_service.collision import Known
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan
@@ -46,7 +45,6 @@ from planner_service.records.result import ResultRecord, result_record
 from planner_service.replanning import Outcome, Replanned
 from planner_service.replanning.splice import HOLD, Underway
 from planner_service.scene.scene import Scene
-from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.timing.limit_check import peaks
 from tests.support.optional import present
 
@@ -608,33 +606,6 @@ def test_a_motion_outside_the_limits_is_another_robots() -> None:
 def test_what_is_no_plan_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="previous"):
         room().replan(JointPath(BENT), at_time=0.0)  # type: ignore[arg-type]
-
-
-def asked_of(a: tuple[float, ...], b: tuple[float, ...], *ends: tuple[float, ...]) -> list[tuple[str, float, float]]:
-    """Which oracle of a tiered one, of the arm among nothing, is asked from where to where along the first joint."""
-    told: list[tuple[str, float, float]] = []
-
-    class Told(SearchOracle):
-        def __init__(self, name: str) -> None:
-            self.name, self.core = name, None
-
-        def edge_is_free(self, q1: Any, q2: Any, *, known: Known = Known.NEITHER) -> bool:
-            told.append((self.name, q1[0], q2[0]))
-            return True
-
-    tight = {end: Told(f"tight {k}") for k, end in enumerate(ends)}
-    assert TieredOracle(Told("roomy"), tight).edge_is_free(a, b)
-    return told
-
-
-def test_of_an_edge_only_what_is_near_a_tight_end_keeps_less() -> None:
-    a, b, c = (0.0, 0.0), (1.0, 0.0), (0.25, 0.0)
-    assert asked_of(a, b) == [("roomy", 0.0, 1.0)]
-    assert asked_of(a, b, a) == [("tight 0", 0.0, 0.2), ("roomy", 0.2, 1.0)]
-    assert asked_of(a, b, b) == [("roomy", 0.0, 0.8), ("tight 0", 0.8, 1.0)]
-    assert asked_of(a, b, a, b) == [("tight 0", 0.0, 0.2), ("roomy", 0.2, 0.8), ("tight 1", 0.8, 1.0)]
-    assert asked_of(a, c, a, c) == [("tight 0", 0.0, 0.125), ("tight 1", 0.125, 0.25)]
-    assert asked_of(a, (0.1, 0.0), a) == [("tight 0", 0.0, 0.1)]
 
 
 # -- what it is made of ---------------------------------------------------------------------------

@@ -1,18 +1,14 @@
-"""The compiled search of a roadmap finds the paths of the Python code, and learns the same."""
+"""What compiled queries of a roadmap refuse."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from planner_service import PRM, InvalidRequest, LazyPRM, PlannerService, PlanRequest, Roadmap
+from planner_service import InvalidRequest, PlannerService, Roadmap
 from planner_service.native.loading import load_core
-from planner_service.roadmap import graph, nearest, query
-from planner_service.roadmap.nearest import nearest_places
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem, SearchSpace
 from tests.support.optional import present
@@ -22,34 +18,6 @@ if TYPE_CHECKING:
 
 DISCS = PlannerService("planar2", "discs")
 DISCS_SPACE = SearchSpace(DISCS.robot.limits.lower, DISCS.robot.limits.upper, SearchOracle(DISCS.checker))
-
-
-def asked(roadmap: Roadmap) -> list[tuple[object, ...]]:
-    """Paths, counts and what was learned of some queries, each of the roadmap that the one before left."""
-    rng, found = np.random.default_rng(3), list[tuple[object, ...]]()
-    limits, checker = DISCS.robot.limits, DISCS.checker
-    Q = rng.uniform(limits.lower, limits.upper, (40, 2))
-    free = Q[checker.states_are_free(Q)]
-    for k, (start, goal) in enumerate(pairwise(free)):
-        result = DISCS.plan(PlanRequest(start, (goal, free[-1 - k]), time_limit=None, planner=roadmap))
-        roadmap = result.roadmap or roadmap
-        waypoints = None if result.path is None else result.path.waypoints.tobytes()
-        stages = [(report.stage, report.counts, report.note) for report in result.stages]
-        found.append((waypoints, stages, roadmap.hash))
-    return found
-
-
-@pytest.mark.parametrize("remember", [False, True], ids=["forgets", "remembers"])
-@pytest.mark.parametrize("grower", [PRM(milestones=60), LazyPRM(milestones=60)], ids=lambda p: p.name)
-def test_queries_are_answered_as_in_python(
-    grower: PRM | LazyPRM, remember: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    roadmap = replace(DISCS.build_roadmap(grower, progress=False), remember=remember)
-    compiled = asked(roadmap)
-    for module in (query, graph, nearest):
-        monkeypatch.setattr(module, "load_core", lambda: None)
-    assert asked(roadmap) == compiled
-    assert any(note.startswith("roadmap") and "try" not in note for _, stages, _ in compiled for *_, note in stages)  # type: ignore[attr-defined]
 
 
 def of_a_grid(size: int) -> Roadmap:
@@ -62,56 +30,7 @@ def of_a_grid(size: int) -> Roadmap:
     return Roadmap.of(np.stack(np.divmod(rows.ravel(), size), axis=1) / 2.0, np.concatenate([beside, above, across]))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.6, 1.0])
-@pytest.mark.parametrize("size", [0, 3, 40])
-@pytest.mark.parametrize("paths", [0, 5])
-def test_the_nearest_places_are_those_of_python(
-    size: int, paths: int, share: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rng = np.random.default_rng(size)
-    for roadmap in (of_a_grid(size), LazyPRM(milestones=400).grow(DISCS_SPACE)) if size else (of_a_grid(0),):
-        for _ in range(paths):
-            roadmap = roadmap.with_path(rng.integers(0, 40, (4, 2)) / 4.0)
-        offered = rng.random(len(roadmap.milestones)) < 0.7, rng.random(len(roadmap.edges)) < share
-        for q in [*rng.random((5, 2)) * 10.0, *rng.integers(0, 40, (5, 2)) / 4.0]:
-            compiled = [*nearest_places(roadmap.graph, *offered, q)]
-            with monkeypatch.context() as patch:
-                patch.setattr(nearest, "load_core", lambda: None)
-                assert [*nearest_places(roadmap.graph, *offered, q)] == compiled
-
-
-def test_places_beyond_the_last_that_is_looked_at_are_those_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    roadmap, rng = of_a_grid(60), np.random.default_rng(5)
-    offered, free = np.ones(len(roadmap.milestones), dtype=bool), rng.random(len(roadmap.edges)) < 0.5
-    q = np.array([13.317, 14.2041])
-    compiled = [*nearest_places(roadmap.graph, offered, free, q)]
-    monkeypatch.setattr(nearest, "load_core", lambda: None)
-    assert [*nearest_places(roadmap.graph, offered, free, q)] == compiled
-    assert 100 < len(compiled) < 1024
-
-
-@pytest.mark.parametrize("states", [0, 1, 7, 20, 60, 150, 400])
-def test_a_query_that_is_stopped_has_learned_what_it_has_in_python(
-    states: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    roadmap = DISCS.build_roadmap(LazyPRM(milestones=60), progress=False)
-    limits = DISCS.robot.limits
-    ends = np.array([-2.5, 2.0]), np.array([[2.2, -2.2]])
-
-    def stopped() -> tuple[object, ...]:
-        problem = SearchProblem(*ends, limits.lower, limits.upper, SearchOracle(DISCS.checker))
-        before = DISCS.checker.counts
-        with DISCS.checker.limited(states=states):
-            answer = roadmap.search(problem)
-        waypoints = None if answer.waypoints is None else answer.waypoints.tobytes()
-        return type(answer.stopped), waypoints, answer.roadmap.hash, DISCS.checker.counts - before
-
-    compiled = stopped()
-    monkeypatch.setattr(query, "load_core", lambda: None)
-    assert stopped() == compiled
-
-
-def test_a_milestone_beyond_the_joint_limits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_milestone_beyond_the_joint_limits_is_refused() -> None:
     limits = DISCS.robot.limits
     start, goal = np.array([-2.5, 2.0]), np.array([[2.2, -2.2]])
     roadmap = Roadmap.of([start, limits.upper + 1.0, goal[0]], [(0, 1), (1, 2)])
@@ -119,11 +38,7 @@ def test_a_milestone_beyond_the_joint_limits_is_refused(monkeypatch: pytest.Monk
     before = DISCS.checker.counts
     with pytest.raises(InvalidRequest, match="expected shoulder in"):
         roadmap.search(problem)
-    compiled, before = DISCS.checker.counts - before, DISCS.checker.counts
-    monkeypatch.setattr(query, "load_core", lambda: None)
-    with pytest.raises(InvalidRequest, match="expected shoulder in"):
-        roadmap.search(problem)
-    assert DISCS.checker.counts - before == compiled
+    assert (DISCS.checker.counts - before).states <= 1
 
 
 def test_graphs_that_are_none_are_refused() -> None:

@@ -12,12 +12,12 @@ import pytest
 from planner_service.errors import InvalidRequest
 from planner_service.planners import PRM, LazyPRM
 from planner_service.roadmap import Roadmap, Verdict
-from planner_service.roadmap.graph import EdgePoints, Graph, Trunk
-from planner_service.roadmap.nearest import nearest_places
+from planner_service.roadmap.graph import SPACING, Graph
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from planner_service.search.problem import SearchProblem
 from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
 from tests.support.optional import present
+from tests.support.roadmaps import nearest_places, points_along
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
 
@@ -248,12 +248,6 @@ def test_a_trunk_is_a_part_of_its_graph(grown: tuple[int, int]) -> None:
         Graph.of(np.array(CORNERS), np.array(SIDES), np.ones(2), grown)
 
 
-def test_however_long_the_edges_of_a_trunk_are_it_has_at_most_120000_points_on_them() -> None:
-    edges = np.array([*pairwise(range(301))])
-    trunk = Trunk(np.array([[200.0 * k] for k in range(301)]), edges, np.ones(1))
-    assert 110_000 < len(trunk.edge_points.edge) <= 120_000
-
-
 @pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
 def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
     rng = np.random.default_rng(4)
@@ -262,8 +256,9 @@ def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
         roadmap = roadmap.with_path(rng.random((4, 2)) * 3)
     graph = roadmap.graph
     milestones, edges = rng.random(len(graph.milestones)) < 0.7, rng.random(len(graph.edges)) < share
-    every = EdgePoints.along(graph.trunk, np.arange(len(graph.trunk.edges)), graph.trunk.spacing), graph.added_points
-    spots, on = (np.concatenate([getattr(some, name) for some in every]) for name in ("q", "edge"))
+    grown, count = len(graph.trunk.edges), len(graph.edges)
+    parts = (np.arange(grown), graph.trunk.spacing), (np.arange(grown, count), SPACING)
+    spots, on = map(np.concatenate, zip(*(points_along(graph, *part) for part in parts), strict=True))
     for q in rng.random((10, 2)) * 3:
         nearest = {-1 - k: float(np.abs(graph.milestones[k] - q).sum()) for k in np.flatnonzero(milestones).tolist()}
         for edge, far in zip(on.tolist(), np.abs(spots - q).sum(axis=1).tolist(), strict=True):

@@ -20,6 +20,7 @@ from planner_service.robot_setup import kernel_check as health
 from planner_service.robot_setup.kernel_check import examine
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
+from planner_service.search.edge_cache import SearchOracle
 from planner_service.timing.laws import ToppRa
 
 WORDS = ["doctor", "--states", "200"]
@@ -86,7 +87,13 @@ def test_a_proof_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_a_search_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(health, "pulled_in", lambda path, oracle: path if oracle.core is None else path[::-1])
+    class Known(SearchOracle):
+        def __init__(self, checker: CollisionChecker, *ends: Any) -> None:
+            super().__init__(checker, *ends)
+            self.judge = checker.backend
+
+    monkeypatch.setattr(health, "SearchOracle", Known)
+    monkeypatch.setattr(health, "pulled_in", lambda path, oracle: path if oracle.judge == "fcl" else path[::-1])
     done = CliRunner().invoke(app, WORDS)
     assert done.exit_code == 70
     assert done.output.count(" 0 differences") == 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from itertools import pairwise
 from typing import Any
 
@@ -26,9 +27,11 @@ from planner_service import (
 )
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.problem import SearchProblem
+from tests.reference.edges import ReferenceOracle
+from tests.reference.search import ReferenceSearch
 from tests.support.discs import GlancingWorld, across
 from tests.support.optional import present
 from tests.support.steps import InPython
@@ -64,22 +67,31 @@ def outcome(checker: CollisionChecker, points: FloatArray, seed: int, states: in
     return path, grown, checker.counts, checker.ledger.hits, asked.oracle.boxed_in(), asked.oracle.last_hit
 
 
+def reference(checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000) -> tuple[Any, ...]:
+    """The same of the search in Python, which asks the checker edge by edge."""
+    limits, oracle = checker.robot.limits, ReferenceOracle(checker)
+    asked = SearchProblem(points[0], points[1:], limits.lower, limits.upper, oracle, seed)
+    run = ReferenceSearch(asked, BalancedRRTConnect().range, seed)
+    path: Any = None
+    try:
+        with checker.limited(states=states):
+            path = [list(q) for q in run.run(tuple(points[0].tolist()), [tuple(points[1].tolist())])]
+    except CheckBudgetSpent as spent:
+        path = str(spent)
+    nodes, edges = run.grown()
+    return path, [([list(q) for q in nodes], edges)], checker.counts, checker.ledger.hits
+
+
 @pytest.mark.parametrize(("name", "where"), CASES)
-def test_compiled_and_in_python_it_gives_the_same_bits_and_counts(name: str, where: str) -> None:
+def test_it_gives_the_bits_and_counts_of_its_reference_with_any_step_and_judge(name: str, where: str) -> None:
     robot, scene = load_robot(name), load_scene(where)
-    for seed in range(4):
+    for seed in range(2):
         points = ends(robot, scene, seed)
         compiled = outcome(CollisionChecker(robot, scene, padding=0.001), points, seed)
-        plain = outcome(CollisionChecker(robot, scene, padding=0.001, edge_step=InPython()), points, seed)
-        assert compiled == plain
-
-
-def test_judged_by_fcl_pair_by_pair_it_gives_the_same_bits_and_counts() -> None:
-    robot, scene = load_robot("planar2"), load_scene("discs")
-    points = ends(robot, scene, 1)
-    assert outcome(CollisionChecker(robot, scene), points, 1) == outcome(
-        CollisionChecker(robot, scene, backend="fcl"), points, 1
-    )
+        assert compiled == outcome(CollisionChecker(robot, scene, padding=0.001, edge_step=InPython()), points, seed)
+        assert compiled[:4] == reference(CollisionChecker(robot, scene, padding=0.001), points, seed)
+    if name == "planar2":
+        assert compiled == outcome(CollisionChecker(robot, scene, padding=0.001, backend="fcl"), points, seed)
 
 
 def tight_ends(robot: Robot, scene: Scene, seed: int) -> FloatArray:
@@ -115,6 +127,22 @@ def test_with_less_padding_near_tight_ends_it_gives_the_same_bits_and_counts(nam
             outcomes.append((path.tolist(), checker.counts, checker.ledger.hits))
             assert all(oracle.edge_is_free(a, b) for a, b in pairwise(path))
         assert outcomes[0] == outcomes[1]
+
+
+def test_of_an_edge_only_what_is_near_a_tight_end_keeps_less() -> None:
+    robot, scene, near, told = load_robot("planar2"), load_scene("discs"), 0.2, Counter[bool]()
+    a, b = tight_ends(robot, scene, 1)
+    checker = CollisionChecker(robot, scene)
+    roomy, own = SearchOracle(checker.variant(padding=0.005)), SearchOracle(checker)
+    tiered = TieredOracle(roomy, {tuple(q.tolist()): own for q in (a, b)})
+    for q in np.random.default_rng(2).uniform(robot.limits.lower, robot.limits.upper, (200, 2)):
+        if roomy.state_is_free(q):
+            for end in (a, b):
+                between = end + (q - end) * (near / joint_distance(end, q))
+                parts = own.edge_is_free(end, between) and roomy.edge_is_free(between, q)
+                assert tiered.edge_is_free(end, q) == parts
+                told[parts] += 1
+    assert min(told[True], told[False]) > 10
 
 
 @pytest.mark.parametrize("states", [0, 1, 2, 17, 100, 333])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,33 +12,35 @@ import pytest
 from planner_service import BalancedRRTConnect, CollisionChecker, JointPath, Pose, load_robot
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.constraints import InBox
+from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import ReferenceProjector, projector_of
+from planner_service.kinematics.projection import projector_of
+from planner_service.native._core import Projector
 from planner_service.scene.worlds import load_world
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
-from planner_service.smoothing.constrained import blend_is_kept, shortcut_on_constraints
-from planner_service.smoothing.smoothing import blended, pulled_in, without_short_pieces
+from planner_service.smoothing.smoothing import blended, pulled_in, shortcut_on_constraints, without_short_pieces
+from tests.reference.edges import ReferenceOracle
+from tests.reference.projector import ReferenceProjector
+from tests.reference.search import ReferenceSearch
 from tests.support.constraints import CASES, case, kept_configurations
+from tests.support.optional import present
 from tests.support.steps import InPython
 
 SCENES = {"upright": "bin", "narrow": "shelf", "plane": "post", "line": "empty", "above a bound": "post"}
 
 
-def outcome(name: str, seed: int, *, compiled: bool, states: int = 20_000) -> tuple[Any, ...]:
+def outcome(name: str, seed: int, *, step: InPython | None = None, states: int = 20_000) -> tuple[Any, ...]:
     """What a search and each step of smoothing make, and all that is counted."""
     robot, constraints, projector = case(name)
     scene = load_world(SCENES.get(name, "empty"))
-    checker = CollisionChecker(robot, scene, padding=0.001, edge_step=None if compiled else InPython())
+    checker = CollisionChecker(robot, scene, padding=0.001, edge_step=step)
     start, goal = map(
         np.array, kept_configurations(constraints, projector, CollisionChecker(robot, scene, padding=0.001), seed)
     )
-    if not compiled:
-        projector = ReferenceProjector(constraints)
     inner = SearchOracle(checker, [start], [goal])
     oracle, made = ConstrainedOracle(inner, projector), list[Any]()
-    assert (oracle.core is not None) == compiled
     limits = constraints.lower, constraints.upper
     problem = SearchProblem(start, goal[None], *limits, inner, seed, checker.ledger.poll, projector=projector)
     try:
@@ -49,39 +52,57 @@ def outcome(name: str, seed: int, *, compiled: bool, states: int = 20_000) -> tu
             made.append(pulled_in(np.array(made[-1]), oracle).tolist())
             made.append(without_short_pieces(np.array(made[-1]), oracle).tolist())
             path = JointPath(np.array(made[-1]))
-
-            def is_free(path: JointPath, k: int) -> bool:
-                return blend_is_kept(path, k, projector) and checker.blend_is_free(path, k)
-
-            sizes = np.full(len(path.waypoints), 0.5)
-            made.append(blended(path, is_free, sizes, oracle=oracle).blends.tolist())
+            made.append(blended(path, oracle, np.full(len(path.waypoints), 0.5)).blends.tolist())
     except CheckBudgetSpent as spent:
         made.append(str(spent))
     return made, checker.counts, checker.ledger.hits, projector.take()
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name not in {"orientation in a box", "both hands"}])
-def test_compiled_and_in_python_there_are_the_same_bits_and_counts(name: str) -> None:
+def test_a_search_gives_the_bits_and_counts_of_its_reference(name: str) -> None:
+    robot, constraints, projector = case(name)
+    scene = load_world(SCENES.get(name, "empty"))
     for seed in range(2):
-        compiled = outcome(name, seed, compiled=True, states=250)
-        assert compiled == outcome(name, seed, compiled=False, states=250)
-        assert compiled[-1] > 0
+        checkers = [CollisionChecker(robot, scene, padding=0.001) for _ in range(3)]
+        start, goal = map(np.array, kept_configurations(constraints, projector, checkers[2], seed))
+        limits, grown, planner = (constraints.lower, constraints.upper), list[Any](), BalancedRRTConnect()
+
+        def keep(nodes: FloatArray, edges: Any, grown: list[Any] = grown) -> None:
+            grown.append((nodes.tolist(), edges))
+
+        inner, plain = SearchOracle(checkers[0], [start], [goal]), ReferenceOracle(checkers[1])
+        compiled = SearchProblem(start, goal[None], *limits, inner, seed, grown=keep, projector=projector)
+        python = ReferenceProjector(constraints)
+        projector.take()
+        path, expected = list[Any](), list[Any]()
+        with suppress(CheckBudgetSpent), checkers[0].limited(states=250):
+            path = present(planner.search(compiled).waypoints).tolist()
+        projections = projector.take()
+        asked = SearchProblem(start, goal[None], *limits, plain, seed, projector=cast(Projector, python))
+        run = ReferenceSearch(asked, planner.range, seed)
+        with suppress(CheckBudgetSpent), checkers[1].limited(states=250):
+            expected = [list(q) for q in run.run(tuple(start.tolist()), [tuple(goal.tolist())])]
+        nodes, edges = run.grown()
+        assert path == expected
+        assert grown == [([list(q) for q in nodes], edges)]
+        assert checkers[0].counts == checkers[1].counts
+        assert projections == python.take() > 0
 
 
-def test_a_budget_ends_both_at_the_same_check() -> None:
-    whole = outcome("upright", 1, compiled=True)[1].states
+def test_a_budget_ends_it_at_the_same_check_with_any_step() -> None:
+    whole = outcome("upright", 1)[1].states
     for share in (0.1, 0.5, 0.9):
         states = int(share * whole)
-        ended = outcome("upright", 1, compiled=True, states=states)
+        ended = outcome("upright", 1, states=states)
         assert ended[0][-1] == "the check budget is spent"
-        assert ended == outcome("upright", 1, compiled=False, states=states)
+        assert ended == outcome("upright", 1, step=InPython(), states=states)
 
 
 @pytest.mark.parametrize("name", ["upright", "plane", "line"])
 def test_shortening_keeps_ends_and_constraints_and_is_never_longer(name: str) -> None:
     robot, _, projector = case(name)
     for seed in range(5):
-        (found, short, pulled, tidy, _), *_ = outcome(name, seed, compiled=True)
+        (found, short, pulled, tidy, _), *_ = outcome(name, seed)
         for before, after in pairwise((found, short, pulled, tidy)):
             assert (after[0], after[-1]) == (before[0], before[-1])
             assert JointPath(np.array(after)).length <= JointPath(np.array(before)).length * (1.0 + 1e-9)

@@ -10,14 +10,13 @@ import pytest
 from planner_service import CollisionChecker, JointPath, load_robot
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.geometry.arrays import FloatArray
-from planner_service.native.loading import load_core
 from planner_service.scene.worlds import load_world
 from planner_service.search.edge_cache import SearchOracle
-from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
+from planner_service.smoothing.smoothing import MIN_BLEND, blended, pulled_in, shortcut, without_short_pieces
+from tests.reference import smoothing as reference
+from tests.reference.edges import ReferenceOracle
 from tests.support.discs import DiscWorld
 from tests.support.steps import InPython
-
-pytestmark = pytest.mark.skipif(load_core() is None, reason="nothing is compiled here")
 
 
 def free_path(checker: CollisionChecker, rng: np.random.Generator) -> FloatArray:
@@ -45,15 +44,38 @@ def smoothed(checker: CollisionChecker, path: FloatArray, seed: int, states: int
             made.append(without_short_pieces(np.array(made[-1]), oracle).tolist())
             sharp = JointPath(np.array(made[-1]))
             sizes = np.random.default_rng(seed).choice([0.0, 0.1, 0.4], len(sharp.waypoints))
-            made.append(blended(sharp, checker.blend_is_free, sizes, oracle=oracle).blends.tolist())
+            made.append(blended(sharp, oracle, sizes).blends.tolist())
     except CheckBudgetSpent as spent:
         made.append(str(spent))
     return made, checker.counts, checker.ledger.hits, checker.last_hit
 
 
+def plainly(checker: CollisionChecker, path: FloatArray, seed: int) -> tuple[Any, ...]:
+    """The same in Python."""
+    oracle = ReferenceOracle(checker)
+    made: list[Any] = [reference.shortcut(path, oracle, np.random.default_rng(seed))]
+    made.append(reference.pulled_in(made[-1], oracle))
+    made.append(reference.without_short_pieces(made[-1], oracle))
+    sharp = JointPath(np.array(made[-1]))
+    sizes = np.random.default_rng(seed).choice([0.0, 0.1, 0.4], len(sharp.waypoints))
+    widths = reference.blended(sharp, checker.blend_is_free, sizes, MIN_BLEND).blends.tolist()
+    chains = [[list(q) for q in chain] for chain in made]
+    return [*chains, widths], checker.counts, checker.ledger.hits, checker.last_hit
+
+
 @pytest.mark.parametrize(("name", "where"), [("planar2", "discs"), ("wxai", "clutter"), ("panda", "shelf")])
-@pytest.mark.parametrize("seed", range(8))
-def test_both_find_the_same_path_and_count_the_same_wherever_they_are_ended(name: str, where: str, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(4))
+def test_it_finds_the_path_of_its_reference_at_the_same_counts(name: str, where: str, seed: int) -> None:
+    robot, scene, rng = load_robot(name), load_world(where), np.random.default_rng([len(name), seed])
+    path = free_path(CollisionChecker(robot, scene), rng)
+    assert smoothed(CollisionChecker(robot, scene), path, seed) == plainly(CollisionChecker(robot, scene), path, seed)
+
+
+@pytest.mark.parametrize(("name", "where"), [("planar2", "discs"), ("wxai", "clutter")])
+@pytest.mark.parametrize("seed", range(4))
+def test_with_a_step_of_ones_own_path_and_counts_are_the_same_wherever_it_is_ended(
+    name: str, where: str, seed: int
+) -> None:
     robot, scene, rng = load_robot(name), load_world(where), np.random.default_rng([len(name), seed])
     path = free_path(CollisionChecker(robot, scene), rng)
     whole: int | None = None
@@ -66,22 +88,12 @@ def test_both_find_the_same_path_and_count_the_same_wherever_they_are_ended(name
 
 
 @pytest.mark.parametrize(("size", "left"), [(0.0999, 2), (0.1, 3)])
-def test_a_piece_is_short_below_the_same_length_in_both(size: float, left: int) -> None:
-    for step in (None, InPython()):
-        oracle = SearchOracle(CollisionChecker(load_robot("planar2"), load_world("empty"), edge_step=step))
-        assert len(without_short_pieces([[0.0, 0.0], [size, 0.0], [size, 1.0]], oracle)) == left
+def test_a_piece_is_short_below_a_length(size: float, left: int) -> None:
+    oracle = SearchOracle(CollisionChecker(load_robot("planar2"), load_world("empty")))
+    assert len(without_short_pieces([[0.0, 0.0], [size, 0.0], [size, 1.0]], oracle)) == left
 
 
-def test_both_leave_the_generator_at_the_same_number() -> None:
-    rngs = []
-    for step in (None, InPython()):
-        oracle = SearchOracle(CollisionChecker(load_robot("planar2"), load_world("empty"), edge_step=step))
-        rngs.append(np.random.default_rng(3))
-        shortcut([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], oracle, rngs[-1])
-    assert rngs[0].random() == rngs[1].random()
-
-
-def test_an_oracle_without_a_compiled_part_is_asked_from_python() -> None:
+def test_an_oracle_of_ones_own_is_asked() -> None:
     world = DiscWorld(())
     short = shortcut([[0.0, 0.0], [0.2, 0.2], [0.4, 0.0]], world, np.random.default_rng(0))
     assert short.tolist() == [[0.0, 0.0], [0.4, 0.0]]

@@ -10,6 +10,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
+from planner_service.search.compiled_oracle import compiled
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from tests.support.discs import WALL, DiscWorld, GlancingWorld, Stop, across, length
 from tests.support.optional import present
@@ -135,43 +136,27 @@ def test_waypoints_that_are_no_path_are_refused(waypoints: FloatArray) -> None:
 ZIGZAG = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [3.0, 0.5]])
 
 
-def test_a_free_corner_is_blended_as_widely_as_asked_and_its_pieces_allow() -> None:
-    assert blended(JointPath(ZIGZAG), lambda path, k: True, np.full(4, 0.2)).blends.tolist() == [0.0, 0.2, 0.2, 0.0]
-    assert blended(JointPath(ZIGZAG), lambda path, k: True, np.full(4, 9.0)).blends.tolist() == [
-        0.0,
-        0.2495,
-        0.2495,
-        0.0,
-    ]
+@pytest.mark.parametrize(("size", "width"), [(0.2, 0.2), (9.0, 0.2495)])
+def test_a_free_corner_is_blended_as_widely_as_asked_and_its_pieces_allow(size: float, width: float) -> None:
+    path = blended(JointPath(ZIGZAG), compiled(DiscWorld(NOTHING)), np.full(4, size))
+    assert path.blends.tolist() == [0.0, width, width, 0.0]
 
 
 def test_a_blend_that_is_not_free_is_halved_until_it_is() -> None:
-    asked: list[tuple[int, float]] = []
-
-    def narrow_ones(path: JointPath, k: int) -> bool:
-        asked.append((k, float(path.blends[k])))
-        return bool(path.blends[k] < 0.06)
-
-    assert blended(JointPath(ZIGZAG), narrow_ones, np.full(4, 0.2)).blends.tolist() == [0.0, 0.05, 0.05, 0.0]
-    assert asked == [(1, 0.2), (1, 0.1), (1, 0.05), (2, 0.2), (2, 0.1), (2, 0.05)]
+    beside = DiscWorld([(0.97, 0.03, 0.02)])  # inside the first corner
+    path = blended(JointPath(ZIGZAG), compiled(beside), np.full(4, 0.2))
+    assert path.blends.tolist() == [0.0, 0.05, 0.2, 0.0]
+    assert blended(JointPath(ZIGZAG), compiled(beside), np.full(4, 0.2), corners=[2]).corners == (1,)
 
 
 def test_a_corner_without_a_free_blend_stays_a_stop() -> None:
-    asked: list[int] = []
-
-    def never(path: JointPath, k: int) -> bool:
-        asked.append(k)
-        return False
-
-    path = blended(JointPath(ZIGZAG), never, np.full(4, 0.2))
-    assert path.corners == (1, 2)
-    assert asked == [1] * 5 + [2] * 5  # 0.2 to 0.0125
+    everywhere = DiscWorld([(1.0, 0.2, 5.0)])
+    assert blended(JointPath(ZIGZAG), compiled(everywhere), np.full(4, 0.2)).corners == (1, 2)
+    assert everywhere.states == 10, "0.2 to 0.0125 at both"
 
 
 def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
-    def must_not(path: JointPath, k: int) -> bool:
-        raise AssertionError(k)
-
+    must_not = compiled(DiscWorld(limit=0))
     there_and_back = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
     assert blended(JointPath(there_and_back), must_not, np.full(3, 0.2)).corners == (1,)
     assert blended(JointPath(ZIGZAG), must_not, np.zeros(4)).corners == (1, 2)
@@ -183,12 +168,7 @@ def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
 def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> None:
     world = DiscWorld(step=0.02)
     short = shortcut(found(world, seed=seed), world, np.random.default_rng(seed))
-
-    def is_free(path: JointPath, k: int) -> bool:
-        reach = path.blends[k]
-        return all(world.state_is_free(q) for q in path(path.knots[k] + np.linspace(-reach, reach, 60)))
-
-    path = blended(JointPath(short), is_free, np.full(len(short), 0.4))
+    path = blended(JointPath(short), compiled(world), np.full(len(short), 0.4))
     assert all(world.state_is_free(q) for q in path(np.linspace(0.0, path.length, 800)))
     assert path([0.0, path.length]).tolist() == [short[0].tolist(), short[-1].tolist()]
 
