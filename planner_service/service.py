@@ -618,7 +618,7 @@ class PlannerService:
 
 
 def _polling(cancel: CancelToken | None) -> Callable[[int], None]:
-    """Raises once a call is cancelled, whatever it is charged."""
+    """Raises once a call is cancelled; charges are ignored."""
     instance("cancel", cancel, (CancelToken, NoneType), "a CancelToken, or None")
 
     def charge(_: int) -> None:

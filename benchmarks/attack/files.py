@@ -240,7 +240,7 @@ TEXTS = frozenset(
 
 class Attack(Part):
     name = "files"
-    what = "files of 22 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
+    what = "files of 21 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
     lists = ("data",)
 
     def __init__(self) -> None:

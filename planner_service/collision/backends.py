@@ -122,7 +122,7 @@ class NarrowPhase:
 
 
 class FclBackend:
-    """The judge: FCL is asked about every pair of every configuration, in the order of the pairs."""
+    """The judge: FCL decides every pair of every configuration, in the order of the pairs."""
 
     rows_at_once = 1
 
@@ -154,7 +154,7 @@ class FclBackend:
 
 
 class NativeBackend:
-    """FCL is asked about what the kernel leaves undecided; whole edges are checked in one call.
+    """FCL decides what the kernel leaves undecided; whole edges are checked in one call.
 
     Attributes:
         kernel: Finds the next row that is not free; thread-safe.

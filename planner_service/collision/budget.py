@@ -118,7 +118,7 @@ class CancelToken:
 
 
 class Tally:
-    """What one thread has asked. No other thread changes it, so it needs no lock.
+    """The checks of one thread. No other thread changes it, so it needs no lock.
 
     Attributes:
         states: As in ``CheckCounts``; so are ``edges``, ``distances`` and ``projections``.
@@ -161,7 +161,7 @@ class Ledger:
 
     @property
     def own(self) -> Tally:
-        """What this thread has asked so far."""
+        """The checks of this thread so far."""
         return self._threads.tally
 
     def held(
@@ -340,7 +340,7 @@ class _Thread:
 
 
 def _least(a: Number | None, b: Number | None) -> Number | None:
-    """The smaller of two limits, of which each may be None."""
+    """The smaller of two limits, each of which may be None."""
     return b if a is None or (b is not None and b < a) else a
 
 

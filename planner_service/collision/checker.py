@@ -209,7 +209,7 @@ class CollisionChecker:
 
     @property
     def counts(self) -> CheckCounts:
-        """What was asked so far, of this checker and its variants, by all threads."""
+        """The checks so far, by this checker and its variants, in all threads."""
         return self.ledger.counts
 
     @cached_property

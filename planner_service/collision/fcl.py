@@ -40,7 +40,7 @@ def geometry_of(shape: object) -> fcl.CollisionGeometry:
 
 
 class FclObjects(threading.local):
-    """Collision objects built when first asked for, moved and asked in pairs; a check allocates nothing but poses.
+    """Collision objects, built at first use and checked in pairs; a check allocates nothing but poses.
 
     Each thread has its own, for they are moved from question to question; what they are made of is shared.
 

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["FCL", "MARGIN", "build_kernel", "configure_edges", "instruction_sets"]
 
 MARGIN = 2e-6
-"""Metres by which a pair must be proven apart for FCL not to be asked; ``doubt_of`` small solids comes on top."""
+"""Metres: pairs proven farther apart are not given to FCL; ``doubt_of`` small solids comes on top."""
 
 FCL = "fcl"
-"""A variant that proves nothing, so that FCL is asked about every pair in their order."""
+"""A variant that proves nothing, so that FCL decides every pair in order."""
 
 SLIDES = 1.0
 

@@ -182,7 +182,7 @@ class Parts:
 
 
 class _PairNames(dict[int, tuple[str, str]]):
-    """The names of those pairs that were asked for."""
+    """The names of these pairs."""
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts

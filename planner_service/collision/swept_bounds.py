@@ -22,7 +22,7 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, alo
 __all__ = ["Sweep"]
 
 MARGIN = 1e-5
-"""Metres by which motions are to stay away beyond the padding: ten times what FCL does not tell apart."""
+"""Metres that motions stay away beyond the padding: ten times the resolution of FCL."""
 
 FINEST = 0.01
 """Metres of motion below which a stretch is not halved again."""

@@ -22,7 +22,7 @@ HEAD = 4_096
 
 
 def require_writable(path: str | os.PathLike[str], ours: re.Pattern[bytes] | None = None) -> None:
-    """Return if a file can be put at ``path``: to be asked before the work whose result would be lost.
+    """Return if a file can be put at ``path``; call it before work whose result would be lost.
 
     Args:
         ours: What a file that is already there has to begin with, unless it is empty; anything if None.

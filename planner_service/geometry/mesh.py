@@ -36,7 +36,7 @@ from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, marg
 __all__ = ["Mesh", "checked_scale"]
 
 MAX_HULL = 5_000
-"""Corners of a hull, each of which every distance bound looks at; a scanned ball of 50,000 vertices has fewer."""
+"""Most corners of a hull: every distance bound looks at each; a scanned ball of 50,000 vertices has fewer."""
 SIMPLE_HULL = 600
 """Corners kept of a larger hull: it is then grown, and growing makes at most eight of one."""
 AT_ONCE = 100

@@ -1,4 +1,4 @@
-"""Poses and convex shapes, of which robots and scenes are made.
+"""Poses and convex shapes: what robots and scenes are made of.
 
 Lengths in metres, quaternions as (w, x, y, z). Every shape is convex and centred on its own origin; cylinders and
 capsules lie along local z. All shapes have the same few methods (``support``, ``distance``, ``grown``), on which the

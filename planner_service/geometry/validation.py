@@ -144,7 +144,7 @@ def text(field: str, value: object, expected: str = "a text") -> str:
 
 
 def checked_name(field: str, value: object, whose: str = "") -> str:
-    """The name that a caller gave to something, or by which it means a link or a joint.
+    """The name that a caller gave to something, or that refers to a link or a joint.
 
     Args:
         whose: What it names, for the message, such as ``the name of a link, ``.
@@ -259,7 +259,7 @@ def finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
 
 
 def margin_of(margin: object) -> float:
-    """The margin in metres by which a caller wants a shape grown."""
+    """The margin in metres for growing a shape."""
     return number("margin", margin, f"metres in [0, {MAX_LENGTH:g}]", 0.0, MAX_LENGTH)
 
 

@@ -35,7 +35,7 @@ LOOSE_GRASP = 0.01
 """Metres by which the point between the fingertips may miss the object: the pads reach that far."""
 
 LOOSE_CUP = 0.002
-"""Metres by which the rim of a cup may be away from what it takes: it yields by as much."""
+"""Metres that the rim of a cup may be away from what it takes: it yields as far."""
 
 RIM_POINTS = 16
 

@@ -14,7 +14,7 @@ from planner_service.search.trace import SearchGraph
 __all__ = ["Reached", "how_far"]
 
 AROUND = 100
-"""Configurations on each side whose clearance is asked: those nearest to the other side."""
+"""Configurations on each side whose clearance is computed: those nearest to the other side."""
 
 
 @dataclass(frozen=True, eq=False)

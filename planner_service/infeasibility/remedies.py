@@ -188,7 +188,7 @@ class _Spent(Exception):
 
 
 class _Enough(Exception):
-    """As many remedies are found as were asked for."""
+    """Enough remedies are found."""
 
 
 class _Trials:

@@ -161,7 +161,7 @@ class LineStopReason(Enum):
     BRANCH_JUMP = "branch jump"
     """The next joint values are far from those reached."""
     JOINT_RATE = "joint rate"
-    """A joint would have to move farther per metre of the tool than is allowed, as beside a singularity."""
+    """A joint would have to move farther per metre of the tool than is allowed, as near a singularity."""
 
 
 @dataclass(frozen=True)

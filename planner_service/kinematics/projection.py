@@ -47,7 +47,7 @@ def projector_of(constraints: ConstraintSet) -> _core.Projector:
 
 
 def _moved_by(constraints: ConstraintSet) -> list[int]:
-    """The bodies that the frames of the regions depend on, parents first; the base is none of them."""
+    """The bodies that the frames of the regions depend on, parents first, without the base."""
     found: set[int] = set()
     for index in (index for placed in constraints.regions for index in (placed.body, placed.base)):
         while index > 0:

@@ -90,13 +90,13 @@ class Backend(Protocol[Worker]):
         """Send an item to a worker that waits for one; nothing happens if it has died."""
 
     def tell(self, worker: Worker, note: Any) -> None:
-        """Send a note to a worker whose work is a ``TalkingWork``, whatever it does; nothing happens if it has died."""
+        """Send a note to a worker whose work is a ``TalkingWork``, at any time; nothing happens if it has died."""
 
     def receive(self, workers: Sequence[Worker], timeout: float | None) -> list[tuple[Worker, Event]]:
         """At most one event of each worker; wait up to ``timeout`` seconds for the first."""
 
     def kill(self, workers: Sequence[Worker]) -> None:
-        """Kill workers, whatever they do."""
+        """Kill workers, busy or not."""
 
     def close(self) -> None:
         """Release everything but the workers."""

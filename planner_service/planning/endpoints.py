@@ -260,7 +260,7 @@ def _clamped(context: PlanContext, q: FloatArray) -> FloatArray:
 
 
 def _note_clamped(context: PlanContext, name: str, stated: FloatArray, goal: FloatArray) -> None:
-    """Say so if a goal is not quite what was asked for."""
+    """Add a note if a goal is not exactly the requested one."""
     note = clamp_note(name, stated, goal, context.checker.robot)
     if note and not _out_of_bounds(goal, context.checker.robot):
         context.accounting.notes.append(note)

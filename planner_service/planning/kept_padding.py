@@ -1,4 +1,4 @@
-"""What padding a motion keeps: all that was asked for, except near an end that is closer to something.
+"""The padding that a motion keeps: the requested one, except near an end that is closer to something.
 
 A pair that is closer than the padding at an end may be so until it has come apart; all other pairs keep the padding
 there, too. Samples say how far from the end that is. That all the rest keeps the padding is proven.
@@ -57,7 +57,7 @@ def padding_kept(
     *,
     span: Span | None = None,
 ) -> KeptPadding:
-    """The padding that a proven motion keeps, of what was asked for; part of the CERTIFY stage.
+    """How much of the requested padding a proven motion keeps; part of the CERTIFY stage.
 
     Args:
         span: The part of the path that is to keep it; None for all of it.

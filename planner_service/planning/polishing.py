@@ -22,7 +22,7 @@ SPACING = 0.01
 """Radians of path between samples of a curve that is not free, to report where it is not."""
 
 NO_WORSE = 1e-3
-"""Metres of missing clearance, summed over a curve, by which a curve may be worse than another."""
+"""Metres of missing clearance, summed along it, that a curve may have more than another."""
 
 SAME = 1e-6
 """Share by which costs may differ through rounding alone."""

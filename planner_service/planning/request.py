@@ -316,7 +316,7 @@ def _attached(held: Attached, mass: float) -> LinkInertia:
 
 
 def kept_in(scene: Scene, asked: Sequence[Constraint]) -> tuple[Constraint, ...]:
-    """What a motion in a scene keeps: what was asked for, and the constraints of what the robot carries, each once.
+    """The constraints of a motion in a scene: the requested ones and those of what the robot carries, each once.
 
     Raises:
         InvalidRequest: There are more than 16 in all.

@@ -1,4 +1,4 @@
-"""The result of a plan: its stages and what each cost, and the reason when there is none."""
+"""The result of planning: the plan, its stages and their costs, or the reason why there is none."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ MAX_SUPPORT_GAP = 0.05
 """Metres of a lift or of a lowering, at most, within which an object and its support may touch."""
 
 SAME_WIDTH = 1e-6
-"""Metres between the finger pads by which two openings of a gripper may differ and be the same."""
+"""Metres: two openings of a gripper that differ by less are the same."""
 
 JOIN = 1e-6
 """Radians (or metres) between the end of one motion and the start of the next: less than the margin of a proof."""
@@ -150,7 +150,7 @@ class Segment:
 
 
 def require_joined(segments: Sequence[Segment]) -> None:
-    """Refuse motions of which one does not begin where the one before it ends.
+    """Refuse motions that do not each begin where the one before ends.
 
     Raises:
         InvalidRequest: it does not, or there is no motion.

@@ -11,7 +11,7 @@ __all__ = ["command_of"]
 
 
 def command_of(content: Mapping[str, Any]) -> str:
-    """How to plan again what an old file says, as far as it can be told."""
+    """The command that plans an old file again, as far as it can be worked out."""
     robot, scene, request = (_object(content.get(key)) for key in ("robot", "scene", "request"))
     options = [("--robot", robot.get("name")), ("--scene", scene.get("name"))]
     if content.get("format") == "planner-service/task":

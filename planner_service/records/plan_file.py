@@ -158,7 +158,7 @@ class _Saved(ABC):
 
 @dataclass(frozen=True, eq=False)
 class SavedPlan(_Saved):
-    """A plan with what was asked, and the world it was made in.
+    """A plan with its request and the world it was made in.
 
     Attributes:
         begin: The robot, the scene and the terms it was made for.
@@ -327,7 +327,7 @@ class SavedTask(_Saved):
 
 
 def _contents(scene: Scene) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What is in a scene, in whatever order."""
+    """What is in a scene, in any order."""
     return {item.name: item for item in scene.obstacles}, {item.name: item for item in scene.attached}
 
 

@@ -369,13 +369,13 @@ def _pace(segment: Segment, request: PlanRequest | None) -> Pace | None:
 
 
 def _asking(segment: Segment) -> Origin | None:
-    """The origin of a motion if it says what was asked for; those of a served task only say where they were made."""
+    """The origin of a motion if it has the request; those of a served task only say where they were made."""
     origin = segment.result.origin
     return origin if origin is not None and (origin.request is not None or origin.pace is not None) else None
 
 
 def _constraints(motion: TaskMotion, request: PlanRequest | None) -> tuple[Constraint, ...]:
-    """What a motion has to keep: what its result says, and what was asked for; InvalidRequest for more than 16."""
+    """The constraints that a motion has to keep, by its result and by its request; InvalidRequest for more than 16."""
     asked = () if request is None else request.constraints
     return kept_in(motion.scene, (*motion.result.constraints, *asked))
 
@@ -407,7 +407,7 @@ def _exceeded_limits(motion: TaskMotion, requested: Pace | None) -> list[str]:
 
 
 def _exceeded_torques(motion: TaskMotion, pace: Pace) -> list[str]:
-    """Which torque limits a motion exceeds, if any were asked for, in the scene as it is during the motion."""
+    """Which of the requested torque limits a motion exceeds, in the scene as it is during the motion."""
     try:
         limits = torques_of(pace, motion.robot, motion.scene)
         found = () if limits is None else limits.samples(motion.trajectory).peaks()

@@ -322,7 +322,7 @@ class TrajectoryRecord(schema.Record):
     part: schema.Vector2 | None
 
     def along(self, path: JointPath) -> Trajectory:
-        """The trajectory along a path; InvalidRequest if it is none."""
+        """The trajectory along a path; InvalidRequest if the numbers make none."""
         table = np.array(self.coefficients, dtype=np.float64).reshape(-1, 4)
         durations = np.array(self.durations, dtype=np.float64)
         part = None if self.part is None else (self.part[0], self.part[1])

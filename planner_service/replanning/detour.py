@@ -234,7 +234,7 @@ class Detours:
         return max(0.0, PART * (2.0 * braking * distance - switch.rate * switch.rate) / (2.0 * braking - passing))
 
     def _oracle(self, start: FloatArray, start_padding: float, goal: GoalState) -> Judge:
-        """What judges a path between two ends, of which each keeps a padding of its own."""
+        """What judges a path between two ends, each with a padding of its own."""
         roomy = SearchOracle(self._checker.variant(padding=self._request.padding), [start], [goal.q])
         tight: dict[Configuration, SearchOracle] = {}
         for q, padding in ((start, start_padding), (goal.q, goal.padding)):
@@ -318,7 +318,7 @@ class Detours:
 
 
 def _apart(points: FloatArray) -> FloatArray:
-    """Points none of which all but coincides with the one before; the last stays."""
+    """The points without those that nearly coincide with the one before; the last stays."""
     kept = [points[0]]
     for q in points[1:]:
         if joint_distance(kept[-1].tolist(), q.tolist()) <= COINCIDING:

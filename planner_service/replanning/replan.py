@@ -135,7 +135,7 @@ def _unchanged_owners(old: OldMotion, certifier: Prepared[Certifier]) -> set[str
 
 @dataclass(frozen=True, eq=False)
 class _DoubtfulContact:
-    """Pairs that were meant to touch on a stretch of the old motion, and of which something has changed."""
+    """Pairs that were meant to touch on a stretch of the old motion, and have since changed."""
 
     stretch: ExemptInterval
     pairs: tuple[tuple[str, str], ...]
@@ -314,7 +314,7 @@ def _goals(call: _Call) -> tuple[GoalState, ...]:
 
 
 def _kept(call: _Call) -> _ProvenMotion | None:
-    """What is left of the old motion, if it goes to its end, is proven, and as slow as is asked now."""
+    """The rest of the old motion, if it goes to its end, is proven, and keeps the pace now requested."""
     if not call.old.arrives:
         return None
     path = call.motion.path
@@ -450,14 +450,14 @@ def _certify(call: _Call, path: JointPath, s_end: float, exempt: Sequence[Exempt
 
 
 def _report(call: _Call, trajectory: Trajectory, ratios: LimitPeaks | None = None) -> MotionReport:
-    """How a motion moves, its peaks compared with the limits asked for."""
+    """How a motion moves, its peaks compared with the requested limits."""
     robot, ratios = call.checker.robot, ratios or peaks(trajectory, call.limits)
     settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
     return MotionReport(ratios, peak_tool_speed(robot, trajectory), trajectory.duration, math.inf, settle)
 
 
 def _slow_enough(call: _Call, report: MotionReport) -> MotionReport:
-    """The report of a motion within the limits asked, whose tool is no faster than it may be.
+    """The report of a motion within the requested limits, whose tool is no faster than it may be.
 
     Raises:
         NoPlan: it exceeds them, or its tool is faster.
@@ -495,7 +495,7 @@ def _stopping(call: _Call, failure: Failure) -> Replanned:
 
 
 def _stops(call: _Call) -> Iterator[Trajectory]:
-    """Stops along the old curve: the quickest within the limits asked; then, where these are parts of the robot's,
+    """Stops along the old curve: the quickest within the requested limits; then, where these are parts of the robot's,
     within the robot's own, since a robot that is faster than requested cannot stop within the requested limits.
     """
     whole = replace(call.pace, velocity_scale=1.0, acceleration_scale=1.0)

@@ -20,7 +20,7 @@ MAX_MASS = 1e4
 """Kilograms: no arm carries ten tonnes, so a larger mass is a unit mistake."""
 
 ROUNDING = 1e-6
-"""Share of its trace by which a tensor may fall short of one that a body can have."""
+"""How far a tensor may be from one that a body can have, as a share of its trace."""
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ def _groups(root: Element, urdf: Urdf, problems: list[str], notes: list[str]) ->
 
 
 def _contacts(root: Element, urdf: Urdf, problems: list[str]) -> tuple[AllowedContact, ...]:
-    """The pairs that may touch; as in MoveIt, a disabled pair stays so whatever else says that it is enabled."""
+    """The pairs that may touch; as in MoveIt, a disabled pair stays disabled even where another entry enables it."""
     links = [link.name for link in urdf.links]
     disabled = _pairs(root, "disable_collisions", links, problems)
     contacts = [AllowedContact(pair, element.get("reason") or "disabled in the SRDF") for pair, element in disabled]

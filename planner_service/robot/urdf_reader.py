@@ -56,7 +56,7 @@ UNIT = 1e-3
 """How far the length of an axis, or of a quaternion, may be from 1: it may be written with three digits."""
 VERSIONS = ("1.0", "1.1", "1.2")
 SAME = 1e-6
-"""Between the entries of two rotations that say the same, of which one may be written with few digits."""
+"""Largest difference between entries of equal rotations, one of which may be written with few digits."""
 
 
 def read_urdf(

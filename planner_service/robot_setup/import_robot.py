@@ -305,7 +305,7 @@ def _serialised(root: ElementTree.Element) -> str:
 
 
 def _require_place(folder: Path, files: Sequence[Path], *, force: bool) -> None:
-    """Return if the files can be put into the folder: asked before the work whose result would be lost."""
+    """Return if the files can be put into the folder; call it before work whose result would be lost."""
     if len({path.name for path in files if path.parent == folder}) != sum(path.parent == folder for path in files):
         raise InvalidRequest("urdf", ROBOT_FILE, f"another name than {ROBOT_FILE}, which will lie beside it")
     if not _is_there(folder):

@@ -144,7 +144,7 @@ class LinkPair:
         return out
 
     def collides(self, Q: FloatArray) -> BoolArray:
-        """Which configurations (m, n) collide; FCL is asked only where a quick bound proves nothing."""
+        """Which configurations (m, n) collide; FCL decides only where a quick bound proves nothing."""
         out = np.zeros(len(Q), dtype=bool)
         count = len(self.listed.pairs)
         for start in range(0, len(Q), BOXES):

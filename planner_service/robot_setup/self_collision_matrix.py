@@ -40,7 +40,7 @@ SWEPT, MAX_SWEPT_JOINTS = 4000, 3
 FIRST = 20
 """Configurations looked at before the rest: most pairs come apart in some of them."""
 MOST_KEPT = 64
-"""Robots of which it is kept which links always overlap."""
+"""Robots whose always overlapping links are remembered."""
 DRAWN = "configurations drawn at random, which is no proof"
 ADJACENT = "adjacent"
 

@@ -102,7 +102,7 @@ def _lines(path: Path) -> list[str]:
 
 
 class _Torn(Exception):
-    """What follows cannot be told from the words before it: reading goes on at the next object."""
+    """What follows is unclear after a broken entry: reading goes on at the next object."""
 
 
 class _Words:
@@ -126,7 +126,7 @@ class _Words:
         return rest
 
     def first_line(self) -> str:
-        """The first line, whatever is in it."""
+        """The first line as it is."""
         self.line = 1
         return self._lines[0].strip()
 
@@ -222,7 +222,7 @@ class _Reader:
         return self.found.attempt(self.at(), lambda: _shape(kind, sizes))
 
     def mesh(self) -> list[list[float]]:
-        """The vertices of a mesh, of which its triangles only tell that none is missing."""
+        """The vertices of a mesh; its triangles are read only to see that none is missing."""
         count, triangles = self.count("vertices"), self.count("triangles")
         vertices = [self.numbers(3, "vertex") for _ in range(count)]
         for _ in range(3 * triangles):

@@ -12,7 +12,7 @@ __all__ = ["Kind", "Names", "Owner", "owner_of"]
 
 
 class Kind(Enum):
-    """What a name stands for; the value is what tells it apart in print."""
+    """What a name stands for; the value distinguishes it in print."""
 
     LINK, OBJECT = KIND_SUFFIXES
 

@@ -56,7 +56,7 @@ from planner_service.robot.inertia import MAX_MASS
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "scene_blocks", "scene_names"]
 
 KIND_SUFFIXES = (" (link)", " (object)")
-"""What tells a link and an object of one name apart in print; no object's own name ends so."""
+"""Endings that distinguish a link and an object of one name in print; no object's own name ends so."""
 MAX_DESCRIPTION = 1000
 MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""

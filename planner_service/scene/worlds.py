@@ -1,4 +1,4 @@
-"""Scenes by name or file, whatever format the file has."""
+"""Scenes by name, or from a file of any known format."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class ConstrainedOracle:
         return self.keeps(q1, q2) and self.inner.edge_is_free_coarse(q1, q2, known=known)
 
     def edge_hit(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> EdgeHit | None:
-        """Where the edge collides with the padding of the search, whatever it keeps; None if it does not."""
+        """Where the edge collides with the padding of the search, constraints aside; None if it does not."""
         return self.inner.edge_hit(q1, q2, known=known)
 
     def boxed_in(self) -> str:

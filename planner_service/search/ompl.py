@@ -157,7 +157,7 @@ class _Oracle:
         return free
 
     def between(self, a: Configuration, b: Configuration) -> bool:
-        """Whether an edge is free; each is checked once, whatever its direction."""
+        """Whether an edge is free; each is checked once, in either direction."""
         key = (a, b) if a <= b else (b, a)
         free = self._edges.get(key)
         if free is None:

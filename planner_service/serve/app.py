@@ -391,7 +391,7 @@ def _add_scenes(app: FastAPI, server: PlanningServer) -> None:
         openapi_extra={"parameters": [version]},
     )
     async def get_scene(name: str, request: Request) -> Response:
-        """Its latest version, or the one that is asked for."""
+        """Its latest version, or the given one."""
         number = None
         if "version" in request.query_params:
             number = _whole(request, "version", 1, 10**15)

@@ -294,7 +294,7 @@ def _good_count(
 
 
 def _cut(part: PlanResult, failure: Failure, fraction: float, *, partial: bool) -> PlanResult:
-    """The plan of a part of the path if that was asked for, else the failure of the whole."""
+    """The plan of a part of the path if the caller wants it, else the failure of the whole."""
     if not part.ok or fraction == 0.0 or not partial:
         return replace(part, path=None, trajectory=None, motion=None, failure=failure, fraction=fraction)
     return replace(part, fraction=fraction, notes=(*part.notes, f"only a part: {failure.detail}"))

@@ -79,7 +79,7 @@ MAX_TIME_LIMIT = 600.0
 """Seconds; a request without a time limit ends at its deadline."""
 
 MIN_DEADLINE, MAX_DEADLINE = 1e-3, 3_600.0
-"""Seconds from when a request is accepted to its end, whatever it does."""
+"""Seconds after acceptance at which a request ends in any case."""
 
 MAX_STATES = 10_000
 """Of one check; so many of its edges, too."""
@@ -494,7 +494,7 @@ class ReplanBody(Body):
 
 
 class ExplainBody(InWorld):
-    """A request of which it is asked why it has no plan."""
+    """A request, to explain why it has no plan."""
 
     request: RequestBody
     plans: Annotated[Count, Field(ge=1, le=1_000)] = 60

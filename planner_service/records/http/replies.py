@@ -76,7 +76,7 @@ class CheckedState:
 
 @dataclass(frozen=True)
 class Checked:
-    """The verdicts of configurations and of straight edges, in the order they were asked for.
+    """The verdicts of configurations and of straight edges, in the order of the request.
 
     Attributes:
         counts: What it took, finding the contacts included.

@@ -1,4 +1,4 @@
-"""A script that compiles an MJCF file with mujoco, in a process of its own, and tells what the robot is made of.
+"""A script that compiles an MJCF file with mujoco, in a process of its own, and reports what the robot is made of.
 
 Nothing imports it. Its job has ``file``; it answers with JSON: ``problem``, or ``name``, ``bodies``, ``joints``,
 ``geoms``, ``sites`` (body, name, place) of those with a name, ``meshes`` (vertices), ``excludes``, ``follows``

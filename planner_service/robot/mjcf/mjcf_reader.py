@@ -225,7 +225,7 @@ def _included(file: Path) -> ElementTree.Element:
 
 
 class _Reader:
-    """Turns what ``mjcf_child`` tells into links and joints, and collects problems and notes."""
+    """Turns the report of ``mjcf_child`` into links and joints, and collects problems and notes."""
 
     def __init__(self, told: dict[str, Any], notes: list[str]) -> None:
         self.problems = [f"{loop}: a closed loop of bodies; expected a tree" for loop in told["loops"]]

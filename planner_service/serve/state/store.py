@@ -55,7 +55,7 @@ MAX_BYTES = 2_000_000_000
 """Bytes of the answers that are kept."""
 
 MAX_VERSIONS = 20
-"""Versions of a scene that can be asked for."""
+"""Versions of a scene that are kept."""
 
 MAX_SCENES, MAX_ROADMAPS = 1_000, 100
 """How many there may be at once; more are refused, since they go only when somebody deletes them."""
@@ -168,7 +168,7 @@ class ReusedKey(InvalidRequest):
 
 
 ANY_VERSION = 0
-"""Changes a scene whatever its latest version is."""
+"""Changes a scene without regard to its latest version."""
 
 
 class Store:
@@ -244,7 +244,7 @@ class Store:
         return entry
 
     def scene(self, name: str, version: int | None = None) -> SceneVersion:
-        """A scene's latest version, or the one asked for; ``content`` has its document.
+        """A scene's latest version, or the given one; ``content`` has its document.
 
         Raises:
             UnknownName: There is no scene of that name, or not that version.
@@ -617,7 +617,7 @@ class Store:
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
-        """One transaction, of which nothing is left after an exception."""
+        """One transaction; an exception leaves nothing of it."""
         self._require_disk()
         with self._lock:
             counted = self._jobs, self._bytes
