@@ -12,11 +12,12 @@ it; one that collides then is cut off with all that grew from it.
 from __future__ import annotations
 
 from functools import partial
+from typing import cast
 
 import numpy as np
 
 from planner_service.native.loading import load_core
-from planner_service.search.compiled_oracle import compiled
+from planner_service.search.compiled_oracle import CompiledOracle, compiled
 from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = ["search"]
@@ -32,7 +33,8 @@ def search(problem: SearchProblem, longest: float) -> SearchResult:
     """
     start, goals = tuple(problem.start.tolist()), list(map(tuple, problem.goals.tolist()))
     seed = (problem.seed ^ problem.seed >> 64) & _WORD
-    oracle, bounds = compiled(problem.oracle, problem.poll), (problem.lower.tolist(), problem.upper.tolist())
+    asked, bounds = problem.oracle, (problem.lower.tolist(), problem.upper.tolist())
+    oracle = cast(CompiledOracle, asked) if hasattr(asked, "core") else compiled(asked, problem.poll)
     run = load_core().BalancedSearch(oracle.core, *bounds, longest, seed, problem.projector)
     try:
         path = oracle.counted(partial(run.run, start, goals))
