@@ -376,30 +376,31 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
         tries = fresh_tries(most, request.retries, planner.patience)
     searchers = alternating(planner) if context.accounting.constraints is None else repeat(planner)
     spent: CheckBudgetSpent | None = None
-    with checker.ledger.limited(states=max(0, most - running.tries.states)):
-        for attempt, (states, searcher) in enumerate(zip(tries, searchers, strict=False)):
-            if attempt < running.tries.first:
-                continue
-            if attempt == running.tries.pause:
-                raise NoProgress
-            entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
-            accounting.attempt(entry.note)
-            seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
-            try:
-                problem = running.problem if seed == running.problem.seed else replace(running.problem, seed=seed)
-                with checker.ledger.limited(states=states):
-                    result = searcher.search(problem)
-            except CheckBudgetSpent as stopped:
-                if checker.ledger.room() == 0:
-                    raise
-                spent = stopped
-                continue
-            if result.waypoints is not None:
-                accounting.deterministic &= not isinstance(result.stopped, TimeBoxSpent | Cancelled)
-                return result.waypoints
-            spent, given_up = None, given_up + 1
-            if request.retries is None and given_up == FIRST_TRIES:
-                break
+    before = accounting.tally.states
+    for attempt, (states, searcher) in enumerate(zip(tries, searchers, strict=False)):
+        if attempt < running.tries.first:
+            continue
+        if attempt == running.tries.pause:
+            raise NoProgress
+        entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
+        accounting.attempt(entry.note)
+        seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
+        left = max(0, most - running.tries.states - (accounting.tally.states - before))
+        try:
+            problem = running.problem if seed == running.problem.seed else replace(running.problem, seed=seed)
+            with checker.ledger.limited(states=min(states, left)):
+                result = searcher.search(problem)
+        except CheckBudgetSpent as stopped:
+            if left <= states or checker.ledger.room() == 0:
+                raise
+            spent = stopped
+            continue
+        if result.waypoints is not None:
+            accounting.deterministic &= not isinstance(result.stopped, TimeBoxSpent | Cancelled)
+            return result.waypoints
+        spent, given_up = None, given_up + 1
+        if request.retries is None and given_up == FIRST_TRIES:
+            break
     if spent is not None:
         raise spent
     return None
