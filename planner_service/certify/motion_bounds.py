@@ -178,7 +178,7 @@ class Motion:
     """Poses, gaps and motion bounds of the listed pairs of one robot.
 
     Args:
-        compiled: Compiled code says how far hulls extend, where it was built: the same bits, in a tenth of the time.
+        compiled: Compiled code says how far hulls extend: the same bits, in a tenth of the time.
 
     Attributes:
         n: Length of q.

@@ -122,7 +122,7 @@ class Optimise:
 
         Raises:
             InvalidRequest: Not at least two finite rows of n joint values within the limits; no free corner between
-                those held; or the compiled kernel was not built.
+                those held.
         """
         points = _route(route, checker.robot.n)
         corners = points if warm else evenly(points, self._corners + 2)

@@ -5,8 +5,8 @@ limits become limits of s(t): on straight sections ds/dt <= min v_i / abs(dq_i/d
 jerk; on blends they follow from the chain rule. The limits are then verified on every result, between grid points too,
 and a result that exceeds one is slowed down.
 
-Trapezoids and TOPP-RA are compiled, too, from the path to the motion and its peaks. The Python below is the reference:
-it has the same bits, and does what compiled code leaves to it, a caller's own speed limits, jerk, and every failure.
+Trapezoids and TOPP-RA are compiled, too, from the path to the motion and its peaks. The Python below has the same
+bits, and does what compiled code leaves to it: a caller's own speed limits, jerk, and every failure.
 """
 
 from __future__ import annotations

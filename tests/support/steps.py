@@ -10,7 +10,7 @@ __all__ = ["InPython"]
 
 
 class InPython:
-    """Keeps searching and smoothing in Python, as any step of a user's own; the samples are those of the default."""
+    """Asked in Python, as any step of a user's own; the samples are those of the default."""
 
     def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
         return MotionStep().segments(dq, reach)

@@ -1,4 +1,4 @@
-// The places nearest to a configuration: nearest_places of roadmap/nearest.py, which is the reference.
+// The places nearest to a configuration, as roadmap/nearest.py says.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// One query of a roadmap; ``_Reference`` of roadmap/query.py is the same in Python and says what it does.
+// One query of a roadmap, as roadmap/query.py says.
 #pragma once
 
 #include <array>

@@ -1,5 +1,5 @@
-// Shortens polylines and finds how wide their corners may be blended: smoothing/smoothing.py, with the same bits and the
-// same questions in the same order. What the oracle throws passes through.
+// Shortens polylines and finds how wide their corners may be blended: smoothing/smoothing.py says how.
+// What the oracle throws passes through. tests/reference/smoothing.py has the same bits, questions and order.
 #pragma once
 
 #include <nanobind/nanobind.h>
