@@ -245,23 +245,23 @@ def test_turning_back_is_a_stop(law: Timing) -> None:
 
 
 @law_cases
-@pytest.mark.parametrize("gap", [0.0, 1e-15, 1e-13, 1e-12])
-def test_a_waypoint_on_top_of_another_costs_nothing(law: Timing, gap: float) -> None:
-    path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
-    straight = law.time_path(line(1.2, 0.0), limits(2)).duration
-    assert law.time_path(path, limits(2)).duration == pytest.approx(straight, rel=1e-9)
+def test_a_waypoint_on_top_of_another_costs_nothing(law: Timing) -> None:
+    for gap in [0.0, 1e-15, 1e-13, 1e-12]:
+        path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
+        straight = law.time_path(line(1.2, 0.0), limits(2)).duration
+        assert law.time_path(path, limits(2)).duration == pytest.approx(straight, rel=1e-9)
 
 
 @law_cases
-@pytest.mark.parametrize("gap", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
-@pytest.mark.parametrize("share", [0.0, 0.37, 1.0])
-def test_a_waypoint_next_to_another_on_a_straight_line_costs_nothing(law: Timing, gap: float, share: float) -> None:
-    # along a skew direction, so that the short piece's direction is made of rounding
-    start, way = np.array([2.9, -1.3, 0.7]), 1.2 * np.array([0.48, -0.6, 0.64])
-    at = np.array([0.0, share * (1.2 - gap), share * (1.2 - gap) + gap, 1.2]) / 1.2
-    straight = law.time_path(JointPath(np.array([start, start + way])), limits(3)).duration
-    trajectory = law.time_path(JointPath(start + at[:, None] * way), limits(3))
-    assert trajectory.duration == pytest.approx(straight, rel=5e-3)
+def test_a_waypoint_next_to_another_on_a_straight_line_costs_nothing(law: Timing) -> None:
+    for gap in [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3]:
+        for share in [0.0, 0.37, 1.0]:
+            # along a skew direction, so that the short piece's direction is made of rounding
+            start, way = np.array([2.9, -1.3, 0.7]), 1.2 * np.array([0.48, -0.6, 0.64])
+            at = np.array([0.0, share * (1.2 - gap), share * (1.2 - gap) + gap, 1.2]) / 1.2
+            straight = law.time_path(JointPath(np.array([start, start + way])), limits(3)).duration
+            trajectory = law.time_path(JointPath(start + at[:, None] * way), limits(3))
+            assert trajectory.duration == pytest.approx(straight, rel=5e-3)
 
 
 @law_cases
@@ -274,22 +274,22 @@ def test_a_straight_line_of_tiny_pieces_is_one_move(law: Timing) -> None:
 
 
 @law_cases
-@pytest.mark.parametrize("gap", [1e-11, 1e-9, 1e-6, 1e-4, 1e-3])
-def test_a_waypoint_next_to_another_costs_its_two_stops(law: Timing, gap: float) -> None:
-    path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
-    alone = sum(law.time_path(line(d), limits(1)).duration for d in (0.6, gap, 0.6))
-    trajectory = law.time_path(path, limits(2))
-    found = peaks(trajectory, limits(2))
-    assert trajectory.duration == pytest.approx(alone, rel=1e-5)  # the last piece leans by the gap
-    assert max(found.velocity.ratio, found.acceleration.ratio) <= HELD
+def test_a_waypoint_next_to_another_costs_its_two_stops(law: Timing) -> None:
+    for gap in [1e-11, 1e-9, 1e-6, 1e-4, 1e-3]:
+        path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
+        alone = sum(law.time_path(line(d), limits(1)).duration for d in (0.6, gap, 0.6))
+        trajectory = law.time_path(path, limits(2))
+        found = peaks(trajectory, limits(2))
+        assert trajectory.duration == pytest.approx(alone, rel=1e-5)  # the last piece leans by the gap
+        assert max(found.velocity.ratio, found.acceleration.ratio) <= HELD
 
 
 @law_cases
-@pytest.mark.parametrize("distance", [1e-14, 1e-9, 1e-6, 1e-4, 0.99e-3, 1.01e-3])
-def test_a_very_short_move_takes_a_very_short_time(law: Timing, distance: float) -> None:
-    trajectory = law.time_path(line(distance, 0.0), limits(2, jerk=1e12))
-    assert trajectory.duration == pytest.approx(2 * math.sqrt(distance / 5), rel=1e-3)
-    assert trajectory(trajectory.duration).tolist() == [distance, 0.0]
+def test_a_very_short_move_takes_a_very_short_time(law: Timing) -> None:
+    for distance in [1e-14, 1e-9, 1e-6, 1e-4, 0.99e-3, 1.01e-3]:
+        trajectory = law.time_path(line(distance, 0.0), limits(2, jerk=1e12))
+        assert trajectory.duration == pytest.approx(2 * math.sqrt(distance / 5), rel=1e-3)
+        assert trajectory(trajectory.duration).tolist() == [distance, 0.0]
 
 
 @law_cases
@@ -324,12 +324,12 @@ def test_an_s_curve_s_own_jerk_replaces_a_robot_s() -> None:
 # -- TOPP-RA
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_toppra_is_close_to_the_optimum_and_never_faster(seed: int) -> None:
-    path, given_limits = mixed_case(seed)
-    optimum = Trapezoidal().time_path(path, given_limits).duration
-    duration = ToppRa().time_path(path, given_limits).duration
-    assert optimum * (1 - 1e-9) <= duration <= optimum * (1 + WITHIN_GRID)
+def test_toppra_is_close_to_the_optimum_and_never_faster() -> None:
+    for seed in range(20):
+        path, given_limits = mixed_case(seed)
+        optimum = Trapezoidal().time_path(path, given_limits).duration
+        duration = ToppRa().time_path(path, given_limits).duration
+        assert optimum * (1 - 1e-9) <= duration <= optimum * (1 + WITHIN_GRID)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e-1, 1e3])
