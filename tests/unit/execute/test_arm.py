@@ -32,8 +32,7 @@ def in_two() -> SavedTask:
     return SavedTask(service().world, "close and go", (Segment("go", there(), 0.03),), CheckCounts(), 0.0)
 
 
-@pytest.mark.parametrize("joint", range(6))
-@pytest.mark.parametrize("jump", [0.15, -0.45, 1.0])
+@pytest.mark.parametrize(("joint", "jump"), [*enumerate([0.15, -0.45, 1.0, 0.15, -0.45, 1.0])])
 def test_an_encoder_that_jumps_is_not_believed(jump: float, joint: int, arm: FakeArm) -> None:
     off = np.zeros(6)
     off[joint] = jump
@@ -113,7 +112,7 @@ def test_a_malformed_reading_stops_the_stream(what: str, arm: FakeArm) -> None:
     assert report.motions[0].recording.measured.shape == (20, 6)
 
 
-@pytest.mark.parametrize("what", READINGS)
+@pytest.mark.parametrize("what", ["text", "too few", "nan"])
 def test_an_arm_whose_first_reading_is_malformed_is_not_moved(what: str, arm: FakeArm) -> None:
     arm.seen = lambda: READINGS[what](arm.q)
     with pytest.raises(InvalidRequest, match=r"positions|arm: got joint_"):
@@ -186,10 +185,10 @@ def test_a_driver_that_does_not_answer_is_not_used(name: str, arm: FakeArm, monk
         execute(there(), arm, robot(), QUICK)
 
 
-@pytest.mark.parametrize(("velocity", "upper"), [(0.0, 1.0), (-1.0, 1.0), (1.0, -1.0)])
-def test_limits_that_make_no_sense_are_refused(velocity: float, upper: float) -> None:
-    with pytest.raises(InvalidRequest, match=r"velocity|upper"):
-        ArmLimits(np.zeros(6), np.full(6, upper), np.full(6, velocity))
+def test_limits_that_make_no_sense_are_refused() -> None:
+    for velocity, upper in [(0.0, 1.0), (-1.0, 1.0), (1.0, -1.0)]:
+        with pytest.raises(InvalidRequest, match=r"velocity|upper"):
+            ArmLimits(np.zeros(6), np.full(6, upper), np.full(6, velocity))
 
 
 def test_a_joint_of_an_arm_may_be_held_in_one_place() -> None:

@@ -535,16 +535,13 @@ def test_a_task_that_has_no_plan_is_not_executed(arm: FakeArm) -> None:
         execute(task, arm, robot(), QUICK)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
+def test_settings_out_of_range_are_refused() -> None:
+    for name, value in [
         *(("speed", 0.0), ("speed", 1.1), ("rate", 5.0), ("start_tolerance", -0.5), ("settle", -1.0)),
         *(("latest", math.nan), ("latest", 0)),
-    ],
-)
-def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InvalidRequest, match=name):
-        Streaming(**{name: value})
+    ]:
+        with pytest.raises(InvalidRequest, match=name):
+            Streaming(**{name: value})
 
 
 def test_the_report_is_plain_json(arm: FakeArm) -> None:
@@ -669,14 +666,11 @@ def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
         assert re.search(f"{name}: got '?{value}'?; expected no such option with FILE", told)
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
+def test_what_cannot_be_run_is_bad_input() -> None:
+    for words, message in [
         (["run"], "either --sim or --arm ADDRESS"),
         (["run", "--sim", "--arm", "192.168.1.2"], "either --sim or --arm ADDRESS"),
         (["run", "--arm", "192.168.1.2", "--yes"], "a saved plan or task"),
         (["run", "--sim", "--speed", "2"], "a part of the planned speed"),
-    ],
-)
-def test_what_cannot_be_run_is_bad_input(words: list[str], message: str) -> None:
-    assert message in refused(*words)
+    ]:
+        assert message in refused(*words)
