@@ -229,10 +229,10 @@ print(struck(0) == count)
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr[-2000:]
 
 
-def test_ctrl_c_while_ompl_is_imported_ends_no_process_with_a_crash() -> None:
-    """OMPL makes its enumerations with Python's own ``enum``, and ends the process where that is interrupted."""
-    program = """
-import enum, signal, sys, threading
+def struck_in_the_import_of_ompl(strike: str, after: str) -> subprocess.CompletedProcess[str]:
+    """A process that runs ``strike`` while OMPL makes its enumerations with Python's ``enum``, and then ``after``."""
+    program = f"""
+import enum, signal, sys, threading, time
 
 struck = []
 
@@ -240,10 +240,20 @@ def profile(frame, event, _):
     if event != "call" or frame.f_code.co_filename != enum.__file__ or struck or "ompl._ompl" not in sys.modules:
         return
     struck.append(True)
-    signal.raise_signal(signal.SIGINT)
+    {strike}
 
 sys.setprofile(profile)
 threading.setprofile(profile)
+{after}
+"""
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+
+
+def test_ctrl_c_while_ompl_is_imported_ends_no_process_with_a_crash() -> None:
+    """OMPL ends the process where the making of its enumerations is interrupted."""
+    done = struck_in_the_import_of_ompl(
+        "signal.raise_signal(signal.SIGINT)",
+        """
 try:
     import planner_service
 except KeyboardInterrupt:
@@ -254,28 +264,15 @@ import planner_service as ps
 from planner_service.planners import AORRTC
 asked = ps.PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=AORRTC(checks=20))
 print(bool(struck), ps.PlannerService("planar2", "discs").plan(asked).ok)
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+""",
+    )
     assert (done.returncode, done.stdout) == (0, "True True\n"), done.stderr[-2000:]
 
 
 def test_ctrl_c_that_ends_a_process_while_ompl_is_imported_lets_the_import_end_first() -> None:
-    program = """
-import enum, signal, sys, threading, time
-
-struck = []
-
-def profile(frame, event, _):
-    if event != "call" or frame.f_code.co_filename != enum.__file__ or struck or "ompl._ompl" not in sys.modules:
-        return
-    struck.append(True)
-    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-    time.sleep(0.01)  # meanwhile the main thread goes on
-
-sys.setprofile(profile)
-threading.setprofile(profile)
-import planner_service
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    done = struck_in_the_import_of_ompl(
+        "signal.pthread_kill(threading.main_thread().ident, signal.SIGINT); time.sleep(0.01)  # the main one goes on",
+        "import planner_service",
+    )
     assert done.returncode == -signal.SIGINT, done.stderr[-2000:]
     assert done.stderr.endswith("KeyboardInterrupt\n")
