@@ -141,10 +141,10 @@ def test_every_planner_of_the_service_is_named_as_the_service_names_it() -> None
     require_planner(LESSON)
 
 
-@pytest.mark.parametrize("text", ["prm:milestones", "prm:milestones=x", "rrtconnect:samples=3", "rrt:range=-1"])
-def test_a_setting_that_a_planner_does_not_have_is_refused(text: str) -> None:
-    with pytest.raises(InvalidRequest, match="setting=number"):
-        planner_of(text)
+def test_a_setting_that_a_planner_does_not_have_is_refused() -> None:
+    for text in ["prm:milestones", "prm:milestones=x", "rrtconnect:samples=3", "rrt:range=-1"]:
+        with pytest.raises(InvalidRequest, match="setting=number"):
+            planner_of(text)
 
 
 def test_seeds_are_one_or_a_range() -> None:
