@@ -70,14 +70,14 @@ def smallest(checker: CollisionChecker, path: Any, count: int = 400) -> float:
 # the curve
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_samples_lie_on_the_very_path_that_is_timed(seed: int) -> None:
-    corners = corners_of(seed)
-    path, points = course_path(corners), sampled(corners, 61).of(corners)
-    dense = path(np.linspace(0.0, path.length, 40_001))
-    assert max(np.sqrt(((dense - q) ** 2).sum(axis=1).min()) for q in points) < path.length / 40_000
-    assert points[0].tolist() == corners[0].tolist()
-    assert points[-1].tolist() == corners[-1].tolist()
+def test_samples_lie_on_the_very_path_that_is_timed() -> None:
+    for seed in range(5):
+        corners = corners_of(seed)
+        path, points = course_path(corners), sampled(corners, 61).of(corners)
+        dense = path(np.linspace(0.0, path.length, 40_001))
+        assert max(np.sqrt(((dense - q) ** 2).sum(axis=1).min()) for q in points) < path.length / 40_000
+        assert points[0].tolist() == corners[0].tolist()
+        assert points[-1].tolist() == corners[-1].tolist()
 
 
 def test_samples_are_means_of_corners_so_that_limits_of_corners_are_those_of_the_curve() -> None:
@@ -445,9 +445,10 @@ def test_a_voxel_is_a_length() -> None:
         Chomp(voxel=20.0)
 
 
-@pytest.mark.parametrize(
-    ("route", "held", "named"),
-    [
+def test_what_is_no_route_is_refused() -> None:
+    route: Any
+    held: Any
+    for route, held, named in [
         ([START], (1, 1), "route"),
         ([START, START], (1, 1), "route"),
         ([START, [0.0, math.inf]], (1, 1), "route"),
@@ -457,11 +458,9 @@ def test_a_voxel_is_a_length() -> None:
         ([START, GOAL], (1,), "held"),
         ([START, GOAL], (1.5, 1), "held"),
         ([START, GOAL], None, "held"),
-    ],
-)
-def test_what_is_no_route_is_refused(route: Any, held: Any, named: str) -> None:
-    with pytest.raises(InvalidRequest, match=f"^{named}"):
-        Optimise().improved(route, planar(), held=held)
+    ]:
+        with pytest.raises(InvalidRequest, match=f"^{named}"):
+            Optimise().improved(route, planar(), held=held)
 
 
 def test_nothing_is_remembered_from_one_optimisation_to_the_next() -> None:

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 
@@ -73,11 +72,12 @@ def test_higher_derivatives_of_a_polyline_are_zero() -> None:
     assert not np.any(path([0.0, 5.0, 7.0], 3))
 
 
-@pytest.mark.parametrize("s", [-1e-6, 11.0 + 1e-6, math.nan, [0.0, 12.0]])
-def test_arc_length_outside_the_path_is_refused(s: float | list[float]) -> None:
-    path = JointPath(ELBOW)
-    with pytest.raises(InvalidRequest, match=r"s: got .*; expected numbers in \[0, 11\]"):
-        path(s)
+def test_arc_length_outside_the_path_is_refused() -> None:
+    s: Any
+    for s in [-1e-6, 11.0 + 1e-6, math.nan, [0.0, 12.0]]:
+        path = JointPath(ELBOW)
+        with pytest.raises(InvalidRequest, match=r"s: got .*; expected numbers in \[0, 11\]"):
+            path(s)
 
 
 def test_an_overshoot_of_rounding_size_is_the_end() -> None:
@@ -93,13 +93,22 @@ def test_an_unknown_order_is_refused() -> None:
         path(0.0, 4)
 
 
-@pytest.mark.parametrize(
-    "waypoints",
-    [[], [[]], [1.0, 2.0], 3.0, [[[0.0]]], [[0.0, 1.0], [2.0]], "abc", None, [[0.0], [math.nan]], [[math.inf]]],
-)
-def test_wrong_waypoints_are_refused(waypoints: FloatArray) -> None:
-    with pytest.raises(InvalidRequest, match="waypoints"):
-        JointPath(waypoints)
+def test_wrong_waypoints_are_refused() -> None:
+    waypoints: Any
+    for waypoints in [
+        [],
+        [[]],
+        [1.0, 2.0],
+        3.0,
+        [[[0.0]]],
+        [[0.0, 1.0], [2.0]],
+        "abc",
+        None,
+        [[0.0], [math.nan]],
+        [[math.inf]],
+    ]:
+        with pytest.raises(InvalidRequest, match="waypoints"):
+            JointPath(waypoints)
 
 
 def test_a_waypoint_that_is_not_finite_is_named() -> None:
@@ -192,13 +201,13 @@ def test_blends_are_continuous_up_to_the_second_derivative() -> None:
         np.testing.assert_allclose(path.on_pieces(pieces, inner, order), before, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
-def test_each_derivative_of_a_blend_is_the_slope_of_the_one_before(order: int) -> None:
-    path = blended(np.random.default_rng(4))
-    s = np.linspace(path.breaks[1] + 1e-3, path.breaks[2] - 1e-3, 50)
-    h = 1e-5
-    slope = (path(s + h, order - 1) - path(s - h, order - 1)) / (2 * h)
-    np.testing.assert_allclose(path(s, order), slope, rtol=0, atol=1e-4)
+def test_each_derivative_of_a_blend_is_the_slope_of_the_one_before() -> None:
+    for order in [1, 2, 3]:
+        path = blended(np.random.default_rng(4))
+        s = np.linspace(path.breaks[1] + 1e-3, path.breaks[2] - 1e-3, 50)
+        h = 1e-5
+        slope = (path(s + h, order - 1) - path(s - h, order - 1)) / (2 * h)
+        np.testing.assert_allclose(path(s, order), slope, rtol=0, atol=1e-4)
 
 
 @settings(max_examples=40, deadline=None)
@@ -244,9 +253,9 @@ def test_a_blend_where_there_is_no_corner_is_none() -> None:
     assert not path.blended.any()
 
 
-@pytest.mark.parametrize(
-    ("blends", "message"),
-    [
+def test_impossible_blends_are_refused() -> None:
+    blends: Any
+    for blends, message in [
         ([0.0, 0.1], "3 finite numbers"),
         ([0.1, 0.1, 0.0], "first and the last"),
         ([0.0, -0.1, 0.0], "0 or at least"),
@@ -254,11 +263,9 @@ def test_a_blend_where_there_is_no_corner_is_none() -> None:
         ([0.0, math.nan, 0.0], "finite"),
         ([0.0, 5.5, 0.0], "no more together than the piece"),
         ("wide", "finite numbers"),
-    ],
-)
-def test_impossible_blends_are_refused(blends: Any, message: str) -> None:
-    with pytest.raises(InvalidRequest, match=message):
-        JointPath(ELBOW, blends)
+    ]:
+        with pytest.raises(InvalidRequest, match=message):
+            JointPath(ELBOW, blends)
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.05])
@@ -378,11 +385,11 @@ def test_a_trajectory_of_one_point_takes_no_time() -> None:
     assert samples.q.tolist() == [[0.3, 0.4]]
 
 
-@pytest.mark.parametrize("t", [-0.1, 2.1, math.nan])
-def test_time_outside_the_trajectory_is_refused(t: float) -> None:
-    trajectory = triangle(straight())
-    with pytest.raises(InvalidRequest, match=r"t: got .*; expected numbers in \[0, 2\]"):
-        trajectory(t)
+def test_time_outside_the_trajectory_is_refused() -> None:
+    for t in [-0.1, 2.1, math.nan]:
+        trajectory = triangle(straight())
+        with pytest.raises(InvalidRequest, match=r"t: got .*; expected numbers in \[0, 2\]"):
+            trajectory(t)
 
 
 def test_samples_include_the_exact_end() -> None:
@@ -400,11 +407,12 @@ def test_samples_do_not_repeat_an_end_that_falls_on_the_grid() -> None:
         assert np.all(np.diff(samples.t) > 0.09)
 
 
-@pytest.mark.parametrize("dt", [0.0, -1.0, math.nan, math.inf, 1e-9, "x", 10**400, True, None])
-def test_an_impossible_sampling_step_is_refused(dt: float) -> None:
-    trajectory = triangle(straight())
-    with pytest.raises(InvalidRequest, match="dt: got"):
-        trajectory.sample(dt)
+def test_an_impossible_sampling_step_is_refused() -> None:
+    dt: Any
+    for dt in [0.0, -1.0, math.nan, math.inf, 1e-9, "x", 10**400, True, None]:
+        trajectory = triangle(straight())
+        with pytest.raises(InvalidRequest, match="dt: got"):
+            trajectory.sample(dt)
 
 
 def test_dilation_slows_the_same_motion_down() -> None:
@@ -418,16 +426,16 @@ def test_dilation_slows_the_same_motion_down() -> None:
     assert np.array_equal(slow(2 * t, 2), trajectory(t, 2) / 4)
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf, 1e-320, 1e300, 10**400, "2", None])
-def test_an_impossible_dilation_is_refused(factor: float) -> None:
-    trajectory = triangle(straight())
-    with pytest.raises(InvalidRequest, match="factor: got"):
-        trajectory.dilated(factor)
+def test_an_impossible_dilation_is_refused() -> None:
+    factor: Any
+    for factor in [0.0, -1.0, math.nan, math.inf, 1e-320, 1e300, 10**400, "2", None]:
+        trajectory = triangle(straight())
+        with pytest.raises(InvalidRequest, match="factor: got"):
+            trajectory.dilated(factor)
 
 
-@pytest.mark.parametrize(
-    ("durations", "coefficients", "message"),
-    [
+def test_a_law_that_is_no_motion_from_rest_to_rest_is_refused() -> None:
+    for durations, coefficients, message in [
         ([1.0], [[0.0, 0.0, 0.5]], "shape"),
         ([1.0, math.nan], [[0, 0, 0.5, 0], [0.5, 1, -0.5, 0]], "finite"),
         ([1.0, -1.0], [[0, 0, 0.5, 0], [0.5, 1, -0.5, 0]], "positive"),
@@ -437,21 +445,18 @@ def test_an_impossible_dilation_is_refused(factor: float) -> None:
         ([1.0], [[0, 0.0, 1.0, 0]], "0 at both ends"),
         ([3.0], [[0, -2.0, 0, 7.0 / 27]], "turns back"),
         ([], [], "pieces for a path with a length"),
-    ],
-)
-def test_a_law_that_is_no_motion_from_rest_to_rest_is_refused(
-    durations: list[float], coefficients: list[list[float]], message: str
-) -> None:
-    path, c = straight(), np.array(coefficients).reshape(len(durations), -1) if durations else np.zeros((0, 4))
-    with pytest.raises(InvalidRequest, match=message):
-        Trajectory(path, np.array(durations), c)
+    ]:
+        path, c = straight(), np.array(coefficients).reshape(len(durations), -1) if durations else np.zeros((0, 4))
+        with pytest.raises(InvalidRequest, match=message):
+            Trajectory(path, np.array(durations), c)
 
 
-@pytest.mark.parametrize("dilation", [0.0, -1.0, math.nan, math.inf, "2", None, [[[1.0]]]])
-def test_a_dilation_that_is_no_positive_number_is_refused(dilation: Any) -> None:
-    law = triangle(straight())
-    with pytest.raises(InvalidRequest, match="dilation: got"):
-        Trajectory(law.path, law.durations, law.coefficients, dilation)
+def test_a_dilation_that_is_no_positive_number_is_refused() -> None:
+    dilation: Any
+    for dilation in [0.0, -1.0, math.nan, math.inf, "2", None, [[[1.0]]]]:
+        law = triangle(straight())
+        with pytest.raises(InvalidRequest, match="dilation: got"):
+            Trajectory(law.path, law.durations, law.coefficients, dilation)
 
 
 def test_a_corner_passed_at_speed_is_refused() -> None:
@@ -465,28 +470,29 @@ def test_pieces_of_a_straight_line_are_passed_at_speed() -> None:
     assert np.allclose(trajectory(1.0, 1), [0.6, 0.8], rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    "waypoints", [[[0], [10**400]], [["0"], ["1"]], [[False], [True]], [[1j]], None, [[0.0], None]]
-)
-def test_waypoints_that_are_no_real_numbers_are_refused(waypoints: Any) -> None:
-    with pytest.raises(InvalidRequest, match="waypoints: got"):
-        JointPath(waypoints)
+def test_waypoints_that_are_no_real_numbers_are_refused() -> None:
+    waypoints: Any
+    for waypoints in [[[0], [10**400]], [["0"], ["1"]], [[False], [True]], [[1j]], None, [[0.0], None]]:
+        with pytest.raises(InvalidRequest, match="waypoints: got"):
+            JointPath(waypoints)
 
 
-@pytest.mark.parametrize("value", [10**400, [10**400, 0.5], "0.5", True, None, [[0.1], [0.1, 0.2]]])
-def test_a_time_or_a_length_that_is_no_real_number_is_refused(value: Any) -> None:
-    trajectory = triangle(straight())
-    with pytest.raises(InvalidRequest, match="t: got"):
-        trajectory(value)
-    with pytest.raises(InvalidRequest, match="s: got"):
-        trajectory.path(value)
+def test_a_time_or_a_length_that_is_no_real_number_is_refused() -> None:
+    value: Any
+    for value in [10**400, [10**400, 0.5], "0.5", True, None, [[0.1], [0.1, 0.2]]]:
+        trajectory = triangle(straight())
+        with pytest.raises(InvalidRequest, match="t: got"):
+            trajectory(value)
+        with pytest.raises(InvalidRequest, match="s: got"):
+            trajectory.path(value)
 
 
-@pytest.mark.parametrize("order", [True, 1.0, "1", None, 10**400, [1]])
-def test_an_order_that_is_no_whole_number_is_refused(order: Any) -> None:
-    path = straight()
-    with pytest.raises(InvalidRequest, match="order: got"):
-        path(0.5, order)
+def test_an_order_that_is_no_whole_number_is_refused() -> None:
+    order: Any
+    for order in [True, 1.0, "1", None, 10**400, [1]]:
+        path = straight()
+        with pytest.raises(InvalidRequest, match="order: got"):
+            path(0.5, order)
 
 
 def test_a_law_of_huge_integers_is_refused() -> None:

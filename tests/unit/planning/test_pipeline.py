@@ -351,20 +351,17 @@ def test_a_result_says_how_its_motion_compares(discs: PlannerService) -> None:
     assert np.abs(trajectory(t, 1)).max() <= 0.5 * discs.robot.limits.velocity.max() * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
+def test_an_impossible_blend_or_tool_speed_is_refused() -> None:
+    for field, value in [
         ("blend", -0.1),
         ("blend", math.nan),
         ("blend", "wide"),
         ("max_tool_speed", 0.0),
         ("max_tool_speed", math.inf),
         ("max_tool_speed", "fast"),
-    ],
-)
-def test_an_impossible_blend_or_tool_speed_is_refused(field: str, value: object) -> None:
-    with pytest.raises(InvalidRequest, match=field):
-        asked(**{field: value})
+    ]:
+        with pytest.raises(InvalidRequest, match=field):
+            asked(**{field: value})
 
 
 def test_the_pace_of_a_given_polyline_is_held(discs: PlannerService) -> None:
@@ -441,10 +438,11 @@ def test_a_given_polyline_with_something_else_for_contacts_or_pace_is_refused(
         discs.follow(BEND, **{field: value})
 
 
-@pytest.mark.parametrize("values", [(0.5, 1, ()), ("0", 1, ()), (0, 1, None), (0, 1, (("a",),))])
-def test_an_impossible_stretch_of_contact_is_refused(values: Any) -> None:
-    with pytest.raises(InvalidRequest, match=r"^(first|pairs): got"):
-        AllowedStretch(values[0], values[1], values[2], "because")
+def test_an_impossible_stretch_of_contact_is_refused() -> None:
+    values: Any
+    for values in [(0.5, 1, ()), ("0", 1, ()), (0, 1, None), (0, 1, (("a",),))]:
+        with pytest.raises(InvalidRequest, match=r"^(first|pairs): got"):
+            AllowedStretch(values[0], values[1], values[2], "because")
 
 
 def test_a_corner_that_would_need_a_narrower_blend_than_the_least_is_a_stop(discs: PlannerService) -> None:
@@ -463,14 +461,14 @@ def test_impossible_blends_of_a_given_polyline_are_refused(discs: PlannerService
 # -- bad paths ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-6, 1e-4, 1e-3])
 @pytest.mark.parametrize("timing", [ToppRa(), SCurve(), Trapezoidal()], ids=lambda law: law.name)
-def test_repeated_waypoints_on_a_line_cost_no_time(discs: PlannerService, gap: float, timing: Any) -> None:
-    plain = discs.follow([[0.0, 0.0], [-1.0, 0.5]], pace=Pace(timing)).unwrap()[1].duration
-    middle = np.array([-0.5, 0.25])
-    again = middle + gap * np.array([-1.0, 0.5]) / math.hypot(1.0, 0.5)
-    result: PlanResult = discs.follow(np.array([[0.0, 0.0], middle, again, [-1.0, 0.5]]), pace=Pace(timing))
-    assert result.unwrap()[1].duration == pytest.approx(plain, rel=5e-3)
+def test_repeated_waypoints_on_a_line_cost_no_time(discs: PlannerService, timing: Any) -> None:
+    for gap in [1e-12, 1e-9, 1e-6, 1e-4, 1e-3]:
+        plain = discs.follow([[0.0, 0.0], [-1.0, 0.5]], pace=Pace(timing)).unwrap()[1].duration
+        middle = np.array([-0.5, 0.25])
+        again = middle + gap * np.array([-1.0, 0.5]) / math.hypot(1.0, 0.5)
+        result: PlanResult = discs.follow(np.array([[0.0, 0.0], middle, again, [-1.0, 0.5]]), pace=Pace(timing))
+        assert result.unwrap()[1].duration == pytest.approx(plain, rel=5e-3)
 
 
 def test_a_path_that_turns_back_stops_there(discs: PlannerService) -> None:

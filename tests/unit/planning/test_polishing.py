@@ -496,19 +496,16 @@ def test_the_command_line_optimises_lines() -> None:
     assert document["request"]["planner"]["name"] == "optimise"
 
 
-@pytest.mark.parametrize(
-    ("more", "told"),
-    [
+def test_what_the_command_line_cannot_use_is_named() -> None:
+    for more, told in [
         (("--clearance", "0.01"), "--polish"),
         (("--polish", "--clearance", "3"), "clearance: "),
         (("--polish", "--blend", "0"), "blend: "),
         (("--planner", "optimize"), "did you mean 'optimise'"),
-    ],
-)
-def test_what_the_command_line_cannot_use_is_named(more: tuple[str, ...], told: str) -> None:
-    done = CliRunner().invoke(app, line(*more))
-    assert done.exit_code == 2
-    assert told in done.stderr
+    ]:
+        done = CliRunner().invoke(app, line(*more))
+        assert done.exit_code == 2
+        assert told in done.stderr
 
 
 # the measure

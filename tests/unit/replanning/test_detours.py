@@ -77,15 +77,15 @@ def test_of_these_scenes_some_let_it_turn_off_with_less_padding_or_at_fewer_plac
     assert 0 < len(blocked) < len(near)
 
 
-@pytest.mark.parametrize(("goal", "count"), [((2.4, 0.0), 0), ((2.401, 0.0), 0), ((2.4, 0.5), 2), ((2.4, 3.0), 0)])
-def test_last_it_may_go_straight_beyond_its_old_end_within_its_limits(goal: tuple[float, float], count: int) -> None:
-    before = len(turning_off(EMPTY, (2.4, 0.0))[2])
-    beyond = turning_off(EMPTY, goal)[2][before:]
-    assert len(beyond) == count
-    for place in beyond:
-        assert 2.4 < place.s < 2.4 + goal[1]
-        assert place.q == pytest.approx([place.s, 0.0], abs=1e-12)
-        assert (place.waypoint, place.roomy) == (1, False)
+def test_last_it_may_go_straight_beyond_its_old_end_within_its_limits() -> None:
+    for goal, count in [((2.4, 0.0), 0), ((2.401, 0.0), 0), ((2.4, 0.5), 2), ((2.4, 3.0), 0)]:
+        before = len(turning_off(EMPTY, (2.4, 0.0))[2])
+        beyond = turning_off(EMPTY, goal)[2][before:]
+        assert len(beyond) == count
+        for place in beyond:
+            assert 2.4 < place.s < 2.4 + goal[1]
+            assert place.q == pytest.approx([place.s, 0.0], abs=1e-12)
+            assert (place.waypoint, place.roomy) == (1, False)
 
 
 def test_a_robot_that_stands_turns_off_where_it_is() -> None:
@@ -115,23 +115,21 @@ def test_a_free_motion_to_another_goal_does_not_go_on_when_the_budget_is_spent()
     assert present(found.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
 
 
-@pytest.mark.parametrize("sideways", [0.02, 0.1, 0.2])
-def test_a_free_motion_is_not_left_for_a_path_that_is_hardly_shorter(sideways: float) -> None:
-    bent = room().follow([[0.0, 0.0], [1.2, sideways], [2.4, 0.0]], pace=Pace(ToppRa()), blends=(0.0, 0.2, 0.0))
-    found = room().replan(bent, at_time=0.1)
-    assert found.outcome is Outcome.KEPT
-    assert found.result.notes == ()  # nothing was timed
+def test_a_free_motion_is_not_left_for_a_path_that_is_hardly_shorter() -> None:
+    for sideways in [0.02, 0.1, 0.2]:
+        bent = room().follow([[0.0, 0.0], [1.2, sideways], [2.4, 0.0]], pace=Pace(ToppRa()), blends=(0.0, 0.2, 0.0))
+        found = room().replan(bent, at_time=0.1)
+        assert found.outcome is Outcome.KEPT
+        assert found.result.notes == ()  # nothing was timed
 
 
-@pytest.mark.parametrize(
-    ("sideways", "outcome"), [(0.3, Outcome.KEPT), (0.4, Outcome.KEPT), (0.5, Outcome.KEPT), (0.7, Outcome.NEW)]
-)
-def test_nor_for_one_on_which_the_robot_arrives_hardly_sooner(sideways: float, outcome: Outcome) -> None:
-    bent = room().follow([[0.0, 0.0], [1.2, sideways], [2.4, 0.0]], pace=Pace(ToppRa()), blends=(0.0, 0.2, 0.0))
-    found = room().replan(bent, at_time=0.1, latency=0.02)
-    assert found.outcome is outcome
-    left = trajectory_of(bent).duration - found.splice
-    assert (trajectory_of(found).duration <= 0.97 * left) == (outcome is Outcome.NEW)
+def test_nor_for_one_on_which_the_robot_arrives_hardly_sooner() -> None:
+    for sideways, outcome in [(0.3, Outcome.KEPT), (0.4, Outcome.KEPT), (0.5, Outcome.KEPT), (0.7, Outcome.NEW)]:
+        bent = room().follow([[0.0, 0.0], [1.2, sideways], [2.4, 0.0]], pace=Pace(ToppRa()), blends=(0.0, 0.2, 0.0))
+        found = room().replan(bent, at_time=0.1, latency=0.02)
+        assert found.outcome is outcome
+        left = trajectory_of(bent).duration - found.splice
+        assert (trajectory_of(found).duration <= 0.97 * left) == (outcome is Outcome.NEW)
 
 
 @pytest.mark.parametrize("most", [100, 1000])

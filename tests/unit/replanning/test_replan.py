@@ -564,9 +564,9 @@ def test_a_real_arm_around_a_post_that_moves() -> None:
 # -- mistakes -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
+def test_a_mistake_is_refused_by_name() -> None:
+    values: Any
+    for values, message in [
         ({"at_time": -0.1}, "at_time"),
         ({"at_time": 99.0}, "at_time: got 99.0; expected seconds on the old motion"),
         ({"at_time": math.nan}, "at_time"),
@@ -577,11 +577,9 @@ def test_a_real_arm_around_a_post_that_moves() -> None:
         ({"goal": (1.0, math.inf)}, "goal"),
         ({"request": "quickly"}, "request"),
         ({"request": PlanRequest((0.0, 0.0), (1.0, 0.0), timing=SCurve())}, "request.timing"),
-    ],
-)
-def test_a_mistake_is_refused_by_name(values: dict[str, Any], message: str) -> None:
-    with pytest.raises(InvalidRequest, match=message):
-        room().replan(swing(), **{"at_time": 0.5, **values})
+    ]:
+        with pytest.raises(InvalidRequest, match=message):
+            room().replan(swing(), **{"at_time": 0.5, **values})
 
 
 def test_a_failed_plan_is_nothing_under_way() -> None:
@@ -623,12 +621,12 @@ def test_a_part_of_a_path_is_proven_and_no_more() -> None:
     assert not certifier.certify(path, part=(1.2, 1.2)).certified
 
 
-@pytest.mark.parametrize("part", [(-0.1, 1.0), (1.0, 0.5), (0.0, 2.5), (math.nan, 1.0)])
-def test_a_part_that_is_not_on_the_path_is_refused(part: tuple[float, float]) -> None:
-    robot = PlannerService("planar2", EMPTY).robot
-    path = JointPath(np.array([[0.0, 0.0], [2.4, 0.0]]))
-    with pytest.raises(InvalidRequest, match="part"):
-        Certifier(robot, EMPTY).certify(path, part=part)
+def test_a_part_that_is_not_on_the_path_is_refused() -> None:
+    for part in [(-0.1, 1.0), (1.0, 0.5), (0.0, 2.5), (math.nan, 1.0)]:
+        robot = PlannerService("planar2", EMPTY).robot
+        path = JointPath(np.array([[0.0, 0.0], [2.4, 0.0]]))
+        with pytest.raises(InvalidRequest, match="part"):
+            Certifier(robot, EMPTY).certify(path, part=part)
 
 
 def straight_part(begin: float, rate: float, seconds: float, end: float) -> Trajectory:
@@ -652,11 +650,11 @@ def test_a_start_at_speed_is_no_jump_of_acceleration_and_a_stop_is() -> None:
     assert found.jerk.time == 1.0
 
 
-@pytest.mark.parametrize(("begin", "end"), [(0.5, 0.9), (0.4, 1.0), (-0.5, 1.0), (0.5, 2.5)])
-def test_a_law_that_is_not_along_its_part_is_refused(begin: float, end: float) -> None:
-    path = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]]))
-    with pytest.raises(InvalidRequest, match=r"part|coefficients"):
-        Trajectory(path, np.array([1.0]), np.array([[0.5, 1.0, -0.5, 0.0]]), 1.0, (begin, end))
+def test_a_law_that_is_not_along_its_part_is_refused() -> None:
+    for begin, end in [(0.5, 0.9), (0.4, 1.0), (-0.5, 1.0), (0.5, 2.5)]:
+        path = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]]))
+        with pytest.raises(InvalidRequest, match=r"part|coefficients"):
+            Trajectory(path, np.array([1.0]), np.array([[0.5, 1.0, -0.5, 0.0]]), 1.0, (begin, end))
 
 
 def test_corners_before_and_after_a_part_are_passed_by_others() -> None:

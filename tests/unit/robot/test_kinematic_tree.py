@@ -48,8 +48,8 @@ def test_poses_have_the_bits_of_the_reference_alone_and_in_a_batch(seed: int) ->
         assert p[k].tolist() == [list(pose[9:]) for pose in expected]
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, "1", None])
-def test_joint_values_that_are_no_finite_numbers_are_refused(value: object) -> None:
-    tree, _ = drawn(0)
-    with pytest.raises((InvalidRequest, ValueError)):
-        tree.poses([0.0, 0.0, 0.0, 0.0, value])  # type: ignore[list-item]
+def test_joint_values_that_are_no_finite_numbers_are_refused() -> None:
+    for value in [math.nan, math.inf, "1", None]:
+        tree, _ = drawn(0)
+        with pytest.raises((InvalidRequest, ValueError)):
+            tree.poses([0.0, 0.0, 0.0, 0.0, value])  # type: ignore[list-item]

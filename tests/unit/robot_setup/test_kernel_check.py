@@ -118,10 +118,11 @@ def test_a_state_or_two_are_enough(states: int) -> None:
     assert examine(load_robot("planar2"), load_scene("discs"), states=states).agrees
 
 
-@pytest.mark.parametrize("states", [0, -1, 1_000_001, True, 2.0])
-def test_a_number_of_states_that_makes_no_sense_is_refused(states: Any) -> None:
-    with pytest.raises(InvalidRequest, match="states"):
-        examine(load_robot("planar2"), load_scene("table"), states=states)
+def test_a_number_of_states_that_makes_no_sense_is_refused() -> None:
+    states: Any
+    for states in [0, -1, 1_000_001, True, 2.0]:
+        with pytest.raises(InvalidRequest, match="states"):
+            examine(load_robot("planar2"), load_scene("table"), states=states)
 
 
 def test_bad_input_exits_with_two() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -73,17 +72,15 @@ def test_sequences_become_tuples() -> None:
     assert hash(scene) == hash(Scene((POST,), (HELD,)))
 
 
-@pytest.mark.parametrize(
-    "ask",
-    [
+def test_an_unknown_obstacle_is_answered_with_the_nearest_name() -> None:
+    ask: Any
+    for ask in [
         lambda: SCENE.obstacle("psot"),
         lambda: SCENE.without("psot"),
         lambda: SCENE.moved("psot", Pose()),
-    ],
-)
-def test_an_unknown_obstacle_is_answered_with_the_nearest_name(ask: Callable[[], Any]) -> None:
-    with pytest.raises(UnknownName, match="unknown obstacle 'psot'; did you mean 'post'"):
-        ask()
+    ]:
+        with pytest.raises(UnknownName, match="unknown obstacle 'psot'; did you mean 'post'"):
+            ask()
 
 
 def test_an_attached_object_is_no_obstacle() -> None:
@@ -93,34 +90,33 @@ def test_an_attached_object_is_no_obstacle() -> None:
         SCENE.without_attached("post")
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
+def test_a_name_is_there_once_among_obstacles_and_attached_objects() -> None:
+    make: Any
+    for make in [
         lambda: Scene((POST, BALL, POST)),
         lambda: SCENE.with_obstacle(Obstacle("ball", Sphere(0.2))),
         lambda: SCENE.with_obstacle(Obstacle("block", Sphere(0.2))),
         lambda: SCENE.with_attached(Attached("post", Sphere(0.2), Pose())),
         lambda: SCENE.with_attached(HELD),
-    ],
-)
-def test_a_name_is_there_once_among_obstacles_and_attached_objects(make: Callable[[], Any]) -> None:
-    with pytest.raises(InvalidRequest, match=r"name: got .*; expected each name once"):
-        make()
+    ]:
+        with pytest.raises(InvalidRequest, match=r"name: got .*; expected each name once"):
+            make()
 
 
-@pytest.mark.parametrize("name", ["", " ", "post ", "a\nb", "a\x00", "x" * 65, 7, None])
-def test_unusable_names_are_refused(name: Any) -> None:
-    with pytest.raises(InvalidRequest, match=r"name: got .*; expected 1 to 64 printable characters"):
-        Obstacle(name, Sphere(0.1))
+def test_unusable_names_are_refused() -> None:
+    name: Any
+    for name in ["", " ", "post ", "a\nb", "a\x00", "x" * 65, 7, None]:
+        with pytest.raises(InvalidRequest, match=r"name: got .*; expected 1 to 64 printable characters"):
+            Obstacle(name, Sphere(0.1))
 
 
 def test_a_name_of_64_characters_is_fine() -> None:
     assert Obstacle("ä" * 64, Sphere(0.1)).name == "ä" * 64
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+def test_what_is_no_scene_is_refused() -> None:
+    make: Any
+    for make, message in [
         (lambda: Obstacle("a", "box"), "shape of 'a': got 'box'; expected one of Box"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere), "shape of 'a'"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere(0.1), (0.0, 0.0, 0.0)), "pose of 'a'"),  # type: ignore[arg-type]
@@ -135,11 +131,9 @@ def test_a_name_of_64_characters_is_fine() -> None:
         (lambda: Scene(description="x" * 1001), "description: .* at most 1000"),
         (lambda: Scene(description="\x1b[2J"), "description: .* printable"),
         (lambda: Scene(tuple(Obstacle(f"o{k}", Sphere(0.1)) for k in range(10_001))), "got 10001; expected at most"),
-    ],
-)
-def test_what_is_no_scene_is_refused(make: Callable[[], Any], message: str) -> None:
-    with pytest.raises(InvalidRequest, match=message):
-        make()
+    ]:
+        with pytest.raises(InvalidRequest, match=message):
+            make()
 
 
 # The hash
@@ -154,9 +148,8 @@ def test_the_hash_leaves_out_what_changes_no_verdict() -> None:
     assert Scene((POST,), name="a", description="b").hash == Scene((POST,)).hash
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
+def test_every_other_content_has_another_hash() -> None:
+    for other in [
         Scene(),
         Scene((BALL, POST), (HELD,)),
         Scene((POST, BALL)),
@@ -167,10 +160,8 @@ def test_the_hash_leaves_out_what_changes_no_verdict() -> None:
         Scene((Obstacle("post", Capsule(0.03, 0.4), POST.pose), BALL), (HELD,)),
         Scene((Obstacle("post", Cylinder(0.4, 0.03), POST.pose), BALL), (HELD,)),
         Scene((POST, BALL), (Attached("block", HELD.shape, HELD.pose, ("finger_left",)),)),
-    ],
-)
-def test_every_other_content_has_another_hash(other: Scene) -> None:
-    assert other.hash != SCENE.hash
+    ]:
+        assert other.hash != SCENE.hash
 
 
 def test_a_scene_that_was_asked_for_its_hashes_is_copied_and_sent() -> None:
@@ -203,15 +194,15 @@ def test_a_shipped_scene_loads_under_its_own_name_and_round_trips(name: str, tmp
     assert load_scene(tmp_path / "copy.toml") == scene
 
 
-@pytest.mark.parametrize("name", [name for name in scene_names() if name not in ("empty", "discs")])
-def test_the_table_is_a_thick_box_a_millimetre_below_everything_on_it(name: str) -> None:
-    scene = load_scene(name)
-    table = scene.obstacle("table")
-    assert isinstance(table.shape, Box)
-    assert min(table.shape.size) >= 0.1
-    assert table.pose.position[2] + table.shape.half[2] == pytest.approx(-0.001, abs=1e-12)
-    for obstacle in scene.without("table").obstacles:
-        assert lowest(obstacle) >= -1e-12, obstacle.name
+def test_the_table_is_a_thick_box_a_millimetre_below_everything_on_it() -> None:
+    for name in [name for name in scene_names() if name not in ("empty", "discs")]:
+        scene = load_scene(name)
+        table = scene.obstacle("table")
+        assert isinstance(table.shape, Box)
+        assert min(table.shape.size) >= 0.1
+        assert table.pose.position[2] + table.shape.half[2] == pytest.approx(-0.001, abs=1e-12)
+        for obstacle in scene.without("table").obstacles:
+            assert lowest(obstacle) >= -1e-12, obstacle.name
 
 
 def lowest(obstacle: Obstacle) -> float:
@@ -308,10 +299,10 @@ def test_a_name_nobody_has_is_answered_with_the_nearest() -> None:
         load_scene("tabel")
 
 
-@pytest.mark.parametrize("name", ["", "..", "empty\x00"])
-def test_a_text_without_folder_or_suffix_is_only_ever_a_name(name: str) -> None:
-    with pytest.raises(UnknownName, match="unknown scene"):
-        load_scene(name)
+def test_a_text_without_folder_or_suffix_is_only_ever_a_name() -> None:
+    for name in ["", "..", "empty\x00"]:
+        with pytest.raises(UnknownName, match="unknown scene"):
+            load_scene(name)
 
 
 def test_a_scene_is_found_by_text_and_by_path(tmp_path: Path) -> None:
