@@ -19,7 +19,6 @@ from planner_service.files.writing import require_writable
 
 COMMANDS = {
     "check": ("harness.gate", "the gate: counts and paths of the smoke suite and of all else that is pinned"),
-    "queries": ("harness.stored", "the stored queries are what their seed gives"),
     "peers": ("baselines.peers.running", "other planners: the environments in which panda runs them"),
     "attack": ("attack.running", "hostile inputs of every kind"),
     "mutants": ("studies.mutants", "whether the tests notice small faults in a package"),

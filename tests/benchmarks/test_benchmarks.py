@@ -245,18 +245,6 @@ def test_without_an_argument_everything_there_is_is_listed_as_in_the_docs(capsys
     assert set(command.LONG) < set(command.STUDIES)
 
 
-def test_changed_queries_are_told_and_stored_only_when_asked(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(queries, "FOLDER", tmp_path)
-    monkeypatch.setattr(queries, "SCENES", {"post": SCENES["post"]})
-    assert command.main(["queries"]) == 1
-    assert "python -m benchmarks queries --write" in capsys.readouterr().out
-    assert list(tmp_path.iterdir()) == []
-    assert command.main(["queries", "--write"]) == 0
-    assert command.main(["queries"]) == 0
-
-
 def test_few_states_are_compared_in_the_kinds_there_are() -> None:
     assert [promise for promise in agreement.run("planar2", 1).promises if not promise.kept] == []
 
