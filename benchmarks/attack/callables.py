@@ -175,7 +175,7 @@ def _call(function: Callable[..., Any], into: tuple[str, ...] = (), /, **argumen
 
 def _again(value: Any) -> tuple[str, Call]:
     """The call that makes a value."""
-    return _call(type(value), **{field.name: getattr(value, field.name) for field in fields(value)})
+    return _call(type(value), **{field.name: getattr(value, field.name) for field in fields(value) if field.init})
 
 
 def _values(folder: Path) -> Calls:

@@ -143,7 +143,8 @@ class BodyTree:
 
     def poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
         """Pose of every body in the world; q must be finite."""
-        values = np.asarray(q)
+        plain = type(q) in (list, tuple) and len(q) == self._n and PLAIN.issuperset(map(type, q))
+        values = np.asarray(q if plain or type(q) is np.ndarray else numbers("q", q, f"{self._n} numbers"))
         if values.shape != (self._n,) or values.dtype.kind not in REAL:
             raise InvalidRequest("q", q, f"{self._n} numbers")
         core: Any = load_core()
@@ -172,6 +173,9 @@ def _times(left: Matrix, right: Matrix) -> Matrix:
         g * j + h * n + i * r, g * k + h * o + i * s, g * m + h * p + i * t,
     )  # fmt: skip
 
+
+PLAIN = frozenset({float, int})
+"""What takes no closer look: an object of another type may be of any length."""
 
 UNIT_MATRIX: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
