@@ -222,7 +222,11 @@ def _objections(document: Json, samples: int) -> Iterator[str]:
     for number, segment in enumerate(segments):
         name, result = segment["name"], segment["result"]
         s, Q = curve(result["path"], samples)
-        if before is not None and np.abs(Q[0] - before).max() > AWAY:
+        moves, claimed = (it["part"] or (0.0, s[-1]) for it in (result["trajectory"], result["certificate"]))
+        begin, stop = (np.array([np.interp(at, s, column) for column in Q.T]) for at in moves)
+        if moves[0] < claimed[0] - 1e-6 or moves[1] > claimed[1] + 1e-6:
+            yield f"{name}: moves where nothing is claimed"
+        if before is not None and np.abs(begin - before).max() > AWAY:
             yield f"{name}: jumps at its start"
         wide = segment["gripper_width"] if robot["gripper"] else width
         if before is not None:
@@ -256,14 +260,13 @@ def _objections(document: Json, samples: int) -> Iterator[str]:
                     yield f"{name}: says that {key} is elsewhere or something else"
         if wide != width:
             grip = (segment["gripper"] or {"certificate": result["certificate"]})["certificate"]
-            taken = {it["name"] for it in now if it not in hold} | {it["name"] for it in hold if it not in now}
-            fingers = set(robot["gripper"]["links"])
+            taken = {("object", it["name"]) for it in (*now, *hold) if it not in hold or it not in now}
+            fingers = {("link", link) for link in robot["gripper"]["links"]}
             for part in np.linspace(width, wide, 5):
                 bodies = arm.bodies(list(stand.values()), hold, float(part))
-                yield from touching(
-                    arm, bodies, [0.0], Q[:1], document, hold, grip, f"gripper before {name}", fingers, taken
-                )
-        stand, hold, width, before = there, now, wide, Q[-1]
+                still = [0.0], begin[None]
+                yield from touching(arm, bodies, *still, document, hold, grip, f"gripper before {name}", fingers, taken)
+        stand, hold, width, before = there, now, wide, stop
         bodies = arm.bodies(list(stand.values()), hold, width)
         yield from touching(arm, bodies, s, Q, document, hold, result["certificate"], name)
         yield from beyond(robot, request, result, Q, name)
@@ -271,7 +274,7 @@ def _objections(document: Json, samples: int) -> Iterator[str]:
         asked += [each for it in hold for each in it.get("constraints", [])]
         yield from unkept(arm, asked, Q, name)
     if request is not None and "segments" not in document:
-        yield from elsewhere(arm, request, segments[0]["result"])
+        yield from elsewhere(arm, request, segments[0]["result"], begin, stop)
 
 
 def touching(
@@ -307,7 +310,7 @@ def touching(
             continue
         if max(a.link, b.link) <= 0:
             continue
-        if fingers is not None and not {a.owner[1], b.owner[1]} & fingers:
+        if fingers is not None and not {a.owner, b.owner} & fingers:
             continue
         if sorted((label[a.owner], label[b.owner])) in [sorted(pair) for pair in document["allowed"]]:
             continue
@@ -334,7 +337,7 @@ def touching(
             for each in certificate["exempt"]:
                 if each["s_start"] - 1e-9 <= k <= each["s_end"] + 1e-9 and set(both) in map(set, each["pairs"]):
                     depth = max(depth or 0.0, MEANT if each.get("depth") is None else each["depth"] + NEAR)
-            if fingers is not None and {*both} & set(taken):
+            if fingers is not None and {a.owner, b.owner} & set(taken):
                 depth = MEANT
             gap = distance(a, frames[i], b, frames[j])
             if gap < (near - NEAR if depth is None else -depth):
@@ -383,6 +386,8 @@ def beyond(robot: Json, request: Json, result: Json, Q: Array, name: str) -> Ite
         yield f"{name}: s(t) turns back"
     if law["part"] is None and abs(c[0, 1]) > 1e-5:
         yield f"{name}: begins at speed"
+    if abs(c[-1, 1:] @ (np.arange(1, 4) * h[-1] ** np.arange(3))) > 1e-5:
+        yield f"{name}: ends at speed"
     q = np.column_stack([np.interp(at, s, column) for column in path.T])
     v = np.diff(q, axis=0) / step
     scales = (1.0, 1.0)
@@ -428,25 +433,24 @@ def unkept(arm: Arm, asked: Json, Q: Array, name: str) -> Iterator[str]:
                 break
 
 
-def elsewhere(arm: Arm, request: Json, result: Json) -> Iterator[str]:
-    """Ends that are not those of the request."""
-    points = np.array(result["path"]["waypoints"], float)
-    near, turns = request["start_tolerance"] + AWAY, np.array(arm.robot.get("continuous") or [False] * points.shape[1])
+def elsewhere(arm: Arm, request: Json, result: Json, begin: Array, stop: Array) -> Iterator[str]:
+    """Ends of a motion, which may be on the way along its path, that are not those of the request."""
+    near, turns = request["start_tolerance"] + AWAY, np.array(arm.robot.get("continuous") or [False] * len(begin))
 
     def off(q: Json, end: Array) -> float:
         far = np.abs(np.array(q, float) - end)
         return float(np.where(turns, np.minimum(far % (2 * math.pi), 2 * math.pi - far % (2 * math.pi)), far).max())
 
-    if result["trajectory"]["part"] is None and off(request["start"], points[0]) > near:
+    if result["trajectory"]["part"] is None and off(request["start"], begin) > near:
         yield "begins elsewhere than asked"
     index = result["goal_index"]
     if index is None:
         return
     goal = request["goals"][index]
-    if "joints" in goal and off(goal["joints"], points[-1]) > near:
+    if "joints" in goal and off(goal["joints"], stop) > near:
         yield "ends elsewhere than asked"
     posed = "pose" in goal and goal["room"] is None
-    if posed and np.abs(arm.tool(points[-1]) - matrix(goal["pose"])).max() > 10 * AWAY:
+    if posed and np.abs(arm.tool(stop) - matrix(goal["pose"])).max() > 10 * AWAY:
         yield "the tool ends elsewhere than asked"
 
 
