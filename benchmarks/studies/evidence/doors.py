@@ -60,7 +60,7 @@ def run(queries: int | None, seed: int) -> Report:
 
 def _judged(opens: Door, forger: Forger, base: Document) -> Row:
     try:
-        document = json.loads(json.dumps(forger.document, allow_nan=False))
+        document = json.loads(json.dumps(forger.sealed(), allow_nan=False))
         proven, said = opens(document, base)
         proven.required()
     except (PlannerServiceError, ValueError) as error:  # or what is no JSON

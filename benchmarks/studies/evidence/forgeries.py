@@ -23,10 +23,13 @@ from auditor.sampling import no_path_objections, objections
 from auditor.schema import Invalid
 from auditor.trails import digest, unpacked
 from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
+from benchmarks.studies.evidence.otherwise_right import name_as_link, stop_early
 from benchmarks.studies.evidence.saved_files import Document, saved_files
 from planner_service.errors import InvalidRequest
 from planner_service.path.joint_path import JointPath
 from planner_service.records.evidence import packed
+from planner_service.records.robot import RobotRecord
+from planner_service.records.scene import SceneRecord
 from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import Trapezoidal
 
@@ -49,8 +52,12 @@ class Forger:
     """A file that is changed; ``True`` from a change says that the meaning is the same."""
 
     def __init__(self, document: Document, others: Sequence[Document], chance: random.Random) -> None:
-        self.chance, self.others, self.document = chance, others, deepcopy(document)
-        self.robot, self.scene = self.document["robot"], self.document["scene"]
+        self.chance, self.others = chance, others
+        self.take(deepcopy(document))
+
+    def take(self, document: Document) -> None:
+        """This one in place of the file."""
+        self.document, self.robot, self.scene = document, document["robot"], document["scene"]
         self.no_path = "encloses" in self.document
         self.segments = self.document.get("segments", [])
         self.section = self.document["sections"]["evidence"] if not self.no_path else {"proofs": []}
@@ -59,7 +66,15 @@ class Forger:
         self.proofs = [proof for proof in proofs if proof["gripper"][0] == proof["gripper"][1]]
 
     def sealed(self) -> Document:
-        """The file with its digests made right."""
+        """The file with its hashes and digests made right."""
+        for part, record in (("robot", RobotRecord), ("scene", SceneRecord)):
+            try:
+                record.model_validate(self.document[part]).value  # noqa: B018
+            except InvalidRequest as error:
+                if error.field == "hash":
+                    self.document[part]["hash"] = error.expected.split()[-1]
+            except (KeyError, TypeError, ValueError):  # no robot or scene any more
+                pass
         if not self.no_path:
             for part in ("robot", "scene"):
                 self.section[part] = digest(self.document[part])
@@ -67,6 +82,10 @@ class Forger:
 
     def one(self) -> int:
         return self.chance.randrange(len(self.results))
+
+    def loads(self) -> list[Any]:
+        """What is held, at the start and in each scene."""
+        return [*self.scene["attached"], *(it for s in self.segments if s["scene"] for it in s["scene"]["attached"])]
 
     def scale(self) -> float:
         return float(self.chance.choice((-1.0, 1.0)) * 10.0 ** self.chance.uniform(-4.0, 0.5))
@@ -84,23 +103,28 @@ class Forger:
 
     def put_path(self, k: int, points: Any) -> None:
         """Another path with a law of its own and the trail stretched along it."""
-        result, limits = self.results[k], self.robot["limits"]
         try:
             path = JointPath(np.array(points))
-            scales = self.document["request"] or {"velocity_scale": 1.0, "acceleration_scale": 1.0}
-            most = {key: np.array(values) for key, values in limits.items()}
-            most["velocity"] = most["velocity"] * scales["velocity_scale"]
-            most["acceleration"] = most["acceleration"] * scales["acceleration_scale"]
-            trajectory = Trapezoidal().time_path(path, JointLimits(**most))
+            self.put_law(k, path)
         except (InvalidRequest, ValueError):
             return
-        result["path"] = {"length": path.length, "waypoints": path.waypoints.tolist(), "blends": path.blends.tolist()}
-        result["trajectory"] |= {"durations": trajectory.durations.tolist(), "duration": trajectory.duration}
-        result["trajectory"] |= {"coefficients": trajectory.coefficients.tolist()}
-        result["motion"]["duration"] = trajectory.duration
+        waypoints, blends = path.waypoints.tolist(), path.blends.tolist()
+        self.results[k]["path"] = {"length": path.length, "waypoints": waypoints, "blends": blends}
         s = unpacked(self.proofs[k]["s"], "<f8", 1)[:, 0]
         if len(s) and s[-1] > 0.0:
             self.proofs[k]["s"] = packed(s * (path.length / s[-1]), "<f8")
+
+    def put_law(self, k: int, path: JointPath) -> None:
+        """Another law, which runs along a path from rest to rest within the limits."""
+        result, limits = self.results[k], self.robot["limits"]
+        scales = self.document["request"] or {"velocity_scale": 1.0, "acceleration_scale": 1.0}
+        most = {key: np.array(values) for key, values in limits.items()}
+        most["velocity"] = most["velocity"] * scales["velocity_scale"]
+        most["acceleration"] = most["acceleration"] * scales["acceleration_scale"]
+        trajectory = Trapezoidal().time_path(path, JointLimits(**most))
+        result["trajectory"] |= {"durations": trajectory.durations.tolist(), "duration": trajectory.duration}
+        result["trajectory"] |= {"coefficients": trajectory.coefficients.tolist()}
+        result["motion"]["duration"] = trajectory.duration
 
     def rows(self, k: int) -> Any:
         return unpacked(self.proofs[k]["rows"], "<i4", 9).copy()
@@ -211,8 +235,7 @@ class Forger:
         if group == "scene":
             solids = [it["shape"] for it in self.scene["obstacles"]]
         elif group == "held":
-            solids = [it["shape"] for s in self.segments if s["scene"] for it in s["scene"]["attached"]]
-            solids += [it["shape"] for it in self.scene["attached"]]
+            solids = [it["shape"] for it in self.loads()]
         elif group == "finger":
             solids = [it["shape"] for it in (self.robot["gripper"] or {"closed": []})["closed"]]
         if solids:
@@ -225,8 +248,7 @@ class Forger:
 
     def move(self) -> None:
         """What stands, is held, or is part of the robot."""
-        poses = [it["pose"] for it in (*self.scene["obstacles"], *self.scene["attached"])]
-        poses += [it["pose"] for s in self.segments if s["scene"] for it in s["scene"]["attached"]]
+        poses = [it["pose"] for it in (*self.scene["obstacles"], *self.loads())]
         poses += [
             it["pose"] for s in self.segments if s["scene"] for it in s["scene"]["obstacles"] if isinstance(it, dict)
         ]
@@ -236,8 +258,7 @@ class Forger:
 
     def rename(self) -> None:
         """One thing as another one is called."""
-        named = [*self.scene["obstacles"], *self.scene["attached"]]
-        named += [it for s in self.segments if s["scene"] for it in s["scene"]["attached"]]
+        named = [*self.scene["obstacles"], *self.loads()]
         if named:
             links = [shape["link"] for shape in self.robot["shapes"]]
             names = [*links, *(it["name"] for it in named), "new", "a (object)", "base"]
@@ -316,7 +337,7 @@ class Forger:
 
     def change_load(self) -> None:
         """What is held: who may touch it, since when, with which constraints."""
-        held = [*self.scene["attached"], *(it for s in self.segments if s["scene"] for it in s["scene"]["attached"])]
+        held = self.loads()
         kind, links = self.chance.randrange(4), [shape["link"] for shape in self.robot["shapes"]]
         if kind == 0 and held:
             self.chance.choice(held)["touch_links"].append(self.chance.choice(links))
@@ -459,9 +480,12 @@ KINDS: tuple[Callable[[Forger], bool | None], ...] = (
     *(Forger.swap, Forger.drop, Forger.merge, Forger.cut, Forger.splice, Forger.retime, Forger.shrink, Forger.move),
     *(Forger.rename, Forger.exempt, Forger.change_robot, Forger.change_world, Forger.change_load),
     *(Forger.change_gripper, Forger.change_constraint, Forger.change_trail, Forger.raise_claim, Forger.change_form),
-    Forger.same,
+    *(stop_early, name_as_link, Forger.same),
 )
-OF_NO_PATH = (Forger.shrink, Forger.move, Forger.rename, Forger.change_robot, Forger.change_form, Forger.drop)
+OF_NO_PATH = (
+    *(Forger.shrink, Forger.move, Forger.rename, Forger.change_robot, Forger.change_form, Forger.drop),
+    name_as_link,
+)
 
 
 Judge = Callable[[str, str, bool, Forger, Document], Row]
