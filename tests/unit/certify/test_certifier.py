@@ -68,19 +68,19 @@ def test_clearance_is_in_whole_nanometres() -> None:
     assert abs(clearance - round(clearance)) < 1e-4
 
 
-@pytest.mark.parametrize("gap", [10 * MICRON, 100 * MICRON, 0.001, 0.03])
-def test_a_gap_of_ten_microns_is_certified(gap: float) -> None:
-    found = certify(PLANAR, ball_beyond(gap), SWEEP)
-    assert found.certified
-    assert MARGIN <= found.clearance <= gap
+def test_a_gap_of_ten_microns_is_certified() -> None:
+    for gap in [10 * MICRON, 100 * MICRON, 0.001, 0.03]:
+        found = certify(PLANAR, ball_beyond(gap), SWEEP)
+        assert found.certified
+        assert MARGIN <= found.clearance <= gap
 
 
-@pytest.mark.parametrize("gap", [MICRON, 0.0, -MICRON, -10 * MICRON, -0.001, -0.02])
-def test_a_gap_of_one_micron_is_refused_and_so_is_every_overlap(gap: float) -> None:
-    refusal = refused(certify(PLANAR, ball_beyond(gap), SWEEP))
-    assert {refusal.a, refusal.b} == {"forearm", "ball"}
-    at = 0.5 + 0.123  # the ball meets the rim up to 0.02 rad before and after
-    assert refusal.s_start - 0.05 <= at <= refusal.s_end + 0.05
+def test_a_gap_of_one_micron_is_refused_and_so_is_every_overlap() -> None:
+    for gap in [MICRON, 0.0, -MICRON, -10 * MICRON, -0.001, -0.02]:
+        refusal = refused(certify(PLANAR, ball_beyond(gap), SWEEP))
+        assert {refusal.a, refusal.b} == {"forearm", "ball"}
+        at = 0.5 + 0.123  # the ball meets the rim up to 0.02 rad before and after
+        assert refusal.s_start - 0.05 <= at <= refusal.s_end + 0.05
 
 
 @pytest.mark.parametrize("padding", [0.001, 0.02, 0.1])
@@ -269,11 +269,11 @@ def test_the_same_call_gives_the_same_certificate() -> None:
     assert certifier.certify(path) == first == Certifier(WXAI, load_scene("bin")).certify(path)
 
 
-@pytest.mark.parametrize("apart", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
-def test_waypoints_that_all_but_coincide_do_no_harm(apart: float) -> None:
-    way = np.array([SWEEP[0], [0.1, 0.0], [0.1 + apart, 0.0], [0.1 + apart, apart], SWEEP[1]])
-    assert certify(PLANAR, ball_beyond(0.001), way).certified
-    refused(certify(PLANAR, ball_beyond(-0.001), way))
+def test_waypoints_that_all_but_coincide_do_no_harm() -> None:
+    for apart in [0.0, 1e-12, 1e-9, 1e-6, 1e-3]:
+        way = np.array([SWEEP[0], [0.1, 0.0], [0.1 + apart, 0.0], [0.1 + apart, apart], SWEEP[1]])
+        assert certify(PLANAR, ball_beyond(0.001), way).certified
+        refused(certify(PLANAR, ball_beyond(-0.001), way))
 
 
 def test_a_corner_that_turns_back_is_proven_on_both_ways() -> None:
@@ -308,9 +308,9 @@ def test_a_curve_that_needs_too_many_bounds_is_refused(monkeypatch: pytest.Monke
     assert refusal.s_start <= refusal.s <= refusal.s_end
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
+def test_a_mistake_is_named() -> None:
+    arguments: Any
+    for arguments, told in [
         ({"path": JointPath(np.zeros((1, 3)))}, "path: got 3; expected a path of 2 joints"),
         ({"path": JointPath(np.array([[0.0, 0.0], [3.2, 0.0]]))}, r"waypoints\[1\]\[0\]: got 3\.2; expected shoulder"),
         ({"padding": -0.001}, "padding: got -0.001"),
@@ -321,17 +321,15 @@ def test_a_curve_that_needs_too_many_bounds_is_refused(monkeypatch: pytest.Monke
         ({"exempt": [(0.0, 0.1)]}, r"exempt\[0\]: got"),
         ({"exempt": None}, "exempt: got None"),
         ({"path": "straight on"}, "path: got 'straight on'"),
-    ],
-)
-def test_a_mistake_is_named(arguments: dict[str, Any], told: str) -> None:
-    certifier = Certifier(PLANAR, DISCS)
-    with pytest.raises(InvalidRequest, match=told):
-        certifier.certify(**{"path": JointPath(SWEEP), **arguments})
+    ]:
+        certifier = Certifier(PLANAR, DISCS)
+        with pytest.raises(InvalidRequest, match=told):
+            certifier.certify(**{"path": JointPath(SWEEP), **arguments})
 
 
-@pytest.mark.parametrize(
-    ("values", "told"),
-    [
+def test_an_impossible_exempt_stretch_is_refused() -> None:
+    values: Any
+    for values, told in [
         ((-0.1, 0.1, ()), "s_start: got -0.1"),
         ((0.2, 0.1, ()), "s_end: got 0.1; expected a number >= 0.2"),
         ((0.0, math.nan, ()), "s_end: got nan"),
@@ -339,17 +337,16 @@ def test_a_mistake_is_named(arguments: dict[str, Any], told: str) -> None:
         ((0.0, 0.1, (("forearm",),)), r"pairs: got \('forearm',\)"),
         ((0.0, 0.1, (("forearm", "forearm"),)), "pairs of two different"),
         ((0.0, 0.1, None), "pairs: got None"),
-    ],
-)
-def test_an_impossible_exempt_stretch_is_refused(values: Any, told: str) -> None:
-    with pytest.raises(InvalidRequest, match=told):
-        ExemptInterval(values[0], values[1], values[2], "")
+    ]:
+        with pytest.raises(InvalidRequest, match=told):
+            ExemptInterval(values[0], values[1], values[2], "")
 
 
-@pytest.mark.parametrize("allowed", ["ab", [("forearm",)], [("forearm", "base", "x")], None, [1], {"forearm": "base"}])
-def test_allowed_pairs_that_are_no_pairs_of_names_are_refused(allowed: Any) -> None:
-    with pytest.raises(InvalidRequest, match="allowed: got"):
-        Certifier(PLANAR, DISCS, allowed=allowed)
+def test_allowed_pairs_that_are_no_pairs_of_names_are_refused() -> None:
+    allowed: Any
+    for allowed in ["ab", [("forearm",)], [("forearm", "base", "x")], None, [1], {"forearm": "base"}]:
+        with pytest.raises(InvalidRequest, match="allowed: got"):
+            Certifier(PLANAR, DISCS, allowed=allowed)
 
 
 def test_an_exempt_stretch_may_end_a_rounding_beyond_the_path() -> None:

@@ -108,9 +108,9 @@ def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> No
     assert {EdgeVerdict.FREE, EdgeVerdict.COLLIDING} <= set(told)
 
 
-@pytest.mark.parametrize(
-    ("ends", "told"),
-    [
+def test_ends_that_make_no_sense_are_refused_by_name() -> None:
+    ends: Any
+    for ends, told in [
         (([0.0, 0.0, 0.0], [0.1, 0.0]), r"q1: got \(3,\); expected 2 joint values"),
         (([0.0, 0.0], [[0.1, 0.0]]), r"q2: got \(1, 2\)"),
         (([0.0, 0.0], [0.1, math.nan]), r"q2\[1\]: got nan; expected elbow in"),
@@ -120,12 +120,10 @@ def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> No
         ((np.array(["up", "down"]), np.zeros(2)), "q1: got"),
         ((np.zeros(2), np.array([None, 0.0])), "q2: got"),
         ((np.ma.masked_less([0.5, 0.0], 0.5), np.zeros(2)), "q1: got"),  # type: ignore[no-untyped-call]
-    ],
-)
-def test_ends_that_make_no_sense_are_refused_by_name(ends: Any, told: str) -> None:
-    certifier = Certifier(PLANAR, DISCS)
-    with pytest.raises(InvalidRequest, match=told):
-        certifier.certify_edge(*ends)
+    ]:
+        certifier = Certifier(PLANAR, DISCS)
+        with pytest.raises(InvalidRequest, match=told):
+            certifier.certify_edge(*ends)
 
 
 @pytest.mark.parametrize("padding", [-0.001, 0.11, math.nan])
@@ -193,20 +191,18 @@ def test_without_pairs_or_configurations_there_is_nothing_near() -> None:
     assert Certifier(PLANAR, DISCS).clearances(np.zeros((0, 2))).shape == (0,)
 
 
-@pytest.mark.parametrize(
-    ("Q", "told"),
-    [
+def test_configurations_that_make_no_sense_are_refused() -> None:
+    Q: Any
+    for Q, told in [
         ([0.0, 0.0], r"Q: got \(2,\); expected configurations of shape \(m, 2\)"),
         ([[0.0, 0.0, 0.0]], r"Q: got \(1, 3\)"),
         ([[0.0, 0.0], [0.0, math.inf]], r"Q\[1\]\[1\]: got inf; expected elbow in"),
         ([[math.nan, 0.0]], r"Q\[0\]\[0\]: got nan"),
         ("here", "Q: got 'here'"),
-    ],
-)
-def test_configurations_that_make_no_sense_are_refused(Q: Any, told: str) -> None:
-    certifier = Certifier(PLANAR, DISCS)
-    with pytest.raises(InvalidRequest, match=told):
-        certifier.clearances(Q)
+    ]:
+        certifier = Certifier(PLANAR, DISCS)
+        with pytest.raises(InvalidRequest, match=told):
+            certifier.clearances(Q)
 
 
 def test_a_clearance_of_more_than_padding_and_margin_is_what_a_still_edge_proves() -> None:

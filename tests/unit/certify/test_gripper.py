@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -167,23 +168,22 @@ def test_a_cancelled_proof_ends() -> None:
         service.certify_gripper(service.robot.home, 0.0, 0.08, cancel=token)
 
 
-@pytest.mark.parametrize(
-    ("robot", "q", "widths", "pairs", "error", "message"),
-    [
+def test_bad_input_names_what_is_wrong() -> None:
+    q: Any
+    widths: Any
+    pairs: Any
+    error: Any
+    for robot, q, widths, pairs, error, message in [
         ("ur5", [0.0] * 6, (0.0, 0.1), (), InvalidRequest, "robot: got 'ur5'; expected a robot with a gripper"),
         ("wxai", None, (0.0, 0.1), (), InvalidRequest, r"width: got 0.1; expected a gap .* in \[0, 0.08\]"),
         ("wxai", None, (math.nan, 0.08), (), InvalidRequest, "width: got nan"),
         ("wxai", [9.0] * 6, (0.0, 0.08), (), InvalidRequest, "q: .* expected 6 joint values within the limits of wxai"),
         ("wxai", [0.0], (0.0, 0.08), (), InvalidRequest, "q: .* expected 6 joint values"),
         ("wxai", None, (0.0, 0.08), (("finger_left", "blue"),), UnknownName, "unknown .* 'blue'"),
-    ],
-)
-def test_bad_input_names_what_is_wrong(
-    robot: str, q: object, widths: tuple[float, float], pairs: tuple[tuple[str, str], ...], error: type, message: str
-) -> None:
-    service = PlannerService(robot, "bin")
-    with pytest.raises(error, match=message):
-        service.certify_gripper(service.robot.home if q is None else q, *widths, touching=pairs)  # type: ignore[arg-type]
+    ]:
+        service = PlannerService(robot, "bin")
+        with pytest.raises(error, match=message):
+            service.certify_gripper(service.robot.home if q is None else q, *widths, touching=pairs)
 
 
 def test_a_task_is_proven_again_with_the_gripper_as_it_stands() -> None:

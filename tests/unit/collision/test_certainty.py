@@ -99,36 +99,36 @@ WALL = Body(np.eye(3), np.array([0.05, 1.0, 1.0]))
 """Its face looks along x, so that what is in front of it is as far from it, or overlaps it as far, as along x."""
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_only_an_overlap_of_more_than_a_tenth_of_a_millimetre_is_certain(seed: int) -> None:
-    for rider in bodies(np.random.default_rng(seed)):
-        for kernel in kernels_of(rider, WALL):
-            for share in (0.0, 0.2, 0.5, 0.99):
-                assert not at_gap(kernel, rider, WALL, -SURE * share).colliding
-            assert at_gap(kernel, rider, WALL, -0.01).colliding
+def test_only_an_overlap_of_more_than_a_tenth_of_a_millimetre_is_certain() -> None:
+    for seed in range(12):
+        for rider in bodies(np.random.default_rng(seed)):
+            for kernel in kernels_of(rider, WALL):
+                for share in (0.0, 0.2, 0.5, 0.99):
+                    assert not at_gap(kernel, rider, WALL, -SURE * share).colliding
+                assert at_gap(kernel, rider, WALL, -0.01).colliding
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_only_a_gap_of_more_than_the_margin_is_proven(seed: int) -> None:
-    for rider in bodies(np.random.default_rng(seed)):
-        for kernel in kernels_of(rider, WALL):
-            for share in (0.0, 0.2, 0.5, 0.99):
-                assert not at_gap(kernel, rider, WALL, MARGIN * share).free
-            assert at_gap(kernel, rider, WALL, 1e-5).free
+def test_only_a_gap_of_more_than_the_margin_is_proven() -> None:
+    for seed in range(12):
+        for rider in bodies(np.random.default_rng(seed)):
+            for kernel in kernels_of(rider, WALL):
+                for share in (0.0, 0.2, 0.5, 0.99):
+                    assert not at_gap(kernel, rider, WALL, MARGIN * share).free
+                assert at_gap(kernel, rider, WALL, 1e-5).free
 
 
-@pytest.mark.parametrize("size", [0.1, 1.0, 10.0, 100.0])
-@pytest.mark.parametrize("seed", range(4))
-def test_what_rounds_the_corners_of_a_large_hull_proves_no_gap(size: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(-size, size, (400, 3))
-    points[:300, 0] = size * (1.1 + rng.uniform(-1e-7, 1e-7, 300))  # a face that is as flat as single precision
-    R = turned(rng)
-    rider, wall = hull(points @ R, R), Body(np.eye(3), np.array([0.1, 10.0, 10.0]) * size)
-    for kernel in kernels_of(rider, wall):
-        for gap in (-MARGIN, 0.0, 0.9 * MARGIN):
-            assert not at_gap(kernel, rider, wall, gap).free
-        assert at_gap(kernel, rider, wall, 1e-5 + 1e-5 * size).free
+def test_what_rounds_the_corners_of_a_large_hull_proves_no_gap() -> None:
+    for size in [0.1, 1.0, 10.0, 100.0]:
+        for seed in range(4):
+            rng = np.random.default_rng(seed)
+            points = rng.uniform(-size, size, (400, 3))
+            points[:300, 0] = size * (1.1 + rng.uniform(-1e-7, 1e-7, 300))  # a face that is as flat as single precision
+            R = turned(rng)
+            rider, wall = hull(points @ R, R), Body(np.eye(3), np.array([0.1, 10.0, 10.0]) * size)
+            for kernel in kernels_of(rider, wall):
+                for gap in (-MARGIN, 0.0, 0.9 * MARGIN):
+                    assert not at_gap(kernel, rider, wall, gap).free
+                assert at_gap(kernel, rider, wall, 1e-5 + 1e-5 * size).free
 
 
 def test_hardly_any_solids_with_centres_next_to_each_other_are_left_to_fcl() -> None:

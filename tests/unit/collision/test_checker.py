@@ -179,12 +179,12 @@ def test_asleep_link_2_meets_link_5_and_link_4_and_nothing_else() -> None:
     assert not checker.variant(allowed=retreat.pairs[:1]).state_is_free(WXAI.pose("sleep"))
 
 
-@pytest.mark.parametrize("name", ["home", "ready", "upright"])
-@pytest.mark.parametrize("scene", ["empty", "table"])
-def test_named_poses_are_free_with_room_to_spare(name: str, scene: str) -> None:
-    checker = CollisionChecker(WXAI, load_scene(scene))
-    assert checker.state_is_free(WXAI.pose(name))
-    assert checker.clearance(WXAI.pose(name)) > 0.001
+def test_named_poses_are_free_with_room_to_spare() -> None:
+    for name in ["home", "ready", "upright"]:
+        for scene in ["empty", "table"]:
+            checker = CollisionChecker(WXAI, load_scene(scene))
+            assert checker.state_is_free(WXAI.pose(name))
+            assert checker.clearance(WXAI.pose(name)) > 0.001
 
 
 def test_the_pairs_of_the_bin_are_405() -> None:
@@ -244,37 +244,34 @@ def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
         CollisionChecker(WXAI, Scene((), (Attached("cup", Sphere(0.02), Pose(), ("finger_lft",)),)))
 
 
-@pytest.mark.parametrize("padding", [-0.001, math.nan, math.inf, 1.0])
-def test_a_padding_that_makes_no_sense_is_refused(padding: float) -> None:
-    with pytest.raises(InvalidRequest, match="padding"):
-        CollisionChecker(PLANAR, DISCS, padding=padding)
+def test_a_padding_that_makes_no_sense_is_refused() -> None:
+    for padding in [-0.001, math.nan, math.inf, 1.0]:
+        with pytest.raises(InvalidRequest, match="padding"):
+            CollisionChecker(PLANAR, DISCS, padding=padding)
 
 
-@pytest.mark.parametrize("ask", ["state_is_free", "contacts", "clearance"])
-@pytest.mark.parametrize(
-    ("q", "told"),
-    [
-        ([math.nan, 0.0], "shoulder"),
-        ([0.0, math.inf], "elbow"),
-        ([0.0, -math.inf], "elbow"),
-        ([0.0, 3.2], "elbow"),
-        ([-3.2, 0.0], "shoulder"),
-        ([1e9, 0.0], "shoulder"),
-        ([0.0], "2 joint values"),
-        ([0.0, 0.0, 0.0], "2 joint values"),
-        ([[0.0, 0.0]], "2 joint values"),
-        (0.0, "2 joint values"),
-        ([], "2 joint values"),
-        (["left", "right"], "2 joint values"),
-        ([[0.0], [0.0, 1.0]], "2 joint values"),
-        (None, "2 joint values"),
-    ],
-)
-def test_a_configuration_that_is_none_is_refused_and_not_counted(ask: str, q: Any, told: str) -> None:
-    checker = planar()
-    with pytest.raises(InvalidRequest, match=f"q: .*{told}"):
-        getattr(checker, ask)(q)
-    assert checker.counts == planar().counts
+def test_a_configuration_that_is_none_is_refused_and_not_counted() -> None:
+    for ask in ["state_is_free", "contacts", "clearance"]:
+        for q, told in [
+            ([math.nan, 0.0], "shoulder"),
+            ([0.0, math.inf], "elbow"),
+            ([0.0, -math.inf], "elbow"),
+            ([0.0, 3.2], "elbow"),
+            ([-3.2, 0.0], "shoulder"),
+            ([1e9, 0.0], "shoulder"),
+            ([0.0], "2 joint values"),
+            ([0.0, 0.0, 0.0], "2 joint values"),
+            ([[0.0, 0.0]], "2 joint values"),
+            (0.0, "2 joint values"),
+            ([], "2 joint values"),
+            (["left", "right"], "2 joint values"),
+            ([[0.0], [0.0, 1.0]], "2 joint values"),
+            (None, "2 joint values"),
+        ]:
+            checker = planar()
+            with pytest.raises(InvalidRequest, match=f"q: .*{told}"):
+                getattr(checker, ask)(q)
+            assert checker.counts == planar().counts
 
 
 def test_rounding_over_a_limit_is_no_mistake() -> None:
@@ -289,34 +286,30 @@ def test_a_checker_without_pairs_has_infinite_clearance() -> None:
     assert checker.contacts([0.0, 0.0]) == ()
 
 
-@pytest.mark.parametrize(("inner", "outer"), list(product(KINDS, repeat=2)))
-def test_concentric_shapes_collide_and_no_answer_hangs(inner: Shape, outer: Shape) -> None:
+def test_concentric_shapes_collide_and_no_answer_hangs() -> None:
     """FCL's signed distance never returns for concentric spheres, and aborts for some boxes; it is never asked."""
-    checker = nested(inner, outer)
-    assert not checker.state_is_free([0.0, 0.0])
-    assert checker.clearance([0.0, 0.0]) == pytest.approx(-0.02, abs=1e-12)
-    (contact,) = checker.contacts([0.0, 0.0])
-    assert (contact.a, contact.b) == ("held", "around")
-    assert contact.depth == pytest.approx(0.02, abs=1e-12)
+    for inner, outer in list(product(KINDS, repeat=2)):
+        checker = nested(inner, outer)
+        assert not checker.state_is_free([0.0, 0.0])
+        assert checker.clearance([0.0, 0.0]) == pytest.approx(-0.02, abs=1e-12)
+        (contact,) = checker.contacts([0.0, 0.0])
+        assert (contact.a, contact.b) == ("held", "around")
+        assert contact.depth == pytest.approx(0.02, abs=1e-12)
 
 
-@pytest.mark.parametrize(("inner", "outer"), list(product(KINDS, repeat=2)))
-def test_a_shape_wholly_inside_another_collides(inner: Shape, outer: Shape) -> None:
+def test_a_shape_wholly_inside_another_collides() -> None:
     """A closed mesh would be a surface to FCL, and its inside free; solids are solid."""
-    checker = nested(inner, outer.grown(0.1))
-    assert not checker.state_is_free([0.0, 0.0])
-    assert not checker.state_is_free([0.03, 0.01])
-    assert checker.contacts([0.03, 0.01])[0].depth >= 0.01
+    for inner, outer in list(product(KINDS, repeat=2)):
+        checker = nested(inner, outer.grown(0.1))
+        assert not checker.state_is_free([0.0, 0.0])
+        assert not checker.state_is_free([0.03, 0.01])
+        assert checker.contacts([0.03, 0.01])[0].depth >= 0.01
 
 
-@pytest.mark.parametrize(
-    "matrix",
-    [np.diag([2.0, 0.5, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0]), np.full((4, 4), math.nan), np.eye(3)],
-    ids=["stretched", "mirrored", "nan", "3x3"],
-)
-def test_a_pose_that_is_none_never_reaches_fcl(matrix: FloatArray) -> None:
-    with pytest.raises(InvalidRequest, match="matrix"):
-        Pose.from_matrix(matrix)
+def test_a_pose_that_is_none_never_reaches_fcl() -> None:
+    for matrix in [np.diag([2.0, 0.5, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0]), np.full((4, 4), math.nan), np.eye(3)]:
+        with pytest.raises(InvalidRequest, match="matrix"):
+            Pose.from_matrix(matrix)
 
 
 def test_fcl_is_asked_for_nothing_but_collide_and_convex_shapes() -> None:

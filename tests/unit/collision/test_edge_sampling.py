@@ -85,11 +85,9 @@ def test_rounding_never_makes_26_segments_of_half_a_radian() -> None:
     assert naive > 100  # without the slack it would
 
 
-@pytest.mark.parametrize(
-    ("length", "parts"), [(0.0, 1), (1e-12, 1), (0.02, 1), (0.0201, 2), (0.04, 2), (1.0, 50), (1.001, 51)]
-)
-def test_a_joint_step_counts_in_the_l2_norm(length: float, parts: int) -> None:
-    assert JointStep(0.02).segments([0.6 * length, -0.8 * length], [9.0, 9.0]) == parts
+def test_a_joint_step_counts_in_the_l2_norm() -> None:
+    for length, parts in [(0.0, 1), (1e-12, 1), (0.02, 1), (0.0201, 2), (0.04, 2), (1.0, 50), (1.001, 51)]:
+        assert JointStep(0.02).segments([0.6 * length, -0.8 * length], [9.0, 9.0]) == parts
 
 
 def test_a_motion_step_counts_reach_times_angle() -> None:
@@ -271,11 +269,13 @@ def test_a_path_of_one_waypoint_is_one_state() -> None:
     assert checker.counts == CheckCounts(states=1)
 
 
-@pytest.mark.parametrize("kind", [MotionStep, JointStep])
-@pytest.mark.parametrize("value", [0.0, -0.01, math.nan, math.inf, "wide", None, 10**400, True, "0.01"])
-def test_a_step_that_is_none_is_refused(kind: Any, value: Any) -> None:
-    with pytest.raises(InvalidRequest, match="expected a positive number of"):
-        kind(value)
+def test_a_step_that_is_none_is_refused() -> None:
+    kind: Any
+    value: Any
+    for kind in [MotionStep, JointStep]:
+        for value in [0.0, -0.01, math.nan, math.inf, "wide", None, 10**400, True, "0.01"]:
+            with pytest.raises(InvalidRequest, match="expected a positive number of"):
+                kind(value)
 
 
 def test_a_step_that_would_take_for_ever_is_refused() -> None:
@@ -284,20 +284,17 @@ def test_a_step_that_would_take_for_ever_is_refused() -> None:
         checker.edge_is_free([0.0, 0.0], [1.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("q1", "q2", "told"),
-    [
+def test_an_edge_with_an_end_that_is_none_is_refused_and_not_counted() -> None:
+    for q1, q2, told in [
         ([0.0, 4.0], [0.0, 0.0], "q1: got 4.0; expected elbow in"),
         ([0.0, 0.0], [math.nan, 0.0], "q2: got nan; expected shoulder in"),
         ([0.0, 0.0], [0.0], "q2: .*2 joint values"),
-    ],
-)
-@pytest.mark.parametrize("known", [Known.NEITHER, Known.BOTH])
-def test_an_edge_with_an_end_that_is_none_is_refused_and_not_counted(q1: Any, q2: Any, told: str, known: Known) -> None:
-    checker = planar()
-    with pytest.raises(InvalidRequest, match=told):
-        checker.edge_is_free(q1, q2, known=known)
-    assert checker.counts == CheckCounts()
+    ]:
+        for known in [Known.NEITHER, Known.BOTH]:
+            checker = planar()
+            with pytest.raises(InvalidRequest, match=told):
+                checker.edge_is_free(q1, q2, known=known)
+            assert checker.counts == CheckCounts()
 
 
 def test_long_edges_are_counted_alike_in_whatever_batches_they_are_judged() -> None:

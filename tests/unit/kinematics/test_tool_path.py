@@ -62,20 +62,15 @@ def test_the_orientation_turns_evenly_along_an_arc() -> None:
         assert rotation_distance(start, path.pose(u * path.length)) == pytest.approx(u * math.pi / 2, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("via", "goal", "message"),
-    [
+def test_points_that_define_no_circle_are_refused() -> None:
+    for via, goal, message in [
         ((0.1, 0.00005, 0.0), (0.2, 0.0, 0.0), r"via: got .*; expected a point at least 0.1 mm off the line"),
         ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), r"via: got .*; expected a point at least 0.1 mm off the line"),
         ((0.2, 0.0, 0.0), (0.2, 0.0, 0.0), r"via: got .*; expected a point at least 0.1 mm off the line"),
         ((0.1, 0.1, 0.0), (0.00005, 0.0, 0.0), r"goal: got .*; expected a position other than the start's; two arcs"),
-    ],
-)
-def test_points_that_define_no_circle_are_refused(
-    via: tuple[float, float, float], goal: tuple[float, float, float], message: str
-) -> None:
-    with pytest.raises(InvalidRequest, match=message):
-        circular_arc(Pose(), via, Pose(goal))
+    ]:
+        with pytest.raises(InvalidRequest, match=message):
+            circular_arc(Pose(), via, Pose(goal))
 
 
 # --- rounded corners

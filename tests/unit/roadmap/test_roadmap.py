@@ -308,27 +308,25 @@ def test_what_an_obstacle_may_have_changed_is_in_doubt_and_nothing_else() -> Non
     assert back.verdicts.tolist()[0] == free, "what was free of all else is free once the ball has gone again"
 
 
-@pytest.mark.parametrize(
-    ("milestones", "edges", "field"),
-    [
+def test_a_roadmap_that_makes_no_sense_is_refused() -> None:
+    milestones: Any
+    edges: Any
+    for milestones, edges, field in [
         ([[float("nan")]], [], "milestones"),
         ([0.0], [], "milestones"),
         ([[0.0], [1.0]], [[0, 2]], "edges"),
         ([[0.0], [1.0]], [[1, 1]], "edges"),
         ([[0.0], [1.0]], [[-1, 1]], "edges"),
-    ],
-)
-def test_a_roadmap_that_makes_no_sense_is_refused(
-    milestones: list[list[float]], edges: list[list[int]], field: str
-) -> None:
-    with pytest.raises(InvalidRequest, match=field):
-        Roadmap.of(milestones, edges)
+    ]:
+        with pytest.raises(InvalidRequest, match=field):
+            Roadmap.of(milestones, edges)
 
 
-@pytest.mark.parametrize("reach", [[1.0], [1.0, -1.0], [1.0, math.nan], "ab"])
-def test_a_reach_that_makes_no_sense_is_refused(reach: Any) -> None:
-    with pytest.raises(InvalidRequest, match="reach: got"):
-        Roadmap.of(CORNERS, SIDES, reach=reach)
+def test_a_reach_that_makes_no_sense_is_refused() -> None:
+    reach: Any
+    for reach in [[1.0], [1.0, -1.0], [1.0, math.nan], "ab"]:
+        with pytest.raises(InvalidRequest, match="reach: got"):
+            Roadmap.of(CORNERS, SIDES, reach=reach)
 
 
 def test_a_roadmap_of_another_arm_is_refused() -> None:
@@ -336,21 +334,22 @@ def test_a_roadmap_of_another_arm_is_refused() -> None:
         SQUARE.search(across(DiscWorld(), n=6))
 
 
-@pytest.mark.parametrize("points", [[[0.0, 0.0]], [[0.0], [1.0]], [[0.0, math.inf], [0.0, 0.0]], None])
-def test_a_path_that_is_none_is_refused(points: Any) -> None:
-    with pytest.raises(InvalidRequest, match="points: got"):
-        SQUARE.with_path(points)
+def test_a_path_that_is_none_is_refused() -> None:
+    points: Any
+    for points in [[[0.0, 0.0]], [[0.0], [1.0]], [[0.0, math.inf], [0.0, 0.0]], None]:
+        with pytest.raises(InvalidRequest, match="points: got"):
+            SQUARE.with_path(points)
 
 
-@pytest.mark.parametrize("milestones", [[[10**400, 0.0]], [["0", "1"]], [[True, False]], [[0.0], [0.0, 1.0]], None])
-def test_milestones_that_are_no_real_numbers_are_refused(milestones: Any) -> None:
-    with pytest.raises(InvalidRequest, match="milestones: got"):
-        Roadmap.of(milestones, [])
+def test_milestones_that_are_no_real_numbers_are_refused() -> None:
+    milestones: Any
+    for milestones in [[[10**400, 0.0]], [["0", "1"]], [[True, False]], [[0.0], [0.0, 1.0]], None]:
+        with pytest.raises(InvalidRequest, match="milestones: got"):
+            Roadmap.of(milestones, [])
 
 
-@pytest.mark.parametrize(
-    "edges", [[[0, 10**400]], [["0", "1"]], [[0, 0.5]], [0, 1], [[0, 1, 1]], None, [[0, math.inf]]]
-)
-def test_edges_that_are_no_pairs_of_indices_are_refused(edges: Any) -> None:
-    with pytest.raises(InvalidRequest, match="edges: got"):
-        Roadmap.of([[0.0], [1.0]], edges)
+def test_edges_that_are_no_pairs_of_indices_are_refused() -> None:
+    edges: Any
+    for edges in [[[0, 10**400]], [["0", "1"]], [[0, 0.5]], [0, 1], [[0, 1, 1]], None, [[0, math.inf]]]:
+        with pytest.raises(InvalidRequest, match="edges: got"):
+            Roadmap.of([[0.0], [1.0]], edges)

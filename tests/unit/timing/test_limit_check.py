@@ -87,22 +87,22 @@ def test_peaks_on_blends_are_those_of_dense_samples(kind: str, seed: int) -> Non
     assert found.ratio == pytest.approx(sampled, rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", ORDERS)
-@pytest.mark.parametrize("seed", range(5))
-def test_peaks_on_blends_name_the_joint_and_the_time(kind: str, seed: int) -> None:
-    path = rounded_corners(seed)
-    trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
-    found: Peak = getattr(peaks(trajectory, given_limits), kind)
-    # both sides, since jerk is right-sided where two pieces of time meet
-    near = np.clip(found.time + np.array([-1e-10, 0.0, 1e-10]), 0.0, trajectory.duration)
-    there = np.abs(trajectory(near, ORDERS[kind])[:, found.joint]).max()
-    assert there / getattr(given_limits, kind)[found.joint] == pytest.approx(found.ratio, rel=1e-6)
+def test_peaks_on_blends_name_the_joint_and_the_time() -> None:
+    for kind in ORDERS:
+        for seed in range(5):
+            path = rounded_corners(seed)
+            trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
+            found: Peak = getattr(peaks(trajectory, given_limits), kind)
+            # both sides, since jerk is right-sided where two pieces of time meet
+            near = np.clip(found.time + np.array([-1e-10, 0.0, 1e-10]), 0.0, trajectory.duration)
+            there = np.abs(trajectory(near, ORDERS[kind])[:, found.joint]).max()
+            assert there / getattr(given_limits, kind)[found.joint] == pytest.approx(found.ratio, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_a_smooth_s_of_t_through_blends_has_no_jump_of_acceleration(seed: int) -> None:
-    path = rounded_corners(seed)
-    assert math.isfinite(peaks(s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)).jerk.ratio)
+def test_a_smooth_s_of_t_through_blends_has_no_jump_of_acceleration() -> None:
+    for seed in range(10):
+        path = rounded_corners(seed)
+        assert math.isfinite(peaks(s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)).jerk.ratio)
 
 
 def test_a_jump_of_acceleration_on_a_blend_is_infinite_jerk() -> None:
@@ -123,14 +123,14 @@ def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(s
     assert 1 - 1e-9 <= max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_peaks_of_a_slower_motion_are_those_measured_on_it(seed: int) -> None:
-    path = rounded_corners(seed)
-    trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
-    assert peaks(trajectory, given_limits).dilated(1.7).jerk.time == peaks(trajectory, given_limits).jerk.time * 1.7
-    told, measured = peaks(trajectory, given_limits).dilated(1.7), peaks(trajectory.dilated(1.7), given_limits)
-    for kind in ORDERS:
-        assert getattr(told, kind).ratio == pytest.approx(getattr(measured, kind).ratio, rel=1e-11)
+def test_peaks_of_a_slower_motion_are_those_measured_on_it() -> None:
+    for seed in range(5):
+        path = rounded_corners(seed)
+        trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
+        assert peaks(trajectory, given_limits).dilated(1.7).jerk.time == peaks(trajectory, given_limits).jerk.time * 1.7
+        told, measured = peaks(trajectory, given_limits).dilated(1.7), peaks(trajectory.dilated(1.7), given_limits)
+        for kind in ORDERS:
+            assert getattr(told, kind).ratio == pytest.approx(getattr(measured, kind).ratio, rel=1e-11)
 
 
 @pytest.mark.parametrize(("jerk", "expected"), [(math.inf, 0.0), (0.0, math.inf)])
