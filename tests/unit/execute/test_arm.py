@@ -266,12 +266,14 @@ def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(method: str, h
     hanging.method = method
     if method == "gripper_width":  # it is asked once before anything is commanded
         hanging.after, hanging.passed = 0, 1
+    before = set(threading.enumerate())
     report = stopped(in_two(), hanging)
     assert f"{method}() of the driver has not returned for 0.2 s; the arm was told to hold" in present(report.stopped)
     assert len(hanging.held) == 1
     told = len(hanging.told)
     hanging.released.set()
-    time.sleep(0.2)  # the call returns, and nothing comes after it
+    for thread in set(threading.enumerate()) - before:
+        thread.join(20.0)  # the call returns, and nothing comes after it
     assert (len(hanging.told) - told <= (method == "command"), len(hanging.held)) == (True, 1)
 
 
