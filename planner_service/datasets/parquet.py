@@ -126,11 +126,7 @@ def episode_bytes(columns: Mapping[str, Any], numbers: Mapping[str, int], length
     made["episode_index"] = pa.array([numbers["episode_index"]] * length, pa.int64())
     made["index"] = pa.array(range(numbers["index"], numbers["index"] + length), pa.int64())
     made["task_index"] = pa.array([numbers["task_index"]] * length, pa.int64())
-    table = pa.table(made)
-    sink = pa.BufferOutputStream()
-    with _pq().ParquetWriter(sink, table.schema, **FIXED) as writer:
-        writer.write_table(table)
-    return bytes(sink.getvalue())
+    return _written(pa.table(made))
 
 
 def table_bytes(groups: Iterable[Rows]) -> dict[str, bytes]:
@@ -184,9 +180,13 @@ def sheet_bytes(rows: Sequence[Mapping[str, Any]], kinds: Mapping[str, Any], ind
         described = [_for_pandas(name, name == index) for name in kinds]
         about = {"index_columns": [index], "column_indexes": [], "columns": described, "pandas_version": None}
         schema = schema.with_metadata({"pandas": json.dumps(about)})
-    sink = pa.BufferOutputStream()
-    with _pq().ParquetWriter(sink, schema, **FIXED) as writer:
-        writer.write_table(pa.Table.from_pylist(list(rows), schema))
+    return _written(pa.Table.from_pylist(list(rows), schema))
+
+
+def _written(table: Any) -> bytes:
+    sink = _arrow().BufferOutputStream()
+    with _pq().ParquetWriter(sink, table.schema, **FIXED) as writer:
+        writer.write_table(table)
     return bytes(sink.getvalue())
 
 

@@ -415,14 +415,11 @@ def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
 
 def _outwards(urdf: Urdf) -> list[str]:
     """The movable joints along each chain from the base to its tip; where chains part, in file order."""
-    below: dict[str, list[UrdfJoint]] = {}
-    for joint in urdf.joints:
-        below.setdefault(joint.parent, []).insert(0, joint)
-    out, waiting = [], [*below.get(urdf.root, ())]
+    out, waiting = [], [*reversed(urdf.below[urdf.root])]
     while waiting:
         joint = waiting.pop()
         out += [joint.name] if joint.kind != "fixed" else []
-        waiting += below.get(joint.child, ())
+        waiting += reversed(urdf.below[joint.child])
     return out
 
 
@@ -498,12 +495,11 @@ def _rest(joint: UrdfJoint) -> float:
 
 def _last_link(urdf: Urdf) -> str:
     """The last link of the longest chain; if there are several, the first in the file."""
-    above = {joint.child: joint.parent for joint in urdf.joints}
 
     def depth(link: str) -> int:
         count = 0
-        while link in above:
-            link, count = above[link], count + 1
+        while link in urdf.above:
+            link, count = urdf.above[link].parent, count + 1
         return count
 
     return max((link.name for link in urdf.links), key=depth)
@@ -512,7 +508,7 @@ def _last_link(urdf: Urdf) -> str:
 def _adjacent(urdf: Urdf, assembly: Assembly) -> tuple[AllowedContact, ...]:
     """Each link with shapes and the nearest link above it with shapes, if one moves against the other."""
     body_of = {item.link: item.body for item in assembly.shapes}
-    above = {joint.child: joint.parent for joint in urdf.joints}
+    above = {link: joint.parent for link, joint in urdf.above.items()}
     contacts = []
     for link, body in body_of.items():
         parent = above.get(link)

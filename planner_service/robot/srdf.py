@@ -133,7 +133,7 @@ def _groups(root: Element, urdf: Urdf, problems: list[str], notes: list[str]) ->
     if len(elements) > MAX_STATES:
         problems.append(f"{len(elements)} groups; at most {MAX_STATES}")
         return ()
-    above = {joint.child: joint for joint in urdf.joints}
+    above = urdf.above
     joints = {joint.name for joint in urdf.joints}
     links = {link.name for link in urdf.links}
     virtual = _virtual(root)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from planner_service.geometry.arrays import Vector
@@ -119,3 +121,16 @@ class Urdf:
     notes: tuple[str, ...] = ()
     unused_limits: tuple[str, ...] = ()
     description: Description | None = None
+
+    @cached_property
+    def below(self) -> Mapping[str, Sequence[UrdfJoint]]:
+        """The joints of which each link is the parent, in the file's order."""
+        below: dict[str, list[UrdfJoint]] = {link.name: [] for link in self.links}
+        for joint in self.joints:
+            below.setdefault(joint.parent, []).append(joint)
+        return below
+
+    @cached_property
+    def above(self) -> Mapping[str, UrdfJoint]:
+        """The joint of which each link but the root is the child."""
+        return {joint.child: joint for joint in self.joints}

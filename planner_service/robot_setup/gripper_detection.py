@@ -7,9 +7,8 @@ What is not sure is not a gripper: its joints are then planned like others, and 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -135,23 +134,16 @@ class _Tree:
     def __init__(self, urdf: Urdf) -> None:
         self._urdf = urdf
 
-    @cached_property
-    def _below(self) -> Mapping[str, Sequence[UrdfJoint]]:
-        below: dict[str, list[UrdfJoint]] = {}
-        for joint in self._urdf.joints:
-            below.setdefault(joint.parent, []).append(joint)
-        return below
-
     def fixed_to(self, link: str) -> list[str]:
         """The link and all that is fixed to it, farther from the base."""
         links = [link]
         for name in links:  # grows while it is read
-            links += [joint.child for joint in self._below.get(name, ()) if joint.kind == "fixed"]
+            links += [joint.child for joint in self._urdf.below[name] if joint.kind == "fixed"]
         return links
 
     def next_joints(self, link: str) -> list[UrdfJoint]:
         """The joints that move what is next to the links fixed to this one."""
-        return [joint for name in self.fixed_to(link) for joint in self._below.get(name, ()) if joint.kind != "fixed"]
+        return [joint for name in self.fixed_to(link) for joint in self._urdf.below[name] if joint.kind != "fixed"]
 
     def moved_by(self, joint: UrdfJoint) -> list[UrdfJoint]:
         """The joint and all that move below it."""

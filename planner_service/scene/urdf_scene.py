@@ -43,13 +43,9 @@ def read_urdf_scene(path: str | os.PathLike[str]) -> Scene:
 
 def _link_poses(urdf: Urdf) -> dict[str, Pose]:
     """Where each link is in the root's frame, every joint taken as fixed."""
-    children: dict[str, list[tuple[str, Pose]]] = {}
-    for joint in urdf.joints:
-        children.setdefault(joint.parent, []).append((joint.child, Pose.from_rpy(joint.xyz, joint.rpy)))
     stands, open_links = {urdf.root: Pose()}, [urdf.root]
-    while open_links:
-        parent = open_links.pop()
-        for child, pose in children.get(parent, []):
-            stands[child] = stands[parent] @ pose
-            open_links.append(child)
+    for parent in open_links:  # grows while it is read
+        for joint in urdf.below[parent]:
+            stands[joint.child] = stands[parent] @ Pose.from_rpy(joint.xyz, joint.rpy)
+            open_links.append(joint.child)
     return stands

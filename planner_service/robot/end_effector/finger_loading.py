@@ -171,17 +171,13 @@ def _ranged(gripper: Gripper, entry: GripperTable, ends: tuple[float, float]) ->
 def _chains(entry: GripperTable, urdf: Urdf, assembly: Assembly) -> Iterator[tuple[str, tuple[FingerTurn, ...]]]:
     """The links that fingers move, and the joints between palm and each."""
     ratios = dict(_ratios(entry, urdf))
-    below: dict[str, list[UrdfJoint]] = {}
-    for joint in urdf.joints:
-        below.setdefault(joint.parent, []).append(joint)
-    above = {joint.child: joint for joint in urdf.joints}
 
     def first(joint: UrdfJoint) -> bool:
-        link: str | None = joint.parent
-        while link in above:
-            if above[link].name in ratios:
+        link = joint.parent
+        while link in urdf.above:
+            if urdf.above[link].name in ratios:
                 return False
-            link = above[link].parent
+            link = urdf.above[link].parent
         return True
 
     waiting = [(joint, ()) for joint in urdf.joints if joint.name in ratios and first(joint)]
@@ -191,7 +187,7 @@ def _chains(entry: GripperTable, urdf: Urdf, assembly: Assembly) -> Iterator[tup
         if joint.name in ratios:
             turns = (*before, finger_turn(joint, assembly, ratios[joint.name]))
         yield joint.child, turns
-        chains += [(child, turns) for child in below.get(joint.child, ())]
+        chains += [(child, turns) for child in urdf.below[joint.child]]
 
 
 def _ratios(entry: GripperTable, urdf: Urdf) -> Iterator[tuple[str, float]]:
@@ -214,5 +210,5 @@ def finger_turn(joint: UrdfJoint, assembly: Assembly, ratio: float = 1.0) -> Fin
 def _downstream(urdf: Urdf, link: str) -> Sequence[str]:
     links = [link]
     for parent in links:  # grows while it is read
-        links += [joint.child for joint in urdf.joints if joint.parent == parent]
+        links += [joint.child for joint in urdf.below[parent]]
     return links
