@@ -59,7 +59,7 @@ def serve(
             from planner_service.serve.run import Settings, read_token
             from planner_service.serve.run import serve as run_server
         except ImportError as error:
-            raise MissingDependency(error.name or "fastapi", "serve") from error
+            raise MissingDependency(error.name or "starlette", "serve") from error
         if engine is EngineName.PROCESSES and address is not None:
             raise InvalidRequest("--address", address, "with --engine ray only")
         chosen = Ray(address, workers) if engine is EngineName.RAY else Processes(workers)

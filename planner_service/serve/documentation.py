@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
+from inspect import getdoc
 from typing import Any
 
-from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
+from starlette.requests import Request
+from starlette.responses import Response
 
-from planner_service.records.http import replies
+from planner_service.files.package_data import RELEASE
 from planner_service.records.http.bodies import EditsBody, SceneBody
+from planner_service.records.http.replies import OTHERS, ProblemReply
 from planner_service.records.http.verbs import ANSWERS, VERBS
+from planner_service.serve.problems import PROBLEM_JSON
+from planner_service.serve.server import PlanningServer
 
-__all__ = ["SECURITY", "documentation_page", "with_models"]
+__all__ = ["SECURITY", "Operation", "described", "documentation_page", "header", "query", "reply"]
+
+DESCRIPTION = "Motion planning for a robot arm: every returned plan is proven, every collision check is counted."
 
 SECURITY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
 """The page runs no scripts and loads nothing."""
@@ -29,39 +37,107 @@ STYLE = (
 )
 
 
-def with_models(app: FastAPI) -> Callable[[], dict[str, Any]]:
-    """What makes the description of an application, once: its routes, and the models of bodies and replies."""
+Handler = Callable[[PlanningServer, Request], Awaitable[Response]]
 
-    @cache
-    def described() -> dict[str, Any]:
-        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        models: dict[type[BaseModel], None] = dict.fromkeys(
-            [*(verb.body for verb in VERBS.values()), SceneBody, EditsBody, *ANSWERS, *replies.OTHERS]
-        )
-        _, schemas = models_json_schema(
-            [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
-        )
-        document["components"] = {
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """What one method of one address does.
+
+    Attributes:
+        replies: By status, as OpenAPI has them; see ``reply``.
+        refused: Statuses of replies that say what is wrong.
+        takes: The model of the body.
+        public: Whether it needs no token.
+        name: Its id; that of the handler if not given.
+    """
+
+    method: str
+    path: str
+    summary: str
+    handler: Handler
+    replies: Mapping[int, dict[str, Any]]
+    refused: tuple[int, ...] = ()
+    parameters: tuple[dict[str, Any], ...] = ()
+    takes: type[BaseModel] | None = None
+    public: bool = False
+    name: str = ""
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """As OpenAPI has it."""
+        parameters = [
+            _parameter(name, "path", {"type": "string", "title": name.capitalize()})
+            for name in re.findall(r"{(\w+)}", self.path)
+        ]
+        parameters += self.parameters
+        document: dict[str, Any] = {
+            "summary": self.summary,
+            "description": getdoc(self.handler),
+            "operationId": self.name or getattr(self.handler, "__name__", ""),
+        }
+        if parameters:
+            document["parameters"] = parameters
+        if self.takes is not None:
+            document["requestBody"] = {
+                "required": True,
+                "content": {"application/json": {"schema": _schema(self.takes)}},
+            }
+        replies = {**self.replies, **dict.fromkeys(self.refused, WRONG)}
+        document["responses"] = {str(status): each for status, each in replies.items()}
+        return document | ({"security": []} if self.public else {})
+
+
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return {"$ref": f"#/components/schemas/{model.__name__}"}
+
+
+def reply(description: str, *models: type[BaseModel], media: str = "application/json") -> dict[str, Any]:
+    """A reply that is one of these models, or data of another kind."""
+    schemas = [_schema(model) for model in models]
+    one: dict[str, Any] = schemas[0] if len(schemas) == 1 else {"anyOf": schemas}
+    return {"description": description, "content": {media: {"schema": one} if schemas else {}}}
+
+
+WRONG = reply("What is wrong", ProblemReply, media=PROBLEM_JSON)
+
+
+def _parameter(name: str, place: str, schema: Mapping[str, Any]) -> dict[str, Any]:
+    return {"name": name, "in": place, "required": place == "path", "schema": dict(schema)}
+
+
+def header(name: str, description: str) -> dict[str, Any]:
+    """A header that a request may have."""
+    return _parameter(name, "header", {"type": "string"}) | {"description": description}
+
+
+def query(name: str, schema: Mapping[str, Any]) -> dict[str, Any]:
+    """A parameter that an address may have."""
+    return _parameter(name, "query", schema)
+
+
+@cache
+def described(operations: tuple[Operation, ...]) -> dict[str, Any]:
+    """The description of an interface: its addresses, and the models of bodies and replies."""
+    paths: dict[str, dict[str, Any]] = {}
+    for operation in operations:
+        paths.setdefault(operation.path, {})[operation.method.lower()] = operation.document
+    models: dict[type[BaseModel], None] = dict.fromkeys(
+        [*(verb.body for verb in VERBS.values()), SceneBody, EditsBody, *ANSWERS, *OTHERS]
+    )
+    _, schemas = models_json_schema(
+        [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
+    )
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": "planner-service", "description": DESCRIPTION, "version": RELEASE},
+        "paths": paths,
+        "components": {
             "schemas": dict(sorted(schemas["$defs"].items())),
             "securitySchemes": {"token": {"type": "http", "scheme": "bearer"}},
-        }
-        document["security"] = [{}, {"token": []}]
-        for path in document["paths"].values():
-            for operation in path.values():
-                for status in ("200", "201", "202", "204", "303", "422"):
-                    _tidy(operation["responses"], status)
-        return document
-
-    return described
-
-
-def _tidy(responses: dict[str, Any], status: str) -> None:
-    """Drop the schemas that FastAPI adds for replies and mistakes that it does not handle here."""
-    content = responses.get(status, {}).get("content", {})
-    if content.get("application/json", {}).get("schema") in ({}, {"$ref": "#/components/schemas/HTTPValidationError"}):
-        del content["application/json"]
-        if status == "422" and not content:
-            del responses[status]
+        },
+        "security": [{}, {"token": []}],
+    }
 
 
 def documentation_page(document: Mapping[str, Any]) -> str:
