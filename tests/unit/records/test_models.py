@@ -1,0 +1,84 @@
+"""Each model holds all that the class it is of has: what a class gains is kept by its files and its HTTP bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any
+
+import pytest
+
+from planner_service.files.schema import Record, plain
+from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.result import Failure, MotionReport, PlanResult, StageReport
+from planner_service.planning.task_result import Handling, Segment
+from planner_service.records.failure import FailureRecord
+from planner_service.records.http.bodies import HandlingBody, PaceBody, RequestBody
+from planner_service.records.http.replies import RobotReply, ServedRobot
+from planner_service.records.http.verbs import VERBS
+from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, SegmentRecord, TaskRecord
+from planner_service.records.request import RequestRecord
+from planner_service.records.result import MotionRecord, ResultRecord, StageRecord
+from planner_service.records.robot import RobotRecord
+from planner_service.records.scene import SceneRecord
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+
+
+def makers(model: type[Record] = Record) -> Iterator[tuple[type[Record], type[Any]]]:
+    """The models that say which class they make."""
+    for child in model.__subclasses__():
+        if isinstance(child.makes, type) and is_dataclass(child.makes) and child.__module__.startswith("planner"):
+            yield child, child.makes
+        yield from makers(child)
+
+
+OTHERWISE: dict[type[Any], str] = {
+    SavedPlan: "begin",  # robot, scene, allowed, edge_step
+    SavedTask: "begin",
+    PlanRequest: "goal",  # goals
+    PlanResult: "roadmap trace origin fraction allowed no_path",  # of the process that made it, or of sections
+    StageReport: "counts",  # one by one
+    Robot: "visuals description groups",  # not what it is, but what it is shown as and called
+    Segment: "width grip",
+    Handling: "cancel",
+}
+"""What of a class is in a file under another name, or not at all."""
+
+OF = {
+    RequestRecord: PlanRequest,
+    RequestBody: PlanRequest,
+    PaceBody: Pace,
+    HandlingBody: Handling,
+    ResultRecord: PlanResult,
+    StageRecord: StageReport,
+    FailureRecord: Failure,
+    MotionRecord: MotionReport,
+    SceneRecord: Scene,
+    RobotRecord: Robot,
+    SegmentRecord: Segment,
+    PlanRecord: SavedPlan,
+    TaskRecord: SavedTask,
+    RobotReply: ServedRobot,
+}
+
+
+@pytest.mark.parametrize(("model", "kind"), [*OF.items(), *makers()], ids=lambda each: each.__name__)
+def test_a_model_has_each_field_of_its_class(model: type[Record], kind: type[Any]) -> None:
+    expected = {item.name for item in fields(kind) if item.init} - set(OTHERWISE.get(kind, "").split())
+    assert expected <= set(model.model_fields)
+
+
+@pytest.mark.parametrize(("body", "kind"), [(RequestBody, PlanRequest), (HandlingBody, Handling)])
+def test_what_a_body_does_not_say_is_as_the_class_has_it(body: type[Record], kind: type[Any]) -> None:
+    for item in fields(kind):
+        field = body.model_fields.get(item.name)
+        if field is not None and not field.is_required() and item.default is not MISSING:
+            usual = field.get_default(call_default_factory=True)
+            assert plain(usual.value if isinstance(usual, Record) else usual) == plain(item.default), item.name
+
+
+def test_the_table_of_verbs_says_which_answers_are_files() -> None:
+    tasks = {name for name, verb in VERBS.items() if verb.is_task}
+    assert tasks == {"pick", "place", "pick_place"}
+    assert {name for name, verb in VERBS.items() if verb.is_file} == tasks | {"plans", "move_linear", "replan"}
