@@ -212,8 +212,8 @@ def test_a_running_plan_is_cancelled_at_once(there: Planner) -> None:
         for k, r in ((0, 0.7), (1, -0.7))
     ]
     closed = there.with_scene(Scene((*walls, Obstacle("lintel", Box((0.5, 0.02, 1.0)), Pose((0.0, 0.0, 1.1), across)))))
-    threading.Timer(0.5, cancel.cancel).start()
     began = time.monotonic()
+    threading.Timer(0.5, cancel.cancel).start()
     result = closed.service.plan(asked(ROUND, max_checks=10**9), cancel=cancel)
     assert present(result.failure).reason is Reason.PREEMPTED
     assert time.monotonic() - began >= 0.5
