@@ -31,7 +31,7 @@ from tests.reference.projector import ReferenceProjector
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import built, joint, link, solid, urdf
 
-SEEDS = range(2)
+SEEDS = range(4)
 WALL = Obstacle("wall", Box((0.1, 1.0, 1.0)), Pose((0.6, 0.0, 0.2)))
 FLOOR = Obstacle("floor", Box((2.0, 2.0, 0.1)), Pose((0.0, 0.0, -0.6)))
 SCENE = Scene((WALL, FLOOR))

@@ -25,7 +25,7 @@ from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 
 SHIPPED = sorted(path.parent.name for path in data_folder("robots").glob("*/robot.toml"))
-RANDOM = [f"random {seed}" for seed in range(8)]
+RANDOM = [f"random {seed}" for seed in range(30)]
 
 
 @dataclass(frozen=True)
