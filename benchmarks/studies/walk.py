@@ -18,6 +18,9 @@ PACKAGE = str(Path(planner_service.__file__).parent)
 
 MAX_FILES, MAX_CHANGES = 29, 250
 
+PLANS = 5
+"""Of which the shortest walk counts: the proof asks once a millisecond whether it has to end."""
+
 MOST = 25
 """Pairs of files that the table shows."""
 
@@ -48,12 +51,12 @@ def walked(act: Callable[[], object]) -> list[Step]:
 
 
 def run() -> Report:
-    """The second plan of a service: the first one prepares what all later ones use."""
+    """Later plans of a service: the first one prepares what all of them use."""
     service = PlannerService("wxai", "bin")
     above_tray = Pose((0.20, 0.28, 0.15), (0.5**0.5, 0.0, 0.5**0.5, 0.0))
     request = PlanRequest(start=service.robot.home, goal=above_tray, seed=7)
     service.plan(request)
-    steps = walked(lambda: service.plan(request))
+    steps = min((walked(lambda: service.plan(request)) for _ in range(PLANS)), key=len)
     files = {file for _, file, _ in steps}
     pairs = Counter(tuple(sorted(step[:2])) for step in steps[1:])
     rows = [(f"{a} - {b}", f"{count}") for (a, b), count in pairs.most_common(MOST)]
