@@ -71,7 +71,7 @@ def test_the_packages_have_modules_and_tests_of_their_own() -> None:
 
 
 def test_more_mutants_are_the_same_ones_and_others() -> None:
-    package = package_of("smoothing")
+    package = package_of("timing")
     many = draw(package, ROOT, 30, seed=5)
     assert draw(package, ROOT, 10, seed=5) == many[:10]
     assert draw(package, ROOT, 10, seed=6) != many[:10]

@@ -65,7 +65,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
     world = {"robot": arm, "scene": scene}
     upright = KeepUpright((0.0, 0.0, 1.0), 3.0)
     part = {"allowed": (), "padding": 0.0, "exempt": (), "constraints": (upright,)}
-    gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": "", "backend": "auto"}
+    gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": ""}
     return calls(tmp_path_factory.mktemp("files")) | {
         "certify": Call(certify, {**world, "path": [arm.home, arm.home], **part}),
         "certify_gripper": Call(certify_gripper, {**world, "q": arm.home, **gripper}),

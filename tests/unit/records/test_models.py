@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from planner_service.collision import CheckCounts
 from planner_service.files.schema import Record, plain
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, StageReport
@@ -21,14 +22,18 @@ from planner_service.records.request import RequestRecord
 from planner_service.records.result import MotionRecord, ResultRecord, StageRecord
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
+from planner_service.roadmap import roadmap_file
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
+
+MODELS = ("planner_service.records", roadmap_file.__name__)
+"""Where the models of files and bodies are; of other modules those that have been imported would come along."""
 
 
 def makers(model: type[Record] = Record) -> Iterator[tuple[type[Record], type[Any]]]:
     """The models that say which class they make."""
     for child in model.__subclasses__():
-        if isinstance(child.makes, type) and is_dataclass(child.makes) and child.__module__.startswith("planner"):
+        if isinstance(child.makes, type) and is_dataclass(child.makes) and child.__module__.startswith(MODELS):
             yield child, child.makes
         yield from makers(child)
 
@@ -42,6 +47,7 @@ OTHERWISE: dict[type[Any], str] = {
     Robot: "visuals description groups",  # not what it is, but what it is shown as and called
     Segment: "width grip",
     Handling: "cancel",
+    CheckCounts: "projections",  # a roadmap is built without any; files of plans and bodies have them
 }
 """What of a class is in a file under another name, or not at all."""
 
