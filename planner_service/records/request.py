@@ -263,7 +263,8 @@ def _goals(goal: Any) -> list[Any]:
 def astray(request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool = False) -> str:
     """How a motion begins or ends elsewhere than where its request asks, in words; empty if it does not.
 
-    What begins on the way, as a replanned motion does, may begin anywhere and stop before a goal.
+    What begins on the way, as a replanned motion does, may begin anywhere, and what claims no goal may stop before one.
+    A motion ends where its part of the path does.
 
     Args:
         task: Whether it is the first motion of a task: the goal of its request has no meaning.
@@ -276,10 +277,11 @@ def astray(request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool
         goals = request.goals(robot)
     except InvalidRequest as error:
         return f"its request: {error}"
-    begin, end = path.waypoints[0], path.waypoints[-1]
-    if trajectory.part is None and np.abs(begin - start).max() > REACHED:
+    begin, part = path.waypoints[0], trajectory.part
+    end = path.waypoints[-1] if part is None or part[1] >= path.length else path(part[1])
+    if part is None and np.abs(begin - start).max() > REACHED:
         return f"it begins at {numbers_text(begin.tolist())}; its request at {numbers_text(start.tolist())}"
-    if task or (index is None and trajectory.part is not None):
+    if task or (index is None and part is not None):
         return ""
     if index is None or index >= len(goals):
         return f"it ends at goal {index}; its request has {len(goals)}"

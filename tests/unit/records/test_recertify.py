@@ -342,6 +342,16 @@ def test_a_plan_that_begins_or_ends_elsewhere_than_its_request_asks_is_refused(t
         refused(saved(bin_(), changed, tmp_path, asked), f"goal {index}; its request has 1", bin_())
 
 
+def test_a_plan_that_rests_on_its_way_and_claims_its_goal_is_refused(tmp_path: Path) -> None:
+    made, points = good(), present(good().path).waypoints
+    path, asked = present(made.path), present(present(made.origin).request)
+    line = JointPath(np.array([points[0], (points[0] + points[1]) / 2.0]))
+    law = Trapezoidal().time_path(line, bin_().robot.limits)
+    early = Trajectory(path, law.durations, law.coefficients, 1.0, (0.0, line.length))
+    refused(saved(bin_(), replace(made, trajectory=early), tmp_path, asked), "which is not goal 0", bin_())
+    assert not objections(saved(bin_(), replace(made, trajectory=early, goal_index=None), tmp_path, asked))
+
+
 def test_a_plan_may_end_anywhere_within_the_room_of_its_goal(tmp_path: Path) -> None:
     asked = present(present(good().origin).request)
     near = Pose((0.20, 0.28, 0.151), ABOVE_TRAY.quaternion)
