@@ -20,7 +20,7 @@ ARGUMENTS = (
 )
 """WebGL without a graphics card, and no word to anybody."""
 
-PATIENCE = 90.0
+PATIENCE = 180.0
 """Seconds that a page may take for anything, on a machine that does other things."""
 
 
