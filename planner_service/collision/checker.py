@@ -346,11 +346,8 @@ class CollisionChecker:
         def decide(q: list[float], pairs: list[int]) -> int:
             return next(narrow_phase.touching(q, pairs), -1)
 
-        def split(dq: list[float]) -> int:
-            return self.edge_step.segments(dq, self._reach)
-
         oracle: _core.EdgeOracle = load_core().EdgeOracle(
-            kernel, starts, goals, decide, self.ledger.poll, None if splits else split
+            kernel, starts, goals, decide, self.ledger.poll, None if splits else self._parts_of
         )
         return oracle
 
@@ -401,7 +398,11 @@ class CollisionChecker:
         return self._segments(self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist())
 
     def _segments(self, a: Sequence[float], b: Sequence[float]) -> int:
-        return self.edge_step.segments([y - x for x, y in zip(a, b, strict=True)], self._reach)
+        return self._parts_of([y - x for x, y in zip(a, b, strict=True)])
+
+    def _parts_of(self, dq: Sequence[float]) -> int:
+        """Equal parts of an edge with joint differences ``dq``: fewer than one would leave its samples unjudged."""
+        return whole("edge_step.segments", self.edge_step.segments(dq, self._reach), 1, MAX_SEGMENTS)
 
     def path_is_free(self, path: JointPath, *, known: Known = Known.NEITHER) -> bool:
         """Whether every piece of a path is free: straight ones as edges, blends at samples; points between them once.
@@ -444,7 +445,7 @@ class CollisionChecker:
         start, length = float(path.knots[k] - path.blends[k]), float(2.0 * path.blends[k])
         ends = np.array([start, start + length])
         fastest = np.abs(path(ends, 1)).max(axis=0)
-        segments = self.edge_step.segments((fastest * length).tolist(), self._reach)
+        segments = self._parts_of((fastest * length).tolist())
         s = start + length * bisection_order(segments)[:, 0]
         points = path(np.concatenate([ends, np.minimum(s, path.length)]))
         for q in points[:2]:

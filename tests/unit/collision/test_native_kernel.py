@@ -28,6 +28,7 @@ from planner_service.native.loading import load_core
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Attached, Scene
+from planner_service.search.edge_cache import SearchOracle
 from tests.support.backends import CASES, case, checkers, compare, edges_of, states_of
 
 if TYPE_CHECKING:
@@ -408,6 +409,19 @@ def test_a_rule_of_a_users_own_is_asked() -> None:
     for checker in (CollisionChecker(robot, scene, edge_step=Halves(), backend=b) for b in get_args(BackendName)):
         assert checker.edge_is_free(robot.home, robot.home + 0.01)
         assert checker.counts.states == 3
+
+
+@pytest.mark.parametrize("parts", [0, -3, 2.5, None, True, 10**7])
+def test_a_rule_that_splits_an_edge_into_no_parts_is_refused_and_nothing_is_called_free(parts: Any) -> None:
+    class Odd:
+        def segments(self, dq: Any, reach: Any) -> Any:
+            return parts
+
+    robot, scene = case("wxai shelf")
+    checker = CollisionChecker(robot, scene, edge_step=Odd())
+    for ask in (checker.edge_is_free, SearchOracle(checker).edge_is_free):
+        with pytest.raises(InvalidRequest, match=r"edge_step\.segments: got"):
+            ask(robot.home, robot.home + 0.1)
 
 
 ODD: list[Any] = [
