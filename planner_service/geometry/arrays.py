@@ -111,7 +111,7 @@ def vector(values: Sequence[float]) -> Vector:
 
 
 def turned(direction: Vector, T: FloatArray) -> Vector:
-    """A direction v rotated by R (3, 3), or by the rotation of a pose (4, 4)."""
+    """The direction rotated by ``T``, a rotation (3, 3) or a pose (4, 4)."""
     x, y, z = T[:3, :3].tolist()
     return (dot(x, direction), dot(y, direction), dot(z, direction))
 
