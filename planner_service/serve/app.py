@@ -39,7 +39,7 @@ from planner_service.serve.documentation import (
 )
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
 from planner_service.serve.server import PlanningServer, StoredAnswer
-from planner_service.serve.state.content_files import StateUnusable
+from planner_service.serve.state.store import StateUnusable
 
 __all__ = ["OPERATIONS", "create_app"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, NotProven, UnknownName, shown
-from planner_service.serve.state.content_files import StateUnusable
+from planner_service.serve.state.store import StateUnusable
 
 __all__ = ["PROBLEM_JSON", "Problem", "Refused", "problem_of"]
 

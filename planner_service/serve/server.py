@@ -38,8 +38,16 @@ from planner_service.scene.scene import Scene
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.metrics import Metrics
 from planner_service.serve.problems import Problem, Refused, problem_of
-from planner_service.serve.state.content_files import StateUnusable
-from planner_service.serve.state.store import ANY_VERSION, ENDED, Job, ReusedKey, StaleVersion, State, Store
+from planner_service.serve.state.store import (
+    ANY_VERSION,
+    ENDED,
+    Job,
+    ReusedKey,
+    StaleVersion,
+    State,
+    StateUnusable,
+    Store,
+)
 from planner_service.serve.work import Answer, Assignment, Ending, Source, unrun
 
 __all__ = ["PlanningServer", "StoredAnswer", "StoredScene"]
@@ -375,7 +383,7 @@ class PlanningServer:
     def _keep(self, job: Job, state: State, answer: Answer) -> None:
         if answer.roadmap is not None:
             roadmap_hash, file = answer.roadmap
-            self._store.put_roadmap(roadmap_hash, file, answer.content.decode())
+            self._store.put_roadmap(roadmap_hash, file)
         self._store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
 
     def _outcome(self, assignment: Assignment, outcome: Answer | Ending | Raised) -> tuple[State, Answer]:

@@ -14,6 +14,10 @@ APPLICATION = 0x706C616E
 """Tells SQLite's files of ours from others."""
 
 SCHEMA = """
+CREATE TABLE contents (
+    hash TEXT PRIMARY KEY NOT NULL CHECK (length(hash) = 64 AND hash NOT GLOB '*[^0-9a-f]*'),
+    data BLOB NOT NULL CHECK (typeof(data) = 'blob')
+);
 CREATE TABLE scenes (
     name TEXT NOT NULL CHECK (typeof(name) = 'text'),
     version INTEGER NOT NULL CHECK (typeof(version) = 'integer' AND version > 0),
@@ -24,8 +28,7 @@ CREATE TABLE scenes (
 ) WITHOUT ROWID;
 CREATE TABLE roadmaps (
     hash TEXT PRIMARY KEY NOT NULL CHECK (length(hash) = 64 AND hash NOT GLOB '*[^0-9a-f]*'),
-    content TEXT NOT NULL CHECK (length(content) = 64 AND content NOT GLOB '*[^0-9a-f]*'),
-    summary TEXT NOT NULL CHECK (typeof(summary) = 'text')
+    content TEXT NOT NULL CHECK (length(content) = 64 AND content NOT GLOB '*[^0-9a-f]*')
 ) WITHOUT ROWID;
 CREATE TABLE jobs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -38,16 +41,14 @@ CREATE TABLE jobs (
     attempts INTEGER NOT NULL CHECK (typeof(attempts) = 'integer' AND attempts BETWEEN 0 AND 1000000),
     accepted REAL NOT NULL CHECK (typeof(accepted) = 'real'),
     ended REAL CHECK (typeof(ended) IN ('real', 'null')),
-    synced INTEGER NOT NULL CHECK (synced IN (0, 1)),
     answer TEXT CHECK (length(answer) = 64 AND answer NOT GLOB '*[^0-9a-f]*'),
     size INTEGER NOT NULL CHECK (typeof(size) = 'integer' AND size BETWEEN 0 AND 1000000000),
     ok INTEGER CHECK (ok IN (0, 1)),
     reason TEXT CHECK (typeof(reason) IN ('text', 'null')),
-    summary TEXT NOT NULL CHECK (typeof(summary) = 'text'),
     CHECK (answer IS NOT NULL OR state NOT IN ('done', 'refused')),
     CHECK (answer IS NULL OR ended IS NOT NULL),
     CHECK ((ended IS NOT NULL) = (state IN ('done', 'refused', 'cancelled', 'lost'))),
-    CHECK (work IS NOT NULL OR (synced = 1 AND ended IS NOT NULL))
+    CHECK ((work IS NULL) = (ended IS NOT NULL))
 );
 CREATE TABLE uses (
     job INTEGER NOT NULL REFERENCES jobs (number) ON DELETE CASCADE,
@@ -61,26 +62,22 @@ CREATE INDEX uses_content ON uses (content);
 """
 
 
-def open_index(path: Path, *, empty: bool) -> sqlite3.Connection:
+def open_index(path: Path) -> sqlite3.Connection:
     """A connection to the index, which is created if there is none.
 
     A transaction survives the end of the process once it is committed, and a power cut once the log beside the index
     is written through.
 
-    Args:
-        empty: Whether there is nothing yet that an index would have to name.
-
     Raises:
-        InvalidFile: it is damaged, not ours, cannot be used, or is missing though it should be there.
+        InvalidFile: it is damaged, not ours, or cannot be used.
     """
     index: sqlite3.Connection | None = None
+    new = not path.exists()
     try:
         index = sqlite3.connect(path, isolation_level=None, check_same_thread=False, cached_statements=256)
         os.chmod(path, 0o600)
         index.execute("PRAGMA trusted_schema = OFF")
-        if not index.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall():
-            if not empty:
-                raise ValueError("it is missing or empty, though contents/ has files; restore it or empty the folder")
+        if new:
             _create(index)
         _require_ours(index)
         for pragma in ("journal_mode = WAL", "synchronous = NORMAL", "wal_autocheckpoint = 0", "foreign_keys = ON"):
@@ -110,7 +107,7 @@ def _require_ours(index: sqlite3.Connection) -> None:
     finally:
         model.close()
     if not same or index.execute("PRAGMA application_id").fetchone() != (APPLICATION,):
-        raise ValueError("it has other tables")
+        raise ValueError("it has other tables, such as those of planner-service 0.3.0; restore it or empty the folder")
     problems = index.execute("PRAGMA integrity_check(5)").fetchall()
     if problems != [("ok",)]:
         raise ValueError("; ".join(str(row[0]) for row in problems))

@@ -1,14 +1,14 @@
 """What a server keeps in its folder: scenes with versions, roadmaps, and every job with its answer.
 
-``index.db`` (SQLite) says what there is; documents are files in ``contents/``, called by the SHA-256 of their content,
-which is checked whenever one is read; ``lock`` is held by the one server that uses the folder. The folder must be on a
-local disk.
+``index.db`` (SQLite) holds all of it; a document, a roadmap and an answer stand there once, under the SHA-256 of their
+content, which is checked whenever one is read. ``lock`` is held by the one server that uses the folder. The folder must
+be on a local disk.
 
 How long things last:
 
 - Whatever a method did survives the end of the process, at any moment after it returned.
 - Scenes, roadmaps and jobs accepted before ``sync`` survive a power cut too. An answer does within about
-  ``SYNC_SECONDS``; a power cut before that turns its job back into one to be run, and it has the same answer again.
+  ``SYNC_SECONDS``; a power cut before that leaves its job as one to be run, and it has the same answer again.
 - Of the jobs that have ended, the oldest are deleted beyond ``MAX_JOBS`` or ``MAX_BYTES``; of a scene, all but the
   latest ``MAX_VERSIONS`` versions. What a job reads stays as long as the job.
 """
@@ -16,11 +16,12 @@ How long things last:
 from __future__ import annotations
 
 import hashlib
+import os
 import sqlite3
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -28,13 +29,13 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.serve.state.content_files import ContentFiles, StateUnusable, sync_file
 from planner_service.serve.state.folder_lock import FolderLock
 from planner_service.serve.state.index import open_index
 
 __all__ = [
     "ENDED",
     "MAX_BYTES",
+    "MAX_CONTENT",
     "MAX_JOBS",
     "MAX_ROADMAPS",
     "MAX_SCENES",
@@ -45,6 +46,7 @@ __all__ = [
     "SceneVersion",
     "StaleVersion",
     "State",
+    "StateUnusable",
     "Store",
 ]
 
@@ -53,6 +55,9 @@ MAX_JOBS = 10_000
 
 MAX_BYTES = 2_000_000_000
 """Bytes of the answers that are kept."""
+
+MAX_CONTENT = 50_000_000
+"""Bytes of one document, roadmap or answer, as of a plan file."""
 
 MAX_VERSIONS = 20
 """Versions of a scene that are kept."""
@@ -63,16 +68,25 @@ MAX_SCENES, MAX_ROADMAPS = 1_000, 100
 SYNC_SECONDS = 1.0
 """Between an answer and the start of writing it through to the disk, so that one turn of the disk serves many."""
 
-LOG_LENGTH = 1_000
-"""Transactions in SQLite's log before it is moved into the database, in the background."""
+LOG_LENGTH = 4_000
+"""Pages in SQLite's log before it is moved into the database, in the background."""
 
-JOB = "id, kind, state, attempts, accepted, ended, answer, size, ok, reason, summary"
+TRANSACTION, PAGE = 4, 4_096
+"""Pages that a transaction takes in the log, beside its contents, and bytes of a page."""
 
-REFERENCES = (
-    "SELECT 1 FROM jobs WHERE answer = :content UNION ALL SELECT 1 FROM scenes WHERE content = :content"
-    " UNION ALL SELECT 1 FROM roadmaps WHERE content = :content UNION ALL SELECT 1 FROM uses WHERE content = :content"
-    " LIMIT 1"
-)
+JOB = "id, kind, state, attempts, accepted, ended, answer, size, ok, reason"
+
+DELETE_UNUSED = """
+DELETE FROM contents WHERE hash = ?
+    AND NOT EXISTS (SELECT 1 FROM jobs WHERE answer = contents.hash)
+    AND NOT EXISTS (SELECT 1 FROM scenes WHERE content = contents.hash)
+    AND NOT EXISTS (SELECT 1 FROM roadmaps WHERE content = contents.hash)
+    AND NOT EXISTS (SELECT 1 FROM uses WHERE content = contents.hash)
+"""
+
+
+class StateUnusable(InvalidFile):
+    """The folder of a server cannot be used now: the disk is full or has failed, or there is no access."""
 
 
 class State(Enum):
@@ -111,12 +125,10 @@ class RoadmapEntry:
     Attributes:
         hash: ``Roadmap.hash``.
         content: SHA-256 of its file.
-        summary: A JSON text beside it.
     """
 
     hash: str
     content: str
-    summary: str
 
 
 @dataclass(frozen=True)
@@ -131,7 +143,6 @@ class Job:
         answer: SHA-256 of its answer, ``size`` bytes; None without one.
         ok: Whether what it asked for was found; None if it has no answer.
         reason: Why it was not found, or was lost, in one word.
-        summary: A JSON text beside the answer.
     """
 
     id: str
@@ -144,7 +155,6 @@ class Job:
     size: int
     ok: bool | None
     reason: str | None
-    summary: str
 
 
 class StaleVersion(InvalidRequest):
@@ -187,16 +197,13 @@ class Store:
     def __init__(self, folder: Path, *, max_jobs: int = MAX_JOBS, max_bytes: int = MAX_BYTES) -> None:
         self._folder, self._max_jobs, self._max_bytes = folder, max_jobs, max_bytes
         self._lock, self._syncing = threading.Lock(), threading.Lock()
-        self._written = self._synced = self._moved = 0  # transactions
-        self._jobs = self._bytes = 0  # of those that have ended
-        self._unsynced: set[str] = set()  # hashes of contents
-        self._released: set[str] = set()
+        self._written = self._synced = self._moved = 0  # pages of SQLite's log
         self._failure: OSError | None = None
         self._folder_lock = FolderLock(folder)
         try:
-            self._contents = ContentFiles(folder / "contents")
-            self._index = open_index(folder / "index.db", empty=not self._contents)
-            self._recover()
+            self._index = open_index(folder / "index.db")
+            ended = self._rows("SELECT count(*), coalesce(sum(size), 0) FROM jobs WHERE ended IS NOT NULL")[0]
+            self._jobs, self._bytes = int(ended[0]), int(ended[1])
             sync_file(folder)
         except BaseException:
             self._folder_lock.release()
@@ -230,16 +237,14 @@ class Store:
             _require_latest(name, expected, latest)
             if latest is None:
                 self._make_room_for_a_scene()
-            content = self._put(document, sync=True)
+            content = self._put(document)
             if latest is not None and (latest.hash, latest.content) == (scene_hash, content):
                 entry = latest
             else:
                 entry = SceneVersion(name, last + 1, scene_hash, content)
                 index.execute("INSERT INTO scenes VALUES (?, ?, ?, ?)", (name, entry.version, scene_hash, content))
-                self._release(
-                    "DELETE FROM scenes WHERE name = ? AND version <= ? RETURNING content",
-                    (name, entry.version - MAX_VERSIONS),
-                )
+                old = entry.version - MAX_VERSIONS
+                self._release("DELETE FROM scenes WHERE name = ? AND version <= ? RETURNING content", (name, old))
         self.sync()
         return entry
 
@@ -305,7 +310,7 @@ class Store:
 
     # roadmaps
 
-    def put_roadmap(self, roadmap_hash: str, file: bytes, summary: str) -> RoadmapEntry:
+    def put_roadmap(self, roadmap_hash: str, file: bytes) -> RoadmapEntry:
         """Keep a roadmap under its hash; the same one again is the same entry.
 
         Raises:
@@ -316,8 +321,8 @@ class Store:
             if not kept:
                 if self._rows("SELECT count(*) FROM roadmaps")[0][0] >= MAX_ROADMAPS:
                     raise InvalidRequest("roadmaps", MAX_ROADMAPS + 1, f"at most {MAX_ROADMAPS:,} roadmaps; delete one")
-                kept = [RoadmapEntry(roadmap_hash, self._put(file, sync=True), summary)]
-                index.execute("INSERT INTO roadmaps VALUES (?, ?, ?)", (roadmap_hash, kept[0].content, summary))
+                kept = [RoadmapEntry(roadmap_hash, self._put(file))]
+                index.execute("INSERT INTO roadmaps VALUES (?, ?)", (roadmap_hash, kept[0].content))
         self.sync()
         return kept[0]
 
@@ -376,8 +381,8 @@ class Store:
             if earlier is not None:
                 return earlier, False
             added = index.execute(
-                "INSERT INTO jobs (id, kind, key, fingerprint, work, state, attempts, accepted, synced, size, summary)"
-                f" VALUES (?, ?, ?, ?, ?, 'queued', 0, ?, 0, 0, '{{}}') RETURNING number, {JOB}",
+                "INSERT INTO jobs (id, kind, key, fingerprint, work, state, attempts, accepted, size)"
+                f" VALUES (?, ?, ?, ?, ?, 'queued', 0, ?, 0) RETURNING number, {JOB}",
                 (uuid.uuid4().hex, kind, key, fingerprint, work, time.time()),
             ).fetchone()
             index.executemany("INSERT INTO uses VALUES (?, ?)", [(added[0], content) for content in set(uses)])
@@ -430,7 +435,6 @@ class Store:
         *,
         ok: bool | None = None,
         reason: str | None = None,
-        summary: str = "{}",
     ) -> bool:
         """Keep what a job has come to; False, and nothing is kept, if it has ended already.
 
@@ -441,11 +445,12 @@ class Store:
         with self._writing():
             content, size = (None, 0) if answer is None else (self._put(answer), len(answer))
             row = self._index.execute(
-                "UPDATE jobs SET state = ?, ended = ?, answer = ?, size = ?, ok = ?, reason = ?, summary = ?"
+                "UPDATE jobs SET state = ?, ended = ?, answer = ?, size = ?, ok = ?, reason = ?, work = NULL"
                 " WHERE id = ? AND ended IS NULL RETURNING size",
-                (state.value, time.time(), content, size, ok, reason, summary, job),
+                (state.value, time.time(), content, size, ok, reason, job),
             ).fetchone()
             if row is None:
+                self._delete_unused([content])
                 return False
             self._jobs, self._bytes = self._jobs + 1, self._bytes + size
             self._make_room_beside(job)
@@ -503,8 +508,14 @@ class Store:
             return self._delete("id = ? AND ended IS NOT NULL", (job,)) > 0
 
     def content(self, content: str) -> bytes:
-        """The document, roadmap or answer with that SHA-256."""
-        return self._contents.read(content)
+        """The document, roadmap or answer with that SHA-256.
+
+        Raises:
+            InvalidFile: It is not there, or not as it was written.
+        """
+        with self._lock:
+            rows = self._rows("SELECT data FROM contents WHERE hash = ?", content)
+        return self._whole(content, rows[0][0] if rows else None)
 
     def answer(self, job: str) -> tuple[Job, bytes | None]:
         """A job as it is now, and its answer if it has one.
@@ -512,12 +523,18 @@ class Store:
         Raises:
             UnknownName: There is no such job.
         """
-        found = self.job(job)
-        try:
-            return found, None if found.answer is None else self._contents.read(found.answer)
-        except InvalidFile:
-            self.job(job)  # unless it was deleted meanwhile
-            raise
+        with self._lock:
+            rows = self._rows(f"SELECT {JOB}, data FROM jobs LEFT JOIN contents ON hash = answer WHERE id = ?", job)
+        if not rows:
+            raise UnknownName("job", job, ())
+        found, data = _job(rows[0][:-1]), rows[0][-1]
+        return found, None if found.answer is None else self._whole(found.answer, data)
+
+    def _whole(self, content: str, data: bytes | None) -> bytes:
+        """What was found under a hash."""
+        if data is None or hashlib.sha256(data).hexdigest() != content:
+            raise InvalidFile(self._folder / "index.db", ["damaged: the SHA-256 of a content is not its name"])
+        return data
 
     def _make_room_beside(self, job: str) -> None:
         """Delete the jobs that ended first, as many as are too many."""
@@ -527,9 +544,9 @@ class Store:
 
     def _delete(self, which: str, parameters: tuple[Any, ...]) -> int:
         """Delete ended jobs, with what only they use; returns how many."""
-        self._release(f"SELECT content FROM uses JOIN jobs ON job = number WHERE {which}", parameters)
-        rows = self._index.execute(f"DELETE FROM jobs WHERE {which} RETURNING answer, size", parameters).fetchall()
-        self._released.update(answer for answer, _ in rows if answer is not None)
+        uses = self._rows(f"SELECT content FROM uses JOIN jobs ON job = number WHERE {which}", *parameters)
+        rows = self._rows(f"DELETE FROM jobs WHERE {which} RETURNING answer, size", *parameters)
+        self._delete_unused([name for name, *_ in uses + rows])
         self._jobs, self._bytes = self._jobs - len(rows), self._bytes - sum(size for _, size in rows)
         return len(rows)
 
@@ -537,7 +554,18 @@ class Store:
 
     def sync(self) -> None:
         """Return when what the index says now survives a power cut; threads share one turn of the disk."""
-        self._write_through(self._sync_index)
+        with self._lock:
+            until = self._written
+        try:
+            with self._syncing:
+                if self._synced < until:
+                    with self._lock:
+                        written = self._written
+                    sync_file(self._folder / "index.db-wal")
+                    self._synced = written
+        except OSError as error:
+            self._failure = error
+        self._require_disk()
 
     def close(self) -> None:
         """Write everything through, and let another server have the folder; nothing more may be called."""
@@ -547,7 +575,7 @@ class Store:
         try:
             with self._writing() as index:
                 index.execute("UPDATE jobs SET state = 'queued', attempts = attempts - 1 WHERE state = 'running'")
-            self._write_through(self._sync_contents)
+            self.sync()
             with self._lock:
                 self._index.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         finally:
@@ -555,48 +583,13 @@ class Store:
                 self._index.close()
             self._folder_lock.release()
 
-    def _write_through(self, sync: Callable[[], None]) -> None:
-        try:
-            sync()
-        except OSError as error:
-            self._failure = error
-        self._require_disk()
-
-    def _sync_index(self) -> None:
-        """Write SQLite's log through, up to the last transaction now."""
-        with self._lock:
-            until = self._written
-        with self._syncing:
-            if self._synced < until:
-                with self._lock:
-                    written = self._written
-                sync_file(self._folder / "index.db-wal")
-                self._synced = written
-
-    def _sync_contents(self) -> None:
-        """Write answers through, and note so in the index; delete contents that the index no longer names."""
-        with self._lock:
-            contents, released = set(self._unsynced), set(self._released)
-            ended = self._rows("SELECT number FROM jobs WHERE ended IS NOT NULL AND synced = 0")
-        if contents:
-            self._contents.sync(contents)
-        if ended:
-            with self._writing() as index:
-                index.executemany("UPDATE jobs SET synced = 1, work = NULL WHERE number = ?", ended)
-        self._sync_index()
-        with self._lock:  # only now: after a power cut the index would else name files that are gone
-            unused = [name for name in released if not self._index.execute(REFERENCES, {"content": name}).fetchall()]
-            self._contents.remove(unused)
-            self._unsynced -= contents
-            self._released -= released
-
     def _sync_in_background(self) -> None:
         while not self._closing.is_set():
             self._due.wait()
             self._due.clear()
             if not self._closing.wait(SYNC_SECONDS):
                 with suppress(StateUnusable, sqlite3.Error):  # the next call says so
-                    self._write_through(self._sync_contents)
+                    self.sync()
                     self._move_log()
 
     def _move_log(self) -> None:
@@ -633,7 +626,7 @@ class Store:
                     raise
             except sqlite3.Error as error:
                 raise StateUnusable(self._folder / "index.db", [f"cannot be written: {error}"]) from error
-            self._written += 1
+            self._written += TRANSACTION
         self._due.set()
 
     def _rows(self, query: str, *parameters: Any) -> list[tuple[Any, ...]]:
@@ -642,39 +635,33 @@ class Store:
         except sqlite3.Error as error:
             raise StateUnusable(self._folder / "index.db", [f"cannot be read: {error}"]) from error
 
-    def _put(self, content: bytes, *, sync: bool = False) -> str:
-        """Keep a content that the transaction names; ``sync`` if the index may not be on the disk before it is."""
-        name = self._contents.put(content)
-        if sync:
-            self._write_through(lambda: self._contents.sync([name]))
-        else:
-            self._unsynced.add(name)
-        self._released.add(name)  # kept once the index names it
+    def _put(self, content: bytes) -> str:
+        """Keep a content that the transaction names, unless it is there; one that was damaged is written anew."""
+        name = hashlib.sha256(content).hexdigest()
+        if len(content) > MAX_CONTENT:
+            raise InvalidFile(self._folder, [f"too large: {len(content):,} bytes; at most {MAX_CONTENT:,}"])
+        self._index.execute(
+            "INSERT INTO contents VALUES (:name, :data) ON CONFLICT DO UPDATE SET data = :data WHERE data <> :data",
+            {"name": name, "data": content},
+        )
+        self._written += len(content) // PAGE
         return name
 
     def _release(self, query: str, parameters: tuple[Any, ...]) -> None:
-        """Have the contents that a query names deleted, unless something else still refers to them."""
-        self._released.update(row[0] for row in self._rows(query, *parameters) if row[0] is not None)
+        """Delete the contents that a query returns, unless something else still refers to them."""
+        self._delete_unused([row[0] for row in self._rows(query, *parameters)])
 
-    def _recover(self) -> None:
-        """Have jobs run again whose answer a power cut took, and delete contents that nothing refers to."""
-        for number, answer in self._rows("SELECT number, answer FROM jobs WHERE synced = 0 AND answer IS NOT NULL"):
-            if self._contents.is_whole(answer):
-                self._unsynced.add(answer)
-            else:
-                queued = (
-                    "state = 'queued', ended = NULL, answer = NULL, size = 0, ok = NULL, reason = NULL, summary = '{}'"
-                )
-                self._rows(f"UPDATE jobs SET {queued} WHERE number = ? AND state IN ('done', 'refused')", number)
-                self._rows("UPDATE jobs SET answer = NULL, size = 0 WHERE number = ?", number)
-        named = self._rows(
-            "SELECT answer FROM jobs WHERE answer IS NOT NULL"
-            " UNION SELECT content FROM scenes WHERE content IS NOT NULL"
-            " UNION SELECT content FROM roadmaps UNION SELECT content FROM uses"
-        )
-        self._contents.remove_others({row[0] for row in named})
-        ended = self._rows("SELECT count(*), coalesce(sum(size), 0) FROM jobs WHERE ended IS NOT NULL")[0]
-        self._jobs, self._bytes = int(ended[0]), int(ended[1])
+    def _delete_unused(self, names: Sequence[str | None]) -> None:
+        self._index.executemany(DELETE_UNUSED, [(name,) for name in names])
+
+
+def sync_file(path: Path) -> None:
+    """Return when a file, or the names in a folder, would survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _require_latest(name: str, expected: int | None, latest: SceneVersion | None) -> None:
@@ -688,6 +675,6 @@ def _fingerprint(kind: str, request: bytes) -> str:
 
 
 def _job(row: Sequence[Any]) -> Job:
-    job, kind, state, attempts, accepted, ended, answer, size, ok, reason, summary = row
+    job, kind, state, attempts, accepted, ended, answer, size, ok, reason = row
     found = None if ok is None else bool(ok)
-    return Job(job, kind, State(state), attempts, accepted, ended, answer, size, found, reason, summary)
+    return Job(job, kind, State(state), attempts, accepted, ended, answer, size, found, reason)

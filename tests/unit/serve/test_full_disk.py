@@ -22,9 +22,8 @@ from planner_service.serve import server as servers
 from planner_service.serve.app import create_app
 from planner_service.serve.problems import Refused
 from planner_service.serve.server import PlanningServer, StoredAnswer
-from planner_service.serve.state import content_files
-from planner_service.serve.state.content_files import StateUnusable
-from planner_service.serve.state.store import State, Store
+from planner_service.serve.state import store as stores
+from planner_service.serve.state.store import State, StateUnusable, Store
 from planner_service.serve.work import Answer
 from tests.support.optional import present
 
@@ -169,7 +168,7 @@ def test_answers_that_wait_to_be_kept_take_up_the_room_of_requests(
 def test_an_answer_that_can_never_be_kept_says_so(
     discs: PlannerService, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(content_files, "MAX_CONTENT", 900)
+    monkeypatch.setattr(stores, "MAX_CONTENT", 900)
 
     async def asked() -> None:
         async with served(discs.world, disk) as (server, workers):
