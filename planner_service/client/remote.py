@@ -10,13 +10,13 @@ from __future__ import annotations
 import sys
 import tempfile
 import threading
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, partial, wraps
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike
 
 from planner_service import tasks
 from planner_service.certify import Certificate, ExemptInterval
-from planner_service.client.bodies import constraints_body, goals_body, request_body, target_body
 from planner_service.client.connection import Answer, Connection
 from planner_service.client.problems import ServerUnavailable
 from planner_service.client.scenes import ScenesOnServer
@@ -32,9 +31,8 @@ from planner_service.client.threads import Threads
 from planner_service.collision import CancelToken, EdgeStep
 from planner_service.collision.budget import Cancelled
 from planner_service.constraints import Constraint
-from planner_service.constraints.values import constraint_names
+from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.files.schema import plain
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, items, numbers, whole
@@ -50,7 +48,7 @@ from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, require_grower
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.presentation.progress import bar
-from planner_service.records.http.bodies import HandlingBody, PaceBody, PlannerBody, SettingsBody, sent
+from planner_service.records.http.bodies import sent
 from planner_service.records.http.replies import (
     CertificateReply,
     Checked,
@@ -63,11 +61,10 @@ from planner_service.records.http.replies import (
     ServedRobot,
     read_reply,
 )
+from planner_service.records.http.verbs import VERBS
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
-from planner_service.records.request import astray
-from planner_service.records.result import ExemptRecord
-from planner_service.records.values import PoseRecord
+from planner_service.records.request import RequestRecord, astray, goals_of
 from planner_service.replanning.result import Replanned, request_for, underway
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot, joint_vector
@@ -80,6 +77,9 @@ from planner_service.timing.laws import Trapezoidal
 
 __all__ = ["Remote", "move_linear", "pick", "place", "plan_pick_place"]
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 PATIENCE = 60.0
 
 AT_ONCE = 8
@@ -89,6 +89,21 @@ MAX_AT_ONCE = 256
 
 SENT_AGAIN = 5
 """Times that a scene of one's own is sent again for a request; other clients may delete it."""
+
+
+def unless_cancelled(verb: Callable[Concatenate[Remote, P], T]) -> Callable[Concatenate[Remote, P], T]:
+    """The verb, whose answer is the library's in this process if it was cancelled before it is asked."""
+
+    @wraps(verb)
+    def called(remote: Remote, /, *args: P.args, **named: P.kwargs) -> T:
+        given = (*args, *named.values())
+        tokens = [value.cancel if isinstance(value, Handling) else value for value in given]
+        if any(isinstance(token, CancelToken) and token.cancelled for token in tokens):
+            here: Callable[..., T] = getattr(PlannerService, verb.__name__, None) or getattr(tasks, verb.__name__)
+            return here(instance("remote", remote, Remote, "a Remote")._here, *args, **named)
+        return verb(instance("remote", remote, Remote, "a Remote"), *args, **named)
+
+    return called
 
 
 class Remote:
@@ -209,6 +224,7 @@ class Remote:
 
     # What is asked.
 
+    @unless_cancelled
     def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None) -> PlanResult:
         """A timed path from the start to a goal, or the reason why there is none; see ``PlannerService.plan``.
 
@@ -222,9 +238,7 @@ class Remote:
         """
         instance("request", request, PlanRequest, "a PlanRequest")
         require_plannable(request, self.robot, self.scene)
-        if _cancelled(cancel):
-            return self._here.plan(request, cancel=cancel)
-        answer = self._work("plans", {"request": request_body(request)}, cancel)
+        answer = self._work("plans", {"request": request}, cancel)
         result = self._saved_plan(answer, answer.document(), request).result
         if result.trajectory is not None and result.trajectory.part is not None:
             raise InvalidFile(answer.url, ["trajectory.part: expected a motion along the whole path"])
@@ -262,6 +276,7 @@ class Remote:
         require = partial(require_plannable, robot=self.robot, scene=self.scene)
         return Batch(self.plan, require, partial(Origin, self.world, elsewhere=True))
 
+    @unless_cancelled
     def certify(
         self,
         path: JointPath | ArrayLike,
@@ -279,18 +294,14 @@ class Remote:
             Cancelled: ``cancel`` was cancelled.
             ServerUnavailable: As ``plan``.
         """
-        if _cancelled(cancel):
-            return self._here.certify(
-                path, padding=padding, exempt=exempt, constraints=constraints, part=part, cancel=cancel
-            )
         stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         body = {
-            "waypoints": plain(curve.waypoints),
-            "blends": plain(curve.blends),
+            "waypoints": curve.waypoints,
+            "blends": curve.blends,
             "padding": padding,
-            "exempt": [sent(ExemptRecord, "exempt", stretch) for stretch in stretches],
-            "constraints": constraints_body(constraints),
+            "exempt": stretches,
+            "constraints": checked_constraints(constraints),
             "part": part,
         }
         answer = self._work("certify", body, cancel)
@@ -321,6 +332,7 @@ class Remote:
             raise InvalidFile(answer.url, [f"expected {len(rows)} states and {len(pairs)} edges"])
         return checked
 
+    @unless_cancelled
     def explain(
         self,
         request: PlanRequest,
@@ -340,9 +352,7 @@ class Remote:
         """
         instance("request", request, PlanRequest, "a PlanRequest")
         require_plannable(request, self.robot, self.scene)
-        if _cancelled(cancel):
-            return self._here.explain(request, plans=plans, remedies=remedies, time_limit=time_limit, cancel=cancel)
-        body = {"request": request_body(request), "plans": plans, "remedies": remedies, "time_limit": time_limit}
+        body = {"request": request, "plans": plans, "remedies": remedies, "time_limit": time_limit}
         with bar("explaining", progress):
             answer = self._work("explain", body, cancel)
         document = answer.document()
@@ -388,18 +398,17 @@ class Remote:
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         old = underway(previous, self.robot, at_time, latency)
         new = request_for(previous, old, request, goal)  # refuses what cannot be kept
-        if _cancelled(cancel):
-            return self._here.replan(
-                previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel
-            )
+        if cancel is not None and cancel.cancelled:
+            terms: Any = {"at_time": at_time, "latency": latency, "goal": goal, "request": request}
+            return self._here.replan(previous, cancel=cancel, **terms)
         body = {
             "plan": self._server.plan_of(previous.trajectory),
             "at_time": at_time,
             "latency": latency,
-            "goals": goals_body(goal),
-            "request": sent(SettingsBody, "request", request),
+            "goals": None if goal is None else goals_of(goal),
+            "request": request,
         }
-        answer = self._work("replan", body, cancel, gripper=False)
+        answer = self._work("replan", body, cancel)
         plan = self._saved_plan(answer, answer.document(), new)
         failure = plan.result.failure
         if "replanned" not in plan.sections and failure is not None:  # no worker came to it, or workers were lost
@@ -408,6 +417,7 @@ class Remote:
             raise ServerUnavailable(answer.url, failure.detail)
         return ReplannedRecord.of_plan(plan, answer.url)
 
+    @unless_cancelled
     def build_roadmap(
         self, planner: Grower, *, seed: int = 0, padding: float = 0.001, cancel: CancelToken | None = None
     ) -> Roadmap:
@@ -420,9 +430,7 @@ class Remote:
         """
         require_seed(seed)
         require_grower(planner)
-        if _cancelled(cancel):
-            return self._here.build_roadmap(planner, seed=seed, padding=padding, cancel=cancel)
-        body = {"planner": sent(PlannerBody, "planner", planner), "seed": seed, "padding": padding}
+        body = {"planner": planner, "seed": seed, "padding": padding}
         built = self._work("roadmaps", body, cancel).read(RoadmapReply).id
         answer = self._server.connection.fetch("GET", f"/roadmaps/{built}")
         with tempfile.TemporaryDirectory() as folder:
@@ -435,22 +443,23 @@ class Remote:
 
     # How it is asked.
 
-    def _work(
-        self, kind: str, body: Mapping[str, Any], cancel: CancelToken | None = None, *, gripper: bool = True
-    ) -> Answer:
-        """The answer to a request in this world."""
+    def _work(self, kind: str, given: Mapping[str, Any], cancel: CancelToken | None = None) -> Answer:
+        """The answer to a request in this world; what is given are values by the fields of its body."""
         if cancel is not None:
             instance("cancel", cancel, CancelToken, "a CancelToken, or None")
-        width = {"gripper_width": self.robot.gripper_width} if gripper and self.robot.gripper is not None else {}
+        stored = {"name": self.scene.name, "version": self._version}
+        model, world = VERBS[kind].body, {"scene": "own" if self._version is None else stored, **given}
+        if "gripper_width" in model.model_fields and self.robot.gripper is not None:
+            world["gripper_width"] = self.robot.gripper_width
+        body = sent(model, world)
         connection, scenes = self._server.connection, self._server.scenes
         if self._version is not None:
-            stored = {"name": self.scene.name, "version": self._version}
-            return connection.work(kind, {"scene": stored, **width, **body}, cancel)
+            return connection.work(kind, body, cancel)
         left = SENT_AGAIN
         while True:
             own = scenes.reference(self.scene, again=left < SENT_AGAIN)
             try:
-                return connection.work(kind, {"scene": own, **width, **body}, cancel)
+                return connection.work(kind, {**body, "scene": own}, cancel)
             except UnknownName as error:  # another client with the same scene has deleted it
                 if not left or error.kind not in ("scene", f"version of scene {own['name']}"):
                     raise
@@ -549,13 +558,9 @@ def _of_server(result: PlanResult, world: World, request: PlanRequest | None, pa
     return replace(result, origin=Origin(world, request, pace, elsewhere=True))
 
 
-def _cancelled(cancel: CancelToken | None) -> bool:
-    return cancel is not None and instance("cancel", cancel, CancelToken, "a CancelToken, or None").cancelled
-
-
 def _require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequest) -> None:
     """Refuse the answer to another request."""
-    if answered is None or request_body(answered) != request_body(asked):
+    if answered is None or RequestRecord.of(answered) != RequestRecord.of(asked):
         raise InvalidFile(answer.url, ["request: another one than was sent"])
 
 
@@ -581,6 +586,7 @@ def _task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
 # Tasks.
 
 
+@unless_cancelled
 def pick(
     remote: Remote, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None = None
 ) -> TaskResult:
@@ -593,15 +599,14 @@ def pick(
     """
     start, handling = _started(remote, q, handling)
     remote.scene.obstacle(target)
-    if _cancelled(handling.cancel):
-        return tasks.pick(remote._here, q, target, grasps, handling)
-    body = {"q": start.tolist(), "target": target, "grasps": _poses("grasps", grasps)}
-    body |= {"handling": sent(HandlingBody, "handling", handling)}
+    require_poses("grasps", grasps)
+    body = {"q": start, "target": target, "grasps": grasps, "handling": handling}
     lean = handling.upright
     upright = [] if lean is None else [kept_upright(grasp, lean) for grasp in grasps]
     return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
 
 
+@unless_cancelled
 def place(
     remote: Remote, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None = None
 ) -> TaskResult:
@@ -613,13 +618,12 @@ def place(
         ServerUnavailable: As ``Remote.plan``.
     """
     start, handling = _started(remote, q, handling)
-    if _cancelled(handling.cancel):
-        return tasks.place(remote._here, q, carried, poses, handling)
-    body = {"q": start.tolist(), "carried": carried, "poses": _poses("poses", poses)}
-    body |= {"handling": sent(HandlingBody, "handling", handling)}
+    require_poses("poses", poses)
+    body = {"q": start, "carried": carried, "poses": poses, "handling": handling}
     return remote._task("place", body, _at(start, handling.request), handling.cancel)
 
 
+@unless_cancelled
 def plan_pick_place(
     remote: Remote,
     target: str,
@@ -636,20 +640,17 @@ def plan_pick_place(
         InvalidRequest: As the library's.
         ServerUnavailable: As ``Remote.plan``.
     """
-    _require_remote(remote)
     instance("request", request, PlanRequest, "a PlanRequest")
     start = joint_vector("start", request.start, remote.robot)
     for name in (target, onto):
         remote.scene.obstacle(name)
-    if _cancelled(cancel):
-        return tasks.plan_pick_place(remote._here, target, onto, request, upright=upright, cancel=cancel)
-    body = {"target": target, "onto": onto, "start": start.tolist(), "upright": upright}
-    body |= {"request": sent(SettingsBody, "request", request)}
+    body = {"target": target, "onto": onto, "start": start, "upright": upright, "request": request}
     obstacle = remote.scene.obstacle(target)
     kept = [] if upright is None else [kept_upright(grasp, upright) for grasp in top_grasps(remote.robot, obstacle)]
     return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
 
 
+@unless_cancelled
 def move_linear(
     remote: Remote,
     start: ArrayLike,
@@ -670,32 +671,17 @@ def move_linear(
         InvalidRequest: As the library's.
         ServerUnavailable: As ``Remote.plan``.
     """
-    _require_remote(remote)
-    if _cancelled(cancel):
-        return tasks.move_linear(
-            remote._here,
-            start,
-            goal,
-            zone=zone,
-            points=points,
-            max_joint_rate=max_joint_rate,
-            partial=partial,
-            pace=pace,
-            padding=padding,
-            constraints=constraints,
-            cancel=cancel,
-        )
     at = joint_vector("start", start, remote.robot)
     body = {
-        "start": at.tolist(),
-        "goal": target_body(goal),
+        "start": at,
+        "goal": goal,
         "zone": zone,
         "points": points,
         "max_joint_rate": min(require_joint_rate(max_joint_rate), sys.float_info.max),  # JSON has no infinity
         "partial": partial,
-        "pace": sent(PaceBody, "pace", pace),
+        "pace": pace,
         "padding": padding,
-        "constraints": constraints_body(constraints),
+        "constraints": checked_constraints(constraints),
     }
     answer = remote._work("move_linear", body, cancel)
     pace = Pace(Trapezoidal()) if pace is None else pace
@@ -707,20 +693,10 @@ def move_linear(
 
 
 def _started(remote: Remote, q: ArrayLike, handling: Handling | None) -> tuple[FloatArray, Handling]:
-    _require_remote(remote)
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     return joint_vector("q", q, remote.robot), handling
-
-
-def _require_remote(remote: Remote) -> None:
-    instance("remote", remote, Remote, "a Remote")
 
 
 def _at(start: FloatArray, request: PlanRequest | None) -> PlanRequest:
     """The request of all motions of a task that begins somewhere, as the library writes it."""
     return PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)
-
-
-def _poses(name: str, poses: Sequence[Pose]) -> list[Any]:
-    require_poses(name, poses)
-    return [sent(PoseRecord, name, pose) for pose in poses]

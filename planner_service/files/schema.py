@@ -238,7 +238,7 @@ def recorded(field: str, make: Callable[[], T]) -> T:
         if isinstance(cause, InvalidRequest):
             raise cause from None
         where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in entry["loc"])
-        raise InvalidRequest(f"{field}{where}", entry["input"], _expected(entry)) from None
+        raise InvalidRequest(f"{field}{where}".lstrip("."), entry["input"], _expected(entry)) from None
 
 
 def _problem(document: Any, entry: Any, reading: Reading) -> str:

@@ -39,7 +39,7 @@ from planner_service.robot.inertia import Payload
 from planner_service.robot.model import TURN, Robot, joint_vector
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
-__all__ = ["TIMINGS", "RequestRecord", "astray"]
+__all__ = ["TIMINGS", "RequestRecord", "astray", "goal_kind", "goals_of"]
 
 TIMINGS: Mapping[str, type[Any]] = MappingProxyType({law.name: law for law in (ToppRa, Trapezoidal, SCurve)})
 """Every timing law that can be made from its name alone, by that name."""
@@ -94,14 +94,13 @@ class ToolGoal(Record):
         return pose if self.room is None else PoseGoal(pose, **self.room.arguments)
 
 
-def _goal_kind(goal: Any) -> str:
+def goal_kind(goal: Any) -> str:
+    """Which of both kinds a goal is, or the object of one: ``joints`` or ``tool``."""
     tool = "pose" in goal if isinstance(goal, dict) else isinstance(goal, ToolGoal | Pose | PoseGoal)
     return "tool" if tool else "joints"
 
 
-GoalRecord = Annotated[
-    Annotated[JointGoal, Tag("joints")] | Annotated[ToolGoal, Tag("tool")], Discriminator(_goal_kind)
-]
+GoalRecord = Annotated[Annotated[JointGoal, Tag("joints")] | Annotated[ToolGoal, Tag("tool")], Discriminator(goal_kind)]
 
 
 class ChoiceRecord(Record):
@@ -244,7 +243,7 @@ class RequestRecord(GrownRecord):
 
     @classmethod
     def fields_of(cls, value: PlanRequest) -> dict[str, Any]:
-        return super().fields_of(value) | {"goals": plain(_goals(value.goal))}
+        return super().fields_of(value) | {"goals": plain(goals_of(value.goal))}
 
     @cached_property
     def value(self) -> PlanRequest:
@@ -253,7 +252,8 @@ class RequestRecord(GrownRecord):
         return PlanRequest(goal=goals[0] if len(goals) == 1 else goals, **arguments)
 
 
-def _goals(goal: Any) -> list[Any]:
+def goals_of(goal: Any) -> list[Any]:
+    """The goals of a request, each by itself."""
     if isinstance(goal, Pose | PoseGoal):
         return [goal]
     several = any(isinstance(entry, Pose | PoseGoal) or np.ndim(entry) > 0 for entry in goal)

@@ -6,6 +6,7 @@ it is a stored scene, one version of it, or what a finished task has left.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, JsonValue, Tag, ValidationInfo, WithJsonSchema
 
-from planner_service.certify import ExemptInterval
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import (
@@ -27,6 +27,7 @@ from planner_service.files.schema import (
     Vector3,
     at_most,
     of_length,
+    plain,
     read_record,
     recorded,
 )
@@ -44,6 +45,8 @@ from planner_service.records.request import (
     RoomRecord,
     TimingRecord,
     ToolGoal,
+    goal_kind,
+    goals_of,
 )
 from planner_service.records.result import ExemptRecord
 from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanReading
@@ -112,13 +115,15 @@ def read_body(model: type[B], data: bytes, robot: Robot) -> B:
     return read_record(model, parse_json(place, data), place, BodyReading(joints=robot.n, robot=robot))
 
 
-def sent(model: type[Record], field: str, value: Any) -> dict[str, Any] | None:
-    """What a client sends of a value; None of None.
+def sent(model: type[Record], values: Mapping[str, Any]) -> dict[str, Any]:
+    """The body that a client sends: values of this package by the names of the fields.
 
     Raises:
-        InvalidRequest: It cannot be sent; the message names ``field``, or what of the value is the reason.
+        InvalidRequest: One cannot be sent; the message names its field, or what of it is the reason.
     """
-    return None if value is None else recorded(field, lambda: model.of(value)).document()
+    given = {name: plain(value) for name, value in values.items()}
+    document = recorded("", lambda: model.of(given)).document()
+    return {name: document[name] for name in given}
 
 
 # Kinds of values.
@@ -230,12 +235,8 @@ class JointGoalBody(JointGoal):
     joints: Configuration
 
 
-def _goal_kind(goal: Any) -> str:
-    return "tool" if isinstance(goal, ToolGoalBody) or (isinstance(goal, dict) and "pose" in goal) else "joints"
-
-
 GoalBody = Annotated[
-    Annotated[JointGoalBody, Tag("joints")] | Annotated[ToolGoalBody, Tag("tool")], Discriminator(_goal_kind)
+    Annotated[JointGoalBody, Tag("joints")] | Annotated[ToolGoalBody, Tag("tool")], Discriminator(goal_kind)
 ]
 Goals = Annotated[list[GoalBody], Field(min_length=1), at_most(MAX_GOALS)]
 
@@ -283,6 +284,10 @@ class RequestBody(SettingsBody):
 
     start: Configuration
     goals: Goals
+
+    @classmethod
+    def fields_of(cls, value: PlanRequest) -> dict[str, Any]:
+        return super().fields_of(value) | {"goals": plain(goals_of(value.goal))}
 
     @cached_property
     def value(self) -> PlanRequest:
@@ -384,11 +389,6 @@ class CertifyBody(Body):
         if line == (self.plan is not None) or (self.plan is not None and self.model_fields_set - {"plan", "deadline"}):
             expected = "either plan alone, or scene and waypoints"
             raise InvalidRequest("plan", self.plan, expected, message=f"expected {expected}")
-
-    @property
-    def exempted(self) -> tuple[ExemptInterval, ...]:
-        """The stretches on which pairs are not checked."""
-        return tuple(record.value for record in self.exempt)
 
 
 Edge = Annotated[list[Configuration], of_length(2, "two configurations")]
