@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -73,25 +74,14 @@ def _endless() -> list[Any]:
     return inner
 
 
+def of_values(*values: object) -> dict[str, Callable[[], object]]:
+    """Values that are never changed, by how they print."""
+    return {repr(value)[:40]: lambda value=value: value for value in values}  # type: ignore[misc]
+
+
 HOSTILE: Mapping[str, Callable[[], object]] = {
-    "None": lambda: None,
-    "True": lambda: True,
-    "numpy True": lambda: np.True_,
-    "NaN": lambda: float("nan"),
-    "infinity": lambda: float("inf"),
-    "minus one": lambda: -1,
-    "1e308": lambda: 1e308,
-    "10**400": lambda: 10**400,
-    "complex": lambda: 1 + 5j,
-    "numpy complex": lambda: np.complex128(0.1 + 5j),
-    "empty text": lambda: "",
-    "text": lambda: "x",
-    "bytes": lambda: b"x",
-    "path": lambda: Path("nothing-there"),
-    "control characters": lambda: "a\x1b[31m\x00b",
-    "half a surrogate pair": lambda: "a\ud800b",
-    "empty tuple": lambda: (),
-    "short tuple": lambda: (0,),
+    **of_values(None, True, np.True_, math.nan, math.inf, -1, 1e308, 10**400, 1 + 5j, np.complex128(0.1 + 5j), "", "x"),
+    **of_values(b"x", Path("nothing-there"), "a\x1b[31m\x00b", "a\ud800b", (), (0,), range(10**12)),
     "empty list": list,
     "mapping": dict,
     "mapping of numbers": lambda: {0: 1.0},
@@ -111,9 +101,8 @@ HOSTILE: Mapping[str, Callable[[], object]] = {
     "five dimensions": lambda: np.zeros((1, 1, 1, 1, 1)),
     "no end": itertools.count,
     "float of another class": lambda: _Number(0.5),
-    "long range": lambda: range(10**12),
 }
-"""What is given in place of an argument, by name; made anew each time."""
+"""What is given in place of an argument, by name; made anew each time unless it cannot change."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +145,12 @@ SKIPPED: Mapping[str, str] = {
 }
 """Public names that are not attacked, and why."""
 
+SAMPLES = Path(__file__).parent / "samples"
+
 CUBE = [[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)]
+
+
+Calls = Iterator[tuple[str, Call]]
 
 
 def calls(folder: Path) -> dict[str, Call]:
@@ -165,12 +159,16 @@ def calls(folder: Path) -> dict[str, Call]:
     return {name: call for part in parts for name, call in part}
 
 
-Calls = Iterator[tuple[str, Call]]
-
-
 def _call(function: Callable[..., Any], into: tuple[str, ...] = (), /, **arguments: Any) -> tuple[str, Call]:
     """A call, and the name by which its function is public."""
     return function.__qualname__, Call(function, arguments, into)
+
+
+def _each(values: Mapping[str, Any], *functions: Callable[..., Any]) -> Calls:
+    """Calls whose arguments are the values of their names."""
+    for function in functions:
+        names = inspect.signature(function).parameters
+        yield _call(function, **{name: value for name, value in values.items() if name in names})
 
 
 def _again(value: Any) -> tuple[str, Call]:
@@ -185,47 +183,48 @@ def _values(folder: Path) -> Calls:
     rates = {"acceleration": [1.0, 1.0], "jerk": [10.0, 10.0]}
     law = ps.Trapezoidal().time_path(path, _limits())
     timed = {"durations": law.durations, "coefficients": law.coefficients, "dilation": 1.0, "part": (0.0, path.length)}
-    tree = {"range": 0.5, "goal_bias": 0.05, "checks": 2_000}
-    request = ps.PlanRequest(
-        [0.0, 0.5],
-        [0.5, 0.5],
-        ps.BalancedRRTConnect(),
-        ps.ToppRa(),
-        max_checks=1_000,
-        time_limit=1.0,
-        retries=0,
-        blend=0.5,
-    )
+    graph = {"milestones": [[0.0, 0.0], [1.0, 1.0]], "edges": [[0, 1]]}
+    few: dict[str, Any] = {"max_checks": 1_000, "time_limit": 1.0, "retries": 0, "blend": 0.5}
+    request = ps.PlanRequest([0.0, 0.5], [0.5, 0.5], ps.BalancedRRTConnect(), ps.ToppRa(), **few)
     pairs = (("a", "b"),)
+    point, line = (0.0, 0.0, 0.1), {"start": (0.0, 0.0, 0.0), "end": (1.0, 0.0, 0.0)}
+    yield from _each(
+        {"position": point, "quaternion": (1.0, 0.0, 0.0, 0.0), "matrix": np.eye(4), "rpy": point}
+        | {"size": (0.1, 0.2, 0.3), "radius": 0.1, "length": 0.2, "vertices": CUBE, "parts": ((box, pose),)}
+        | {"pieces": [box], "points": [point], "cells": [[0, 0, 0]], "resolution": 0.1, "heights": [[0.1, 0.2]]}
+        | {"cell": 0.1, "floor": 0.0, "name": "a", "shape": box, "pose": pose, "touch_links": ("b",)},
+        *(ps.Pose, ps.Pose.from_matrix, ps.Pose.from_rpy, ps.Box, ps.Sphere, ps.Cylinder, ps.Capsule, ps.Mesh),
+        *(ps.Compound, ps.Compound.of_pieces, ps.PointCloud, ps.PointCloud.from_cells, ps.HeightField),
+        *(ps.Obstacle, ps.Attached),
+    )
+    yield from _each(
+        {"tool_axis": (1.0, 0.0, 0.0), "tolerance": 0.1, "link": "tip", "up": point, "orientation": pose}
+        | {"frame": pose, "point": point, "size": (0.1, 0.1, 0.1), "relative_to": "base", "pose": pose}
+        | {"position_tolerance": 0.001, "angle_tolerance": 0.1}
+        | line,
+        *(KeepUpright, KeepOrientation, OnPlane, OnLine, InBox, RelativePose),
+    )
+    yield from _each(
+        {"range": 0.5, "goal_bias": 0.05, "checks": 2_000, "samples": 100, "milestones": 10, "neighbours": 5}
+        | {"max_checks": 1_000, "distance": 0.01, "angle": 0.02, "gridpoints": 50, "jerk": 10.0, "iterations": 4}
+        | {"voxel": 0.05, "waypoints": 20, "smoothness": 100.0, "clearance": 0.02, "corners": 4, "method": TrajOpt()}
+        | {"starts": 1, "workers": 1, "address": "auto"},
+        *(ps.MotionStep, ps.JointStep, ps.ToppRa, ps.SCurve, ps.BalancedRRTConnect, ps.RRTConnect, ps.RRT, ps.PRM),
+        *(algorithms.BKPIECE1, algorithms.LBKPIECE1, algorithms.KPIECE1, algorithms.RRTstar, algorithms.BITstar),
+        *(algorithms.InformedRRTstar, algorithms.SORRTstar, algorithms.AORRTC, algorithms.FMT, algorithms.BFMT),
+        *(algorithms.PRMstar, ps.LazyPRM, TrajOpt, Chomp, ps.Optimise, Processes, Ray),
+    )
     yield from (
-        _call(ps.Pose, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0)),
-        _call(ps.Pose.from_matrix, matrix=np.eye(4)),
-        _call(ps.Pose.from_rpy, position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)),
-        _call(ps.Box, size=(0.1, 0.2, 0.3)),
-        _call(ps.Sphere, radius=0.1),
-        _call(ps.Cylinder, radius=0.1, length=0.2),
-        _call(ps.Capsule, radius=0.1, length=0.2),
-        _call(ps.Mesh, vertices=CUBE),
-        _call(ps.Compound, parts=((box, pose),)),
-        _call(ps.Compound.of_pieces, pieces=[box]),
-        _call(ps.PointCloud, points=[[0.0, 0.0, 0.0]], resolution=0.1),
-        _call(ps.PointCloud.from_cells, cells=[[0, 0, 0]], resolution=0.1),
-        _call(ps.HeightField, heights=[[0.1, 0.2]], cell=0.1, floor=0.0),
         _again(ps.PoseGoal(pose, 0.01, 0.1, (1.0, 0.0, 0.0), 4)),
-        _call(ps.Obstacle, name="a", shape=box, pose=pose),
-        _call(ps.Attached, name="a", shape=box, pose=pose, touch_links=("b",)),
         _again(ps.Scene((ps.Obstacle("a", box),), (ps.Attached("b", box, pose),), "n", "d")),
         _call(ps.JointLimits, **limits, **rates),
         _call(ArmLimits, **limits),
         _call(Recording, t=[0.0], commanded=[[0.0]], measured=[[0.0]], lateness=[0.0], skipped=0),
         _call(ps.JointPath, waypoints=[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], blends=[0.0, 0.1, 0.0]),
         _call(ps.Trajectory, path=path, **timed),
-        _call(SearchGraph, milestones=[[0.0, 0.0], [1.0, 1.0]], edges=[[0, 1]]),
-        (
-            "Roadmap",
-            Call(ps.Roadmap.of, {"milestones": [[0.0, 0.0], [1.0, 1.0]], "edges": [[0, 1]], "reach": [1.0, 1.0]}),
-        ),
-        _call(ps.Roadmap.judged, milestones=[[0.0, 0.0], [1.0, 1.0]], free=[(0, 1)], blocked={}, reach=[1.0, 1.0]),
+        _call(SearchGraph, **graph),
+        ("Roadmap", Call(ps.Roadmap.of, {**graph, "reach": [1.0, 1.0]})),
+        _call(ps.Roadmap.judged, milestones=graph["milestones"], free=[(0, 1)], blocked={}, reach=[1.0, 1.0]),
         _call(AllowedStretch, first=0, last=1, pairs=pairs, reason="r"),
         _call(ExemptInterval, s_start=0.0, s_end=1.0, pairs=pairs, reason="r"),
         _call(Pace, timing=ps.ToppRa(), velocity_scale=0.5, acceleration_scale=0.5, max_tool_speed=0.1),
@@ -234,37 +233,6 @@ def _values(folder: Path) -> Calls:
         _again(Streaming(speed=0.5)),
         _again(ToolRegion(pose, (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 0.3, 0.2, pose, "tip", "base", "region")),
         _again(JointRange("shoulder", -1.0, 1.0)),
-        _call(KeepUpright, tool_axis=(1.0, 0.0, 0.0), tolerance=0.1, link="tip", up=(0.0, 0.0, 1.0)),
-        _call(KeepOrientation, orientation=pose, tolerance=0.1, link="tip"),
-        _call(OnPlane, frame=pose, tolerance=0.001, point=(0.0, 0.0, 0.1), link="tip"),
-        _call(OnLine, start=(0.0, 0.0, 0.0), end=(1.0, 0.0, 0.0), tolerance=0.001, point=(0.0, 0.0, 0.1), link="tip"),
-        _call(InBox, frame=pose, size=(0.1, 0.1, 0.1), point=(0.0, 0.0, 0.1), link="tip"),
-        _call(RelativePose, link="tip", relative_to="base", pose=pose, position_tolerance=0.001, angle_tolerance=0.1),
-        _call(ps.MotionStep, distance=0.01),
-        _call(ps.JointStep, angle=0.02),
-        _call(ps.ToppRa, gridpoints=50),
-        _call(ps.SCurve, jerk=10.0),
-        _call(ps.BalancedRRTConnect, range=0.5),
-        _call(ps.RRTConnect, range=0.5),
-        _call(algorithms.BKPIECE1, range=0.5),
-        _call(algorithms.LBKPIECE1, range=0.5),
-        _call(ps.RRT, range=0.5, goal_bias=0.05),
-        _call(algorithms.KPIECE1, range=0.5, goal_bias=0.05),
-        _call(algorithms.RRTstar, **tree),
-        _call(algorithms.InformedRRTstar, **tree),
-        _call(algorithms.SORRTstar, **tree),
-        _call(algorithms.AORRTC, range=0.5, checks=2_000),
-        _call(algorithms.BITstar, samples=100, checks=2_000),
-        _call(algorithms.FMT, samples=100),
-        _call(algorithms.BFMT, samples=100),
-        _call(ps.PRM, milestones=10, neighbours=5, max_checks=1_000),
-        _call(algorithms.PRMstar, milestones=10, max_checks=1_000),
-        _call(ps.LazyPRM, milestones=10, neighbours=5),
-        _call(TrajOpt, iterations=4),
-        _call(Chomp, iterations=4, voxel=0.05),
-        _call(ps.Optimise, waypoints=20, smoothness=100.0, clearance=0.02, corners=4, method=TrajOpt(), starts=1),
-        _call(Processes, workers=1),
-        _call(Ray, address="auto", workers=1),
         _call(engine_named, name="processes", workers=1),
         _call(episode_task, name="pick-place"),
         _again(EpisodeWork(ps.load_robot("wxai"), episode_task("pick-place"), 0, 30, 0.05, 1_000, 10)),
@@ -283,42 +251,36 @@ def _methods() -> Calls:
     roadmap = ps.Roadmap.of([[0.0, 0.0], [1.0, 1.0]], [[0, 1]])
     arm, wxai = ps.load_robot("planar2"), ps.load_robot("wxai")
     q = [0.1, 0.5]
-    timing, reached = {"path": path, "limits": _limits(), "speed_limit": None}, ps.Pose((0.3, 0.0, 0.2))
-    yield from (
-        _call(scene.obstacle, name="a"),
-        _call(scene.with_obstacle, obstacle=ps.Obstacle("c", ps.Sphere(0.1))),
-        _call(scene.without, name="a"),
-        _call(scene.moved, name="a", pose=ps.Pose()),
-        _call(scene.with_attached, attached=ps.Attached("c", ps.Sphere(0.1), ps.Pose())),
-        _call(scene.without_attached, name="b"),
-        _call(path.__call__, s=[0.1, 0.2], order=0),
-        _call(path.with_blends, blends=[0.0, 0.1, 0.0]),
-        _call(path.turns_back, k=1),
-        _call(path.travel, s=[0.1, 0.2]),
-        _call(law.__call__, t=[0.1, 0.2], order=0),
-        _call(law.s, t=[0.1, 0.2], order=0),
-        _call(law.moving, t=[0.1, 0.2]),
-        _call(law.sample, dt=0.1),
-        _call(law.dilated, factor=1.5),
-        _call(ps.ToppRa().time_path, **timing),
-        _call(ps.SCurve().time_path, **timing),
-        _call(ps.Trapezoidal().time_path, **timing),
-        _call(Pace.of, request=ps.PlanRequest(q, q), timing=ps.ToppRa()),
-        _call(Pace(ps.ToppRa()).limits, robot=arm),
-        _call(ps.PlanRequest(q, q).goals, robot=arm),
-        _call(roadmap.with_path, points=[[0.0, 0.1], [1.0, 0.5]]),
-        _call(arm.pose, name="home"),
-        _call(arm.body_poses, q=q),
-        _call(arm.body_poses_batch, Q=[q]),
-        _call(arm.tool_pose, q=q),
-        _call(arm.tool_jacobian, q=q),
-        _call(arm.reach, extra=((1, ps.Sphere(0.1), ps.Pose()),)),
-        _call(wxai.with_gripper, width=0.04),
-        _call(wxai.locked, joints={wxai.joint_names[0]: 0.0}),
-        _call(ps.inverse_kinematics, robot=wxai, pose=reached, seed=0, seeds=[wxai.home], still=wxai.home),
-        _call(straight_tool_line, robot=wxai, q_start=wxai.home, to=(0.0, 0.0, 0.01), points=5),
-        _call(contact_table, robot=arm, samples=10, max_bounds=1_000),
+    obstacle, held = ps.Obstacle("c", ps.Sphere(0.1)), ps.Attached("c", ps.Sphere(0.1), ps.Pose())
+    yield from _each(
+        {"name": "a", "obstacle": obstacle, "pose": ps.Pose(), "attached": held},
+        *(scene.obstacle, scene.with_obstacle, scene.without, scene.moved, scene.with_attached),
     )
+    yield from _each(
+        {"s": [0.1, 0.2], "order": 0, "blends": [0.0, 0.1, 0.0], "k": 1, "t": [0.1, 0.2], "dt": 0.1, "factor": 1.5}
+        | {"path": path, "limits": _limits(), "speed_limit": None, "points": [[0.0, 0.1], [1.0, 0.5]]}
+        | {"robot": arm, "request": ps.PlanRequest(q, q), "timing": ps.ToppRa()},
+        *(path.__call__, path.with_blends, path.turns_back, path.travel, law.__call__, law.s, law.moving, law.sample),
+        *(law.dilated, ps.ToppRa().time_path, ps.SCurve().time_path, ps.Trapezoidal().time_path, Pace.of),
+        *(Pace(ps.ToppRa()).limits, ps.PlanRequest(q, q).goals, roadmap.with_path),
+    )
+    yield from _each(
+        {"name": "home", "q": q, "Q": [q], "extra": ((1, ps.Sphere(0.1), ps.Pose()),)},
+        *(arm.pose, arm.body_poses, arm.body_poses_batch, arm.tool_pose, arm.tool_jacobian, arm.reach),
+    )
+    yield from _each(
+        {
+            "width": 0.04,
+            "joints": {wxai.joint_names[0]: 0.0},
+            "robot": wxai,
+            "pose": ps.Pose((0.3, 0.0, 0.2)),
+            "seed": 0,
+        }
+        | {"seeds": [wxai.home], "still": wxai.home, "q_start": wxai.home, "to": (0.0, 0.0, 0.01), "points": 5},
+        *(wxai.with_gripper, wxai.locked, ps.inverse_kinematics, straight_tool_line),
+    )
+    yield _call(scene.without_attached, name="b")
+    yield _call(contact_table, robot=arm, samples=10, max_bounds=1_000)
 
 
 def _shapes() -> Calls:
@@ -351,61 +313,41 @@ def _planning(folder: Path) -> Calls:
     q, near = arm.home, arm.home + 0.01
     few = ps.PRM(milestones=10, neighbours=3, max_checks=500)
     roadmap = service.build_roadmap(few)
-    edge, token = {"q1": q, "q2": near, "known": Known.NEITHER}, ps.CancelToken()
-    moving, pace = {"previous": result, "at_time": 0.01, "latency": 0.01}, Pace(ps.Trapezoidal())
+    token, pace = ps.CancelToken(), Pace(ps.Trapezoidal())
     world, kept = {"robot": arm, "scene": scene}, (ToolRegion(lower=(-2.0, -2.0, -2.0), tilt=0.1, name="flat"),)
+    yield from _each(
+        {"robot": "planar2", "scene": scene, "edge_step": ps.MotionStep(0.01), "allowed": (), "gripper": None}
+        | {"request": request, "cancel": token, "trace": True, "previous": result, "at_time": 0.01, "latency": 0.01}
+        | {"goal": near, "path": path, "padding": 0.001, "exempt": (), "part": (0.0, path.length), "q": q}
+        | {"waypoints": [q, near], "contacts": (), "pace": pace, "blends": [0.0, 0.0], "planner": few, "seed": 0}
+        | {"progress": False, "roadmap": roadmap, "plans": 2, "remedies": 1, "service": service, "seeds": [0]}
+        | {"engine": Sequential(), "requests": [request], "stage": ps.Stage.SEARCH},
+        *(ps.PlannerService, service.with_scene, service.changed, service.plan, service.plan_many, service.replan),
+        *(service.certify, service.follow, service.build_roadmap, service.path_memory, service.update_roadmap),
+        *(service.way_out, service.explain, best_of_seeds, plan_seeds, result.stage),
+    )
+    yield from _each(
+        {"q": q, "Q": [q, near], "q1": q, "q2": near, "known": Known.NEITHER, "path": path, "within": 0.05, "pair": 0}
+        | {"padding": 0.001, "allowed": (), "motion_step": 0.01, "exempt": (), "part": (0.0, path.length)}
+        | {"constraints": kept, "length": 1.0},
+        *(checker.variant, checker.state_is_free, checker.states_are_free, checker.edge_is_free, checker.edge_hit),
+        *(checker.edge_is_free_coarse, checker.finish_edge, checker.segments, checker.path_is_free),
+        *(checker.clearance, checker.near, checker.pair_names, checker.contacts),
+        *(certifier.certify, certifier.certify_edge, certifier.roots, certifier.clearances),
+    )
+    yield from _each(
+        {"motion": result, "joint_names": arm.joint_names, "dt": 0.05, "frame_id": "base"},
+        *(csv_text, joint_trajectory, robot_trajectory),
+    )
+    stream = {"requests": [request], "engine": Sequential()}
+    within = {"states": 10, "deadline": 1e9, "token": token}
     yield from (
-        _call(ps.PlannerService, robot="planar2", scene="discs", edge_step=ps.MotionStep(0.01), allowed=()),
-        _call(service.with_scene, scene=scene),
-        _call(service.changed, gripper=None, scene=scene),
-        _call(service.plan, request=request, cancel=token, trace=True),
-        _call(service.plan_many, requests=[request], engine=Sequential(), progress=False),
-        (
-            "PlannerService.plan_stream",
-            Call(
-                lambda requests, engine: list(service.plan_stream(requests, engine=engine)),
-                {"requests": [request], "engine": Sequential()},
-            ),
-        ),
-        _call(service.replan, **moving, scene=scene, goal=near, request=request, cancel=token),
-        _call(service.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length)),
-        _call(service.follow, waypoints=[q, near], contacts=(), pace=pace, blends=[0.0, 0.0], cancel=token),
-        _call(service.build_roadmap, planner=few, seed=0, padding=0.001, progress=False, cancel=token),
-        _call(service.path_memory, padding=0.001),
-        _call(service.update_roadmap, roadmap=roadmap, cancel=token),
-        _call(service.way_out, q=q, padding=0.001),
-        _call(service.explain, request=request, plans=2, remedies=1, cancel=token),
+        ("PlannerService.plan_stream", Call(lambda **given: list(service.plan_stream(**given)), stream)),
+        ("CollisionChecker.limited", Call(lambda **given: checker.limited(**given).__enter__(), within)),
         _call(result.save, ("path",), path=folder / "kept.json"),
-        _call(best_of_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
-        _call(plan_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
-        _call(result.stage, stage=ps.Stage.SEARCH),
         _call(ps.CollisionChecker, **world, edge_step=ps.MotionStep(), padding=0.0, allowed=(), backend="native"),
-        _call(checker.variant, padding=0.001, allowed=(), motion_step=0.01),
-        _call(checker.state_is_free, q=q),
-        _call(checker.states_are_free, Q=[q, near]),
-        _call(checker.edge_is_free, **edge),
-        _call(checker.edge_hit, **edge),
-        _call(checker.edge_is_free_coarse, **edge),
-        _call(checker.finish_edge, q1=q, q2=near),
-        _call(checker.segments, q1=q, q2=near),
-        _call(checker.path_is_free, path=path, known=Known.NEITHER),
         _call(checker.blend_is_free, path=bent, k=1),
-        (
-            "CollisionChecker.limited",
-            Call(lambda **given: checker.limited(**given).__enter__(), {"states": 10, "deadline": 1e9, "token": token}),
-        ),
-        _call(checker.clearance, q=q),
-        _call(checker.near, Q=[q], within=0.05),
-        _call(checker.pair_names, pair=0),
-        _call(checker.contacts, q=q),
         _call(Certifier, **world, allowed=()),
-        _call(certifier.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length), constraints=kept),
-        _call(certifier.certify_edge, q1=q, q2=near, padding=0.001),
-        _call(certifier.roots, length=1.0, exempt=()),
-        _call(certifier.clearances, Q=[q, near]),
-        _call(csv_text, motion=result, joint_names=arm.joint_names, dt=0.05),
-        _call(joint_trajectory, motion=result, joint_names=arm.joint_names, dt=0.05, frame_id="base"),
-        _call(robot_trajectory, motion=result, joint_names=arm.joint_names, dt=0.05, frame_id="base"),
         _call(write_csv, ("path",), motion=result, path=folder / "out.csv", joint_names=arm.joint_names, dt=0.05),
         _call(save_plan, ("path",), plan=result, path=folder / "out.json"),
         _call(draw_check, ("file",), checker=checker, q=q, file=folder / "out.png"),
@@ -421,7 +363,7 @@ def _tasks(folder: Path) -> Calls:
     held = ps.Attached("held", ps.Box((0.02, 0.02, 0.02)), ps.Pose((0.0, 0.0, 0.0)))
     carrying = ps.PlannerService(robot, ps.Scene((tray,), (held,)))
     moving, pace = {"service": service, "start": robot.home}, Pace(ps.Trapezoidal())
-    handling = ps.Handling(request=request)
+    handling, two = ps.Handling(request=request), [(0.0, 0.0, 0.01), (0.01, 0.0, 0.0)]
     yield from (
         _call(ps.top_grasps, robot=robot, target=block, tilts=(0.0,)),
         _call(places_on, target=block, support=tray),
@@ -429,14 +371,7 @@ def _tasks(folder: Path) -> Calls:
         _call(service.certify_gripper, q=robot.home, start=0.0, end=0.01),
         _call(standing_on, scene=scene, name="blue_block"),
         _call(ps.move_linear, **moving, goal=(0.0, 0.0, 0.01), points=5, pace=pace, cancel=ps.CancelToken()),
-        _call(
-            ps.move_linear,
-            **moving,
-            goal=[(0.0, 0.0, 0.01), (0.01, 0.0, 0.0)],
-            zone=0.002,
-            max_joint_rate=50.0,
-            partial=True,
-        ),
+        _call(ps.move_linear, **moving, goal=two, zone=0.002, max_joint_rate=50.0, partial=True),
         _call(move_circular, **moving, via=(0.0, 0.01, 0.01), goal=(0.0, 0.02, 0.0), max_joint_rate=50.0, partial=True),
         _call(ps.pick, service=service, q=robot.home, target="blue_block", grasps=grasp, handling=handling),
         _call(ps.place, service=carrying, q=robot.home, carried="held", poses=[tray.pose], handling=handling),
@@ -445,26 +380,17 @@ def _tasks(folder: Path) -> Calls:
 
 
 def _files(folder: Path) -> Calls:
-    urdf = folder / "robot.urdf"
-    urdf.write_text(
-        '<robot name="r"><link name="a"/><link name="tip"><collision><geometry><box size=".1 .1 .1"/></geometry>'
-        '</collision></link><joint name="j" type="revolute"><parent link="a"/><child link="tip"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" velocity="1"/></joint></robot>',
-        encoding="utf-8",
+    urdf, stand, mesh, cloud, heights, roadmap = (
+        folder / name for name in ("robot.urdf", "stand.urdf", "cube.obj", "cloud.npy", "heights.npy", "roadmap.npz")
     )
-    mesh, cloud, heights, roadmap = (folder / name for name in ("cube.obj", "cloud.npy", "heights.npy", "roadmap.npz"))
+    urdf.write_bytes(SAMPLES.joinpath("robot.urdf").read_bytes())
+    stand.write_bytes(SAMPLES.joinpath("stand.urdf").read_bytes())
     mesh.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3 4 5 6 7 8\n", encoding="utf-8")
-    stand = folder / "stand.urdf"
-    stand.write_text(
-        '<robot name="s"><link name="a"><collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>'
-        "</robot>",
-        encoding="utf-8",
-    )
     np.save(cloud, np.array(CUBE))
     np.save(heights, np.array([[0.1, 0.2]]))
     service = ps.PlannerService("planar2", "discs")
     service.path_memory().save(roadmap)
-    read, description = {"path": folder / "nothing-there"}, {"path": urdf, "tool_frame": "tip", "srdf": None}
+    description = {"path": urdf, "tool_frame": "tip", "srdf": None}
     yield from (
         _call(ps.load_robot, name_or_path="planar2"),
         _call(ps.load_scene, name_or_path="discs"),
@@ -478,11 +404,7 @@ def _files(folder: Path) -> Calls:
         _call(ps.HeightField.from_file, path=heights, cell=0.05, floor=0.0),
         _call(ps.Roadmap.load, path=roadmap),
         _call(ps.Roadmap.load(roadmap).save, ("path",), path=folder / "out.npz"),
-        _call(load_constraints, **read),
-        _call(read_moveit_scene, **read),
         _call(read_urdf_scene, path=stand),
-        _call(read_problems, **read),
-        _call(load_plan, **read),
-        _call(load_task, **read),
-        _call(load_plan_or_task, **read),
     )
+    readers = (load_constraints, read_moveit_scene, read_problems, load_plan, load_task, load_plan_or_task)
+    yield from _each({"path": folder / "nothing-there"}, *readers)

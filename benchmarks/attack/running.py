@@ -18,10 +18,11 @@ from rich.console import Console
 from benchmarks.attack.harness import Finding, Part, further, read_finding
 from benchmarks.attack.jail import Jail
 from benchmarks.harness.arguments import whole
-from benchmarks.harness.report import table
+from benchmarks.harness.markdown import write_part
+from benchmarks.harness.report import Report, table_of
 from planner_service.errors import InvalidFile
 
-__all__ = ["PARTS", "Summary", "main", "maker", "markdown", "replayed", "run_part"]
+__all__ = ["PARTS", "Summary", "main", "maker", "replayed", "run_part"]
 
 PARTS = {"api": 15, "files": 40, "curves": 15, "states": 15, "roadmaps": 10, "threads": 5, "kill": 8, "soak": 12}
 """The attacks, and how a run of all of them shares its time."""
@@ -36,8 +37,6 @@ attack [PART...]            run all attacks, or some, sharing the time; the exit
 attack replay FILE...       run stored findings again; the exit code is 1 if any still does harm
 attack table FOLDER...      the table of finished runs, added up; --markdown FILE puts it into a text
 """
-
-MARKS = ("<!-- attack: begin -->", "<!-- attack: end -->")
 
 
 @dataclass
@@ -148,7 +147,7 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of what is drawn")
     parser.add_argument("--inputs", type=whole(1), metavar="N", help="end each part after so many")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where findings and the summary go")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="put the table between the marks of a text")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="put the table into its part of a text")
     asked = parser.parse_args(arguments)
     if asked.what[:1] == ["replay"]:
         return _replay([Path(name) for name in asked.what[1:]], console)
@@ -209,42 +208,30 @@ def _summaries(folders: Sequence[Path]) -> list[Summary]:
 COLUMNS = ("attack", "inputs", "answered", "refused", *KINDS, "minutes")
 
 
-def _cells(summaries: Sequence[Summary]) -> list[list[str]]:
-    def cells(one: Summary) -> list[str]:
-        counts = (one.inputs, one.passed, one.refused, *(one.found.get(kind, 0) for kind in KINDS))
-        return [one.name, *(f"{count:,}" for count in counts), f"{one.seconds / 60.0:.1f}"]
-
-    return list(map(cells, summaries))
-
-
 def _tell(folders: Sequence[Path], text: Path | None, console: Console) -> int:
-    summaries = _summaries(folders)
-    console.print(table("Attacks", COLUMNS, _cells(summaries)))
-    for line in _measured(summaries):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    """Print the table of finished runs, and write it into a text."""
+    report = reported(_summaries(folders))
+    console.print(*report.tables)
     if text is not None:
-        old = text.read_text("utf-8")
-        if any(old.count(mark) != 1 for mark in MARKS):
-            raise InvalidFile(text, [f"no marks to put the table between: {' and '.join(MARKS)}"])
-        before, rest = old.split(MARKS[0])
-        inside = f"{MARKS[0]}\n\n{markdown(summaries)}\n{MARKS[1]}"
-        text.write_text(before + inside + rest.split(MARKS[1])[1], "utf-8")
+        write_part(report, text)
     return 0
 
 
-def _measured(summaries: Sequence[Summary]) -> list[str]:
-    """What was counted and measured, a line for each part that did."""
-    lines = []
-    for one in summaries:
-        told = [f"{value:,} {key}" for key, value in sorted(one.counted.items())]
-        told += [f"{key} {value:.3g}" for key, value in sorted(one.extremes.items())]
-        if told:
-            lines.append(f"{one.name}: {', '.join(told)}")
-    return lines
-
-
-def markdown(summaries: Sequence[Summary]) -> str:
-    """The table, and what was counted and measured, as Markdown."""
-    rows = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *_cells(summaries)]
-    lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-    return lines + "\n" + "".join(f"- {line}.\n" for line in _measured(summaries))
+def reported(summaries: Sequence[Summary]) -> Report:
+    """The table; its caption says what was counted and measured, part by part."""
+    lines = [
+        {"attack": one.name, "inputs": f"{one.inputs:,}", "answered": f"{one.passed:,}", "refused": f"{one.refused:,}"}
+        | {kind: one.found.get(kind, 0) for kind in KINDS}
+        | {"minutes": f"{one.seconds / 60.0:.1f}"}
+        for one in summaries
+    ]
+    told = [
+        f"{one.name}: "
+        + ", ".join(
+            [f"{value:,} {key}" for key, value in sorted(one.counted.items())]
+            + [f"{key} {value:.3g}" for key, value in sorted(one.extremes.items())]
+        )
+        for one in summaries
+        if one.counted or one.extremes
+    ]
+    return Report("attack", (), (table_of("Attacks", lines, caption=". ".join(told)),))

@@ -20,18 +20,11 @@ from benchmarks.attack.harness import Case, Wrong
 from planner_service import Robot
 from planner_service.robot.elements.table import Effect, Rule, words_of
 
-__all__ = ["MJCF_TEXT", "TABLES", "draw_word", "require_told"]
+__all__ = ["TABLES", "draw_word", "require_told"]
 
 TABLES = {kind: words_of(kind) for kind in ("urdf", "srdf", "mjcf")}
 
 VALUES = ("0", "1", "0.5", "-1", "0.1 0.2 0.3", "1 0 0 0", "true", "j1", "l0", "l1", "revolute", "x")
-
-MJCF_TEXT = """<mujoco model="drawn"><compiler angle="radian"/><worldbody><body name="l0">
-<geom name="g0" type="box" size="0.1 0.1 0.05"/><body name="l1" pos="0 0 0.2"><joint name="j1" axis="0 1 0"
-range="-1 1"/><geom name="g1" type="capsule" size="0.03 0.1" pos="0 0 0.1"/><body name="l2" pos="0 0 0.3">
-<joint name="j2" type="slide" axis="0 0 1" range="0 0.2"/><geom name="g2" type="sphere" size="0.04"/>
-<site name="tip" pos="0 0 0.05"/></body></body></body></worldbody><contact><exclude body1="l0" body2="l1"/></contact>
-<keyframe><key name="home" qpos="0.1 0.05"/></keyframe></mujoco>"""
 
 
 class _Told(logging.Handler):

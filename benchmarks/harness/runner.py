@@ -11,8 +11,8 @@ from rich.progress import track
 
 from benchmarks.harness.attempts import Ask, attempt, warm
 from benchmarks.harness.report import Row
-from benchmarks.harness.sources import Problem, Task, ToyQuery
-from benchmarks.harness.suite import LESSON, ROADMAP, Suite, require_planner
+from benchmarks.harness.sources import Motion
+from benchmarks.harness.suite import Suite
 from planner_service.errors import InvalidRequest
 
 __all__ = ["Job", "jobs_of", "made"]
@@ -25,7 +25,7 @@ class Job:
     """One row to be made."""
 
     suite: str
-    problem: Problem
+    problem: Motion
     ask: Ask
 
     def row(self) -> Row:
@@ -40,7 +40,7 @@ class Job:
         """Plan once for nobody; refused like ``row``."""
         self._of(warm)
 
-    def _of(self, do: Callable[[Problem, Ask], T]) -> T:
+    def _of(self, do: Callable[[Motion, Ask], T]) -> T:
         try:
             return do(self.problem, self.ask)
         except InvalidRequest as error:
@@ -54,17 +54,11 @@ def jobs_of(suite: Suite, planners: Sequence[str] = (), seeds: Sequence[int] = (
     Raises:
         UnknownName, InvalidRequest: no such planner, a setting it does not have, or problems that it cannot plan.
     """
-    for text in planners:
-        require_planner(text)
-    asked = dict.fromkeys(planners or suite.planners)
-    tasks = [problem.id for problem in suite.problems if isinstance(problem, Task)]
-    if LESSON in asked and tasks:
-        raise InvalidRequest("planner", LESSON, f"one that picks and places, for {tasks[0]} of {suite.name}")
-    toys = [problem.id for problem in suite.problems if isinstance(problem, ToyQuery)]
-    before = [text for text in asked if text.partition(":")[0] == ROADMAP]
-    if before and toys:
-        raise InvalidRequest("planner", before[0], f"one that is not built before, for {toys[0]} of {suite.name}")
-    asks = [Ask(p, s, suite.max_checks) for p in asked for s in seeds or suite.seeds]
+    asks = [
+        Ask(planner, seed, suite.max_checks)
+        for planner in dict.fromkeys(planners or suite.planners)
+        for seed in seeds or suite.seeds
+    ]
     return [Job(suite.name, problem, ask) for problem in suite.problems for ask in asks]
 
 

@@ -13,21 +13,19 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from benchmarks.baselines.lesson import Toy
 from benchmarks.worlds import queries
 from benchmarks.worlds.drawn import blocked_ends
 from benchmarks.worlds.planar import MOST_JOINTS, planar_robot
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.files.schema import Record, Text, at_most, of_length
+from planner_service.files.schema import Record, Text, at_most
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Box, Pose
 from planner_service.records.problem_set import read_problems
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
-from planner_service.scene.scene import Obstacle, Scene
+from planner_service.scene.scene import Scene
 
-__all__ = ["Maker", "Motion", "Problem", "Sources", "Task", "ToyQuery", "block", "tray"]
+__all__ = ["Maker", "Motion", "Sources"]
 
 PROBLEM_SETS = Path(__file__).parents[1] / "problems"
 
@@ -55,33 +53,7 @@ class Motion:
     goals: tuple[FloatArray, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A pick and a place, from home and back to it."""
-
-    id: str
-    kind: str
-    robot: str
-    scene: Scene
-    target: str
-    onto: str
-
-
-@dataclass(frozen=True)
-class ToyQuery:
-    """The lesson's query: a point in the square of two joints, and a disc in its way."""
-
-    id: str = "toy"
-    kind: str = "toy"
-    robot: str = "a point"
-    start = Toy.START
-    goals = (Toy.GOAL,)
-
-
-Problem = Motion | Task | ToyQuery
-
-
-Maker = Callable[[], Iterator[Problem]]
+Maker = Callable[[], Iterator[Motion]]
 """Makes the problems of a table, once the whole file is right."""
 
 
@@ -137,7 +109,6 @@ Numbers = Annotated[
     list[Annotated[int, Field(ge=0, lt=queries.PER_SCENE)]], AfterValidator(_each_once), Some, at_most(MAX_COUNT)
 ]
 Texts = Annotated[list[Text], Some, at_most(MAX_COUNT)]
-Place = Annotated[list[float], of_length(2, "[x, y]"), Field(description="[x, y]")]
 
 
 # Tables: the value of each makes its problems.
@@ -153,7 +124,7 @@ class QueriesTable(Record):
     def value(self) -> Maker:
         numbers = range(queries.PER_SCENE) if self.numbers is None else self.numbers
 
-        def make() -> Iterator[Problem]:
+        def make() -> Iterator[Motion]:
             for name in self.scenes:
                 scene, stored = load_scene(name), queries.load(name)
                 for query in (stored[k] for k in numbers):
@@ -179,49 +150,12 @@ class ProblemsTable(Record):
         if unknown:
             raise InvalidRequest("ids", sorted(unknown)[0], f"the ids of problems in {self.file}")
 
-        def make() -> Iterator[Problem]:
+        def make() -> Iterator[Motion]:
             for p in problems:
                 if self.ids is None or p.id in self.ids:
                     yield Motion(p.id, p.id.partition("/")[0], robot, p.scene, p.start, p.goals)
 
         return make
-
-
-class TasksTable(Record):
-    """``[[tasks]]``."""
-
-    scene: SceneName
-    robot: Robot = queries.ROBOT
-    pick: Text
-    onto: Text
-    without: Texts | None = None
-    block: Place | None = Field(None, description="[x, y]")
-    tray: Place | None = Field(None, description="[x, y]")
-
-    @cached_property
-    def value(self) -> Maker:
-        scene, placed = load_scene(self.scene), []
-        for key, place, body in (("block", self.block, block), ("tray", self.tray, tray)):
-            if place is not None:
-                scene = scene.with_obstacle(body(*place))
-                placed.append(f"{key} {place[0]:g} {place[1]:g}")
-        for name in self.without or ():
-            scene = scene.without(name)
-        for name in (self.pick, self.onto):
-            scene.obstacle(name)
-        without = [f"without {name}" for name in self.without or ()]
-        id = "/".join(["task", self.scene, *without, *placed]).replace(" ", "_")
-        return lambda: iter((Task(id, "task", _path_of(self.robot), scene, self.pick, self.onto),))
-
-
-def block(x: float, y: float) -> Obstacle:
-    """A block standing on the table."""
-    return Obstacle("blue_block", Box((0.045, 0.045, 0.045)), Pose((x, y, 0.0225)))
-
-
-def tray(x: float, y: float) -> Obstacle:
-    """A tray lying on the table."""
-    return Obstacle("tray", Box((0.16, 0.16, 0.01)), Pose((x, y, 0.005)))
 
 
 class DrawnTable(Record):
@@ -233,7 +167,7 @@ class DrawnTable(Record):
 
     @cached_property
     def value(self) -> Maker:
-        def make() -> Iterator[Problem]:
+        def make() -> Iterator[Motion]:
             scene = load_scene(self.scene)
             for text in self.robots:
                 name = _path_of(text)
@@ -246,22 +180,12 @@ class DrawnTable(Record):
         return make
 
 
-class ToyTable(Record):
-    """``[[toy]]``."""
-
-    @cached_property
-    def value(self) -> Maker:
-        return lambda: iter((ToyQuery(),))
-
-
 class Sources(Record):
     """All kinds of tables."""
 
     queries: Annotated[list[QueriesTable], at_most(MAX_COUNT)] = Field([])
     problems: Annotated[list[ProblemsTable], at_most(MAX_COUNT)] = Field([])
-    tasks: Annotated[list[TasksTable], at_most(MAX_COUNT)] = Field([])
     drawn: Annotated[list[DrawnTable], at_most(MAX_COUNT)] = Field([])
-    toy: Annotated[list[ToyTable], at_most(MAX_COUNT)] = Field([])
 
     @property
     def makers(self) -> list[Maker]:

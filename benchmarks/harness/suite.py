@@ -3,8 +3,7 @@
 ::
 
     about = "one sentence"
-    planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon; "roadmap" is
-                                                         # built once for each scene and seed, "lesson" the textbook's
+    planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon
     seeds = "0:5"                                        # when a run names none: 0, 1, 2, 3, 4
     max_checks = 50000                                   # optional: states a plan may judge
     ceilings = { rrtconnect = 8000 }                     # optional: p95 of a planner's states that the gate allows
@@ -18,25 +17,10 @@
     robot = "panda_mbm"
     ids = ["cage/0057"]                                  # optional: all if not given
 
-    [[tasks]]                                            # a pick and a place with its ways there and back
-    scene = "bin"
-    pick = "blue_block"
-    onto = "tray"
-    without = ["demo_post"]                              # optional: obstacles left out
-    block = [0.3, -0.1]                                  # optional: a block "blue_block" standing at x, y,
-    tray = [0.2, 0.28]                                   # and a "tray"
-
     [[drawn]]                                            # free ends that no straight line joins
     robots = ["planar:2", "planar:4", "wxai_dual"]       # planar:N is an arm of N joints in a plane
     scene = "discs"
     count = 3
-
-    [[crowds]]                                           # stored queries among ever more obstacles
-    scene = "post"
-    numbers = [0]
-    obstacles = [1, 10, 100, 1000]
-
-    [[toy]]                                              # the lesson's two joints and a disc
 """
 
 from __future__ import annotations
@@ -51,28 +35,21 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from benchmarks.harness.sources import Problem, Sources
-from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
+from benchmarks.harness.sources import Motion, Sources
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.schema import Reading, Text, at_most, read_record
 from planner_service.files.toml_reader import read_tables
-from planner_service.planners import PLANNERS, PRM
+from planner_service.planners import PLANNERS
 from planner_service.scene.toml_reader import MAX_BYTES
 from planner_service.search.problem import Planner
 
-__all__ = ["LESSON", "MAX_CHECKS", "ROADMAP", "SUITES", "Suite", "grower_of", "load_suite", "planner_of"]
-__all__ += ["require_planner", "seeds_of", "suite_names"]
+__all__ = ["MAX_CHECKS", "SUITES", "Suite", "load_suite", "planner_of", "seeds_of", "suite_names"]
 
 SUITES = Path(__file__).parents[1] / "suites"
 MAX_SEEDS = 10_000
 
 MAX_CHECKS = 50_000
 """States a plan may judge where a suite says nothing: the budget of a default request."""
-
-LESSON = "lesson"
-"""The planner that is the textbook's program; it knows neither padding nor timing."""
-
-ROADMAP = "roadmap"
-"""The planner that is a roadmap, grown before the queries with the settings of ``PRM``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +63,7 @@ class Suite:
 
     name: str
     about: str
-    problems: tuple[Problem, ...]
+    problems: tuple[Motion, ...]
     planners: tuple[str, ...]
     seeds: range
     max_checks: int
@@ -117,35 +94,6 @@ def load_suite(name_or_path: str) -> Suite:
         raise InvalidFile(path, [f"problem {id!r} is there twice" for id in twice])
     planners, seeds = tuple(file.planners), seeds_of(file.seeds)
     return Suite(path.stem, file.about, problems, planners, seeds, file.max_checks, file.ceilings)
-
-
-def require_planner(text: str) -> None:
-    """Refuse what neither is ``LESSON`` nor says a roadmap or a planner; see ``planner_of``."""
-    if text == LESSON:
-        return
-    name = text.partition(":")[0]
-    if name == ROADMAP:
-        grower_of(text)
-        return
-    if name not in PLANNERS:
-        raise UnknownName("planner", name, (*PLANNERS, ROADMAP, LESSON))
-    planner_of(text)
-
-
-def grower_of(text: str) -> PRM:
-    """What grows the roadmap that ``roadmap`` or ``roadmap:setting=value,setting=value`` says.
-
-    Raises:
-        InvalidRequest: PRM has no such setting, or the value is none.
-    """
-    name, colon, rest = text.partition(":")
-    try:
-        found = planner_of(f"{PRM.name}{colon}{rest}")
-    except InvalidRequest as error:
-        raise InvalidRequest(error.field, text, str(error.expected).replace(PRM.name, name, 1)) from error
-    if not isinstance(found, PRM):
-        raise BrokenInvariant(f"{found.name} grows no roadmap")
-    return found
 
 
 def planner_of(text: str) -> Planner:
@@ -187,7 +135,7 @@ def seeds_of(text: str) -> range:
 
 
 def _known_planner(text: str) -> str:
-    require_planner(text)
+    planner_of(text)
     return text
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import random
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -111,24 +110,17 @@ def first_contacts(checker: CollisionChecker, free: FloatArray, hit: FloatArray)
 
 def compared(checker: CollisionChecker, second: IndependentChecker, Q: FloatArray) -> Row:
     """How many verdicts differ, and how far apart or how deep the nearest pair is in the worst of these."""
-    clock = time.process_time()
     alone = np.array([checker.state_is_free(q) for q in Q])
     together = checker.states_are_free(Q)
-    middle = time.process_time()
     theirs = np.array([second.free(q) for q in Q])
-    done = time.process_time()
     differ = [Q[k] for k in np.flatnonzero((alone != theirs) | (together != theirs)).tolist()]
     gaps = [gap if math.isfinite(gap := second.exact_gap(q)) else min(second.gaps(q).values()) for q in differ]
     return {
         "states": len(Q),
         "free": int(theirs.sum()),
-        "alone and together": int((alone != together).sum()),
         "disagreements": len(differ),
-        "coal_free": int(sum(second.free(q) for q in differ)),
         "apart": max((gap for gap in gaps if gap > 0.0), default=0.0),
         "deep": max((-gap for gap in gaps if gap < 0.0), default=0.0),
-        "ours_us": (middle - clock) / len(Q) / 2 * 1e6,
-        "coal_us": (done - middle) / len(Q) * 1e6,
     }
 
 
@@ -153,10 +145,7 @@ def _robot_rows(name: str, states: int) -> Iterator[Row]:
 def _in_parts(checker: CollisionChecker, second: IndependentChecker, Q: FloatArray) -> Row:
     parts = [compared(checker, second, Q[k : k + AT_ONCE]) for k in range(0, len(Q), AT_ONCE)]
     row: Row = {key: sum(part[key] for part in parts) for key in parts[0]}
-    row |= {key: max(part[key] for part in parts) for key in ("apart", "deep")}
-    for key in ("ours_us", "coal_us"):
-        row[key] = sum(part[key] * part["states"] for part in parts) / row["states"]
-    return row
+    return row | {key: max(part[key] for part in parts) for key in ("apart", "deep")}
 
 
 def run(robot: str | None = None, states: int = 100_000) -> Report:
@@ -189,12 +178,8 @@ def _table(rows: Sequence[Row]) -> Table:
             "number": f"{row['states']:,}",
             "free": f"{row['free']:,}",
             "disagreements": row["disagreements"],
-            "alone, not in a batch": row["alone and together"],
-            "free by Coal only": row["coal_free"],
             "most apart um": f"{row['apart'] * 1e6:.3f}",
             "deepest um": f"{row['deep'] * 1e6:.3f}",
-            "ours us": f"{row['ours_us']:.0f}",
-            "Coal us": f"{row['coal_us']:.0f}",
         }
         for row in rows
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -70,12 +69,9 @@ def measured(case: Case, query: ConstrainedQuery) -> Row:
         "case": case.name,
         "query": query.name,
         "ms": ms,
-        "stages": {report.stage.value: report.seconds * 1e3 for report in result.stages},
         "states": result.counts.states,
         "projections": result.counts.projections,
-        "attempts": result.attempts,
         "failure": None if result.failure is None else result.failure.reason.value,
-        "detail": None if result.failure is None else str(result.failure),
         "solvable": result.ok or service.plan(replace(request, seed=1, time_limit=LONG)).ok,
     }
     if result.ok:
@@ -110,7 +106,6 @@ def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result
     if free.path is not None and free.trajectory is not None:
         row["slower"] = trajectory.duration / path.length / (free.trajectory.duration / free.path.length)
         row["slower s-curve"] = _pace(service, path) / _pace(service, free.path)
-        row["detour"] = path.length / free.path.length
     return row
 
 
@@ -164,7 +159,7 @@ def run(part: str | None = None, queries: int | None = None) -> Report:
         queries: Of each set; all if None.
     """
     rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries))
-    return Report("constrained", rows, (_outcome_table(rows), _time_table(rows)), _promises(rows))
+    return Report("constrained", rows, (_outcome_table(rows),), _promises(rows))
 
 
 def _done(rows: Sequence[Row]) -> list[Row]:
@@ -191,7 +186,6 @@ def _outcome(case: str, rows: Sequence[Row]) -> Row:
         "projections": spread(_values(rows, "projections")),
         "waypoints": _spread(done, "waypoints"),
         "length rad": _spread(done, "length", 2),
-        "detour": _spread(done, "detour", 2),
         "s/rad ratio": _spread(done, "slower", 2),
         "s-curve": _spread(done, "slower s-curve", 2),
         "share": f"{max(_values(done, 'share'), default=math.nan):.3f}",
@@ -204,24 +198,11 @@ def _outcome_table(rows: Sequence[Row]) -> Table:
         "p50 / p95. The default request, proven free and timed; ms: CPU of the whole plan, failures with what they "
         "spent, by one service for all queries of a scene in turn; the Panda's have a scene each, and their plans are "
         f"the first of their service. Solvable: by the default request, or one of {LONG:g} s. "
-        "Detour and seconds per rad: over those of the unconstrained plan between the same ends. Share: the largest "
+        "Seconds per rad: over those of the unconstrained plan between the same ends. Share: the largest "
         f"part of a tolerance that is used, by Pinocchio at {MOTION_STEP * 1e3:g} mm motion steps; touches: by Coal, "
         "there."
     )
     return table_of("Under constraints", (_outcome(*each) for each in grouped(rows, "case").items()), caption=caption)
-
-
-def _time_table(rows: Sequence[Row]) -> Table:
-    stages = list(dict.fromkeys(stage for row in rows for stage in row["stages"]))
-
-    def line(case: str, here: Sequence[Row]) -> Row:
-        spent = {stage: spread([row["stages"].get(stage, 0.0) for row in here], 1) for stage in stages}
-        failures = Counter(row["failure"] for row in here if row["failure"] is not None)
-        told = ", ".join(f"{count} {reason}" for reason, count in failures.items())
-        return {"set": case, **spent, "most tries": max(row["attempts"] for row in here), "failures": told or "-"}
-
-    caption = "Wall ms of each stage, p50 / p95, and how plans fail."
-    return table_of("Where the time goes", (line(*each) for each in grouped(rows, "case").items()), caption=caption)
 
 
 def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:

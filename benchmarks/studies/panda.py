@@ -14,20 +14,17 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.baselines.peers.catalogue import peer_named
+from benchmarks.baselines.peers.catalogue import PEERS
 from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.running import STEPS, Run, rows_of, tasks_of
 from benchmarks.baselines.peers.versions import HERE, THEN, TURNS, version_here, version_then
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from planner_service.errors import InvalidRequest
 
-__all__ = ["PEERS", "SEEDS", "promises", "rows_in_turn", "run"]
+__all__ = ["SEEDS", "promises", "rows_in_turn", "run"]
 
 SUITE = "panda"
 SEEDS = 5
-
-PEERS = ("ompl-coal", "roboplan", "mplib")
-"""Those that pip installs."""
 
 VAMP_MS = 0.035
 """Its own figure for the median search of these problems: arXiv 2309.14545, one core of a Ryzen 9 7950X."""
@@ -58,7 +55,7 @@ def rows_in_turn(environments: Sequence[Environment], seeds: int, problems: int 
 
 
 def run(seeds: int = SEEDS, against: Path | None = None, problems: int | None = None) -> Report:
-    """Plan all problems with each seed; ten minutes with the peers, of which mplib takes most.
+    """Plan all problems with each seed; some minutes with the peers.
 
     Args:
         against: The python of an environment with the version to compare with; 0.1.0, installed when needed, if None.
@@ -68,7 +65,7 @@ def run(seeds: int = SEEDS, against: Path | None = None, problems: int | None = 
     """
     if not seeds:
         raise InvalidRequest("--seeds", seeds, "at least 1")
-    peers = [Environment.of(peer_named(name)) for name in PEERS]
+    peers = [Environment.of(peer) for peer in PEERS.values()]
     asked = [version_here(), version_then(against), *(peer for peer in peers if peer.ready)]
     console = Console(stderr=True)
     rows = tuple(

@@ -1,7 +1,6 @@
 """How many problems that nobody chose the default request solves, clock and all, and whether its plans are free.
 
-Random queries of the WidowX AI in random scenes, and the public Panda problems with several seeds. What is left is
-asked again with ten times the time, and of other planners.
+Random queries of the WidowX AI in random scenes, and the public Panda problems with several seeds.
 
 Then random queries among obstacles as large as the arm, many of which have no plan: each is solved, proven impossible,
 or unknown. These end by a number of checks, not by a clock, and the auditor verifies each proof.
@@ -11,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import random
 import time
 from collections.abc import Iterator, Sequence
@@ -30,7 +28,6 @@ from benchmarks.studies.problems import kind_of, public_problems
 from benchmarks.worlds.drawn import draw_crowd, draw_objects
 from benchmarks.worlds.queries import ROBOT as WXAI
 from planner_service import Mesh, PlannerService, PlanRequest, PlanResult, Pose, Scene
-from planner_service.planners import BKPIECE1, LBKPIECE1, BalancedRRTConnect, Planner, RRTConnect
 from planner_service.records.exports.no_path_file import no_path_document
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
@@ -56,11 +53,6 @@ CROWD = f"{WXAI}, among large obstacles"
 IMPOSSIBLE, LEFT = "proven impossible", "unknown"
 
 SOLVED = 0.995
-MORE_TIME = 10.0
-OTHERS: tuple[tuple[Planner, float], ...]
-OTHERS = ((BalancedRRTConnect(), 1.0), (RRTConnect(), 1.0), (RRTConnect(), 0.0), (BKPIECE1(), 1.0), (LBKPIECE1(), 1.0))
-"""Who is asked about what is left, for so many times as long, with which part of the padding."""
-
 CURVE_STEP = 0.001
 """Metres that any point of the robot moves at most from one audited configuration to the next."""
 
@@ -197,7 +189,6 @@ def _row(service: PlannerService, second: IndependentChecker, query: _Query) -> 
         "attempts": result.attempts,
         "infeasible ends": query.infeasible,
         "rejected": _rejected(second, result),
-        "with more": None if result.ok else _with_more(service, second, query.request),
     }
 
 
@@ -206,20 +197,6 @@ def _rejected(second: IndependentChecker, result: PlanResult) -> str | None:
     if result.path is None or result.trajectory is None:
         return None
     return touch_in_time(second, result.trajectory) or touch_on_curve(second, result.path, CURVE_STEP)
-
-
-def _with_more(service: PlannerService, second: IndependentChecker, request: PlanRequest) -> str:
-    """What more time and other planners make of a request that was left."""
-    seconds = MORE_TIME * (request.time_limit or math.inf)
-    for planner, part in OTHERS:
-        padding = part * request.padding
-        more = replace(request, planner=planner, time_limit=seconds, max_checks=10**9, padding=padding)
-        result = service.plan(more)
-        if result.ok:
-            told = f"by {planner.name} in {result.seconds:.1f} s with {padding * 1000:g} mm of padding"
-            return f"solved {told}; rejected: {_rejected(second, result)}"
-    names = dict.fromkeys(planner.name for planner, _ in OTHERS)
-    return f"not solved by {', '.join(names)} in {seconds:g} s each, nor without padding"
 
 
 def _table(rows: Sequence[Row]) -> Table:
@@ -244,8 +221,8 @@ def _table(rows: Sequence[Row]) -> Table:
 
 
 def _left_table(rows: Sequence[Row]) -> Table:
-    cells = ((row["query"], row["failure"], row["with more"]) for row in rows if not row["solved"])
-    return table("Not solved by default", ("query", "failure", "with more time, by others"), cells)
+    cells = ((row["query"], row["failure"]) for row in rows if not row["solved"])
+    return table("Not solved by default", ("query", "failure"), cells)
 
 
 def _crowded_table(rows: Sequence[Row]) -> Table:

@@ -23,8 +23,6 @@ __all__ = ["STEPS", "LessonRun", "plan", "run", "run_lesson"]
 
 STEPS: dict[str, EdgeStep] = {"JointStep(0.02)": JointStep(0.02), "MotionStep(0.010)": MotionStep(0.010)}
 
-SHOWN = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH)
-
 CURVE_STEP = 0.001
 """Metres that any point of the robot moves between two looks of the independent checker."""
 
@@ -77,8 +75,6 @@ def _rows(scene: str) -> Iterator[Row]:
             row[name] = _told(result) | {"touch": touch}
         lesson = run_lesson(lesson_checker, query)
         row["lesson"] = {
-            "growth": lesson.growth,
-            "shortcut": lesson.shortcut,
             "states": lesson.states,
             "solved": lesson.path is not None,
             "length": None if lesson.path is None else length_of(lesson.path),
@@ -90,67 +86,33 @@ def _told(result: PlanResult) -> Row:
     return {
         "solved": result.ok,
         "failure": None if result.failure is None else str(result.failure),
-        "states": result.counts.states,
         "sharp": result.counts.states - result.stage(Stage.POLISH).counts.states,
-        "stages": {report.stage.value: report.counts.states for report in result.stages},
-        "searched_to": result.stage(Stage.SEARCH).length,
         "length": None if result.path is None else result.path.length,
-        "attempts": result.attempts,
-        "padding": result.padding,
     }
 
 
 def run() -> Report:
     """Measure all scenes."""
     rows = tuple(row for scene in queries.SCENES for row in _rows(scene))
-    tables = (*(_stage_table(rows, name) for name in STEPS), _lesson_table(rows))
-    return Report("states", rows, tables, _promises(rows))
-
-
-def _stage_table(rows: Sequence[Row], name: str) -> Table:
-    def line(scene: str, of_scene: Sequence[Row]) -> Row:
-        here = [row[name] for row in of_scene]
-        return {
-            "scene": scene,
-            **{stage.value: spread([run["stages"].get(stage.value, 0) for run in here]) for stage in SHOWN},
-            "total": spread([run["states"] for run in here]),
-            "length rad": spread([run["length"] for run in here if run["solved"]], 2),
-            "most tries": max(run["attempts"] for run in here),
-            "least padding mm": f"{min(run['padding'] for run in here) * 1000:g}",
-            "solved": f"{sum(run['solved'] for run in here)}/{len(here)}",
-            "rejected": sum(run["touch"] is not None for run in here),
-        }
-
-    caption = (
-        "p50 / p95 over 20 queries. Padding: 0 for verdicts, 1 mm for the search (less near a close end). "
-        "Rejected: paths on which the independent checker touches something at 1 mm motion steps."
-    )
-    lines = (line(*each) for each in grouped(rows, "scene").items())
-    return table_of(f"States by stage, {name}", lines, caption=caption)
+    return Report("states", rows, (_lesson_table(rows),), _promises(rows))
 
 
 def _lesson_table(rows: Sequence[Row]) -> Table:
     def line(scene: str, here: Sequence[Row]) -> Row:
         ours, lesson = [row["JointStep(0.02)"] for row in here], [row["lesson"] for row in here]
         states, theirs = [run["sharp"] for run in ours], [run["states"] for run in lesson]
-        both = [(a["length"], b["length"]) for a, b in zip(ours, lesson, strict=True) if a["solved"] and b["solved"]]
+        both = [(b["length"], a["length"]) for a, b in zip(ours, lesson, strict=True) if a["solved"] and b["solved"]]
         return {
             "scene": scene,
-            "lesson growth": spread([run["growth"] for run in lesson]),
-            "lesson shortcut": spread([run["shortcut"] for run in lesson]),
-            "lesson total": spread(theirs),
-            "service total": spread(states),
-            "p50 ratio": f"{p50(theirs) / p50(states):.1f}",
-            "p95 ratio": f"{p95(theirs) / p95(states):.1f}",
-            "paired median": f"{p50(b / a for a, b in zip(states, theirs, strict=True)):.1f}",
-            "lesson rad": spread([b for _, b in both], 2),
-            "service rad": spread([a for a, _ in both], 2),
-            "shorter": f"{sum(a < b for a, b in both)}/{len(both)}",
-            "lesson solved": f"{sum(run['solved'] for run in lesson)}/{len(lesson)}",
+            "lesson": spread(theirs),
+            **{name: spread([row[name]["sharp"] for row in here]) for name in STEPS},
+            "share": f"{p50(states) / p50(theirs):.2f} / {p95(states) / p95(theirs):.2f}",
+            "path, lesson -> ours, rad": " -> ".join(f"{p50(lengths):.2f}" for lengths in zip(*both, strict=True)),
         }
 
     caption = (
-        "Same queries, same counter, JointStep(0.02). The lesson plans without padding; where it gives up it counts "
+        "Same queries, same counter; share and path of JointStep(0.02). The lesson plans without padding; where it "
+        "gives up it counts "
         "what it spent until then, without shortcuts: both are in its favour. It blends no corners: polish is left out."
     )
     lines = (line(*each) for each in grouped(rows, "scene").items())

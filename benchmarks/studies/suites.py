@@ -29,7 +29,7 @@ def run(part: str | None = None, seeds: int | None = None) -> Report:
 def _suite(name: str, seeds: int | None) -> Report:
     suite = load_suite(name)
     rows = tuple(made(jobs_of(suite, seeds=() if seeds is None else range(seeds)), Console(stderr=True)))
-    return Report(name, rows, (_table(suite.about, rows), _kinds(rows), *_lost(rows)))
+    return Report(name, rows, (_table(suite.about, rows), _kinds(rows)))
 
 
 def _table(title: str, rows: Sequence[Row]) -> Table:
@@ -37,14 +37,11 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
 
     def line(planner: str, here: Sequence[Row]) -> Row:
         done = [row for row in here if row["ok"]]
-        built = {(row["kind"], row["seed"]): row["built"]["states"] for row in here if "built" in row}
         return {
             "planner": planner,
             "solved": f"{len(done)}/{len(here)}",
             "rejected": sum(row["audit"]["verdict"] != "free" for row in done),
             "states": spread([states_of(row) for row in here]),
-            "in the search": spread([states_of(row, "search") for row in here]),
-            "to build": f"{p50(built.values()):,.0f}" if built else "-",
             "CPU ms": spread([1e3 * row["cpu_seconds"] for row in here], 1),
             "rad": _middle(done, "length"),
             "motion s": _middle(done, "duration"),
@@ -53,7 +50,7 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
 
     caption = (
         "p50 / p95, failures with what they spent; rad, s and mm of paths that were found. Rejected: by Coal, every "
-        "0.01 rad. To build: states of a roadmap that is built once for each scene and seed, in no other figure."
+        "0.01 rad."
     )
     return table_of(title, (line(*group) for group in grouped(rows, "planner").items()), caption=caption)
 
@@ -78,13 +75,3 @@ def _kinds(rows: Sequence[Row]) -> Table:
         for planner, here in grouped(rows, "planner").items()
     )
     return table_of("By kind of problem", lines)
-
-
-def _lost(rows: Sequence[Row]) -> list[Table]:
-    """Why plans failed, with an example of each reason; nothing if none did."""
-    failed = grouped(({**row, "why": (row["planner"], row["failure"])} for row in rows if not row["ok"]), "why")
-    lines = [
-        {"planner": planner, "failed": len(here), "why": why, "such as": f"{here[0]['problem']}: {here[0]['detail']}"}
-        for (planner, why), here in failed.items()
-    ]
-    return [table_of("Not solved", lines)] if lines else []

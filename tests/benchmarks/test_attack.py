@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -102,23 +100,6 @@ def test_an_attack_draws_the_same_inputs_for_the_same_seed(name: str) -> None:
     part = maker(name)()
     assert part.name == name
     assert part.draw(rng_of(4, 7)) == part.draw(rng_of(4, 7))
-
-
-def test_forged_plans_are_driven_where_pytest_is_not_installed() -> None:
-    program = """
-import os, sys, tempfile
-sys.modules["pytest"] = None  # importing it fails
-from benchmarks.attack.harness import rng_of
-from benchmarks.attack.running import maker
-part = maker("files")()
-os.chdir(tempfile.mkdtemp())
-cases = (part.draw(rng_of(1, k)) for k in range(5000))
-for case in [case for case in cases if "forged" in case][:4]:
-    part.run(case)
-print(part.counted["forged plans"])
-"""
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
-    assert (done.returncode, done.stdout) == (0, "4\n"), done.stderr[-2000:]
 
 
 def test_a_reader_that_drops_a_word_in_silence_is_found(tmp_path: Path) -> None:

@@ -61,13 +61,12 @@ def checked(suite: str, *options: str) -> tuple[int, str]:
     return code, out.getvalue()
 
 
-def asks_more(monkeypatch: pytest.MonkeyPatch, *, states: int = 1) -> None:
-    """Plant a mutation: every edge that OMPL's planners ask about costs a few states more."""
+def asks_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plant a mutation: every edge that OMPL's planners ask about costs a state more."""
     honest = SearchOracle.edge_is_free_coarse
 
     def dear(self: SearchOracle, q1: Any, q2: Any, **known: Any) -> Any:
-        for _ in range(states):
-            self.state_is_free(q1)
+        self.state_is_free(q1)
         return honest(self, q1, q2, **known)
 
     monkeypatch.setattr(SearchOracle, "edge_is_free_coarse", dear)
@@ -90,17 +89,13 @@ def test_it_is_green_on_what_is_stored_and_red_on_one_more_check_per_edge(
     assert checked(small)[0] == 0
 
 
-def test_elsewhere_it_says_so_and_holds_what_is_dearer_than_chance_against_it(
-    small: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_elsewhere_it_says_so_and_asks_for_no_equal_counts(small: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "unpinned", lambda: ["ompl 9 is not 2.0.1"])
-    assert checked(small)[0] == 0
-    asks_more(monkeypatch, states=10)
+    asks_more(monkeypatch)
     code, printed = checked(small)
-    assert code == 1
+    assert code == 0
     assert "equal counts are not asked for: ompl 9 is not 2.0.1" in printed
-    assert "BROKEN" in next(line for line in printed.splitlines() if "states now / then" in line)
-    assert "kept" in next(line for line in printed.splitlines() if "as stored" in line)
+    assert "4 differ" in next(line for line in printed.splitlines() if "as stored" in line)
 
 
 def test_a_ceiling_is_not_lifted_by_storing(small: str) -> None:

@@ -21,7 +21,7 @@ from benchmarks.baselines.peers import running
 from benchmarks.baselines.peers.adapter_protocol import matrix_of
 from benchmarks.baselines.peers.catalogue import PEERS, peer_named
 from benchmarks.baselines.peers.child import Child, Reply
-from benchmarks.baselines.peers.environments import Environment, interpreter
+from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.jobs import Task, job_of, placed_robot
 from benchmarks.baselines.peers.running import Run, row_of, tasks_of
 from benchmarks.harness.sources import Motion
@@ -154,7 +154,7 @@ def test_what_is_no_answer_is_told(tmp_path: Path, said: str, why: str) -> None:
 
 
 def run_of(*motions: Motion) -> Run:
-    peer = PEERS["mplib"]
+    peer = PEERS["ompl-coal"]
     return Run(peer, "rrtconnect", "near", load_robot("panda_mbm"), tuple(Task(each, 0) for each in motions))
 
 
@@ -162,7 +162,7 @@ def replied(problem: Motion, **answer: Any) -> Reply:
     said = {"cpu_seconds": 0.5, "seconds": {"setup": 9.0, "search": 0.25, "shortcut": 0.5}, "checks": {"search": 7}}
     path = [problem.start.tolist(), problem.goals[0].tolist()]
     told = {"problem": problem.id, "seed": 0, "waypoints": path, "raw": path, **said, **answer}
-    return Reply({"problem": problem.id, "seed": 0}, told, {"mplib": "0.2.1"})
+    return Reply({"problem": problem.id, "seed": 0}, told, {"ompl": "2.0.1"})
 
 
 def test_a_free_path_is_a_row() -> None:
@@ -246,12 +246,12 @@ def test_a_job_is_json_with_every_shape_a_peer_may_know(tmp_path: Path) -> None:
     shapes: tuple[Shape, ...] = (Box((1.0, 2.0, 3.0)), Sphere(0.1), Cylinder(0.1, 0.5), Capsule(0.2, 0.6))
     turned = Pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
     problem = motion(obstacles=tuple(Obstacle(f"o{k}", shape, turned) for k, shape in enumerate(shapes)))
-    made = job_of(PEERS["mplib"], "rrtconnect", {}, [Task(problem, 3)], 5.0)
+    made = job_of(PEERS["ompl-coal"], "rrtconnect", {}, [Task(problem, 3)], 5.0)
     (told,) = json.loads(json.dumps(made))["problems"]
     assert [body["kind"] for body in told["obstacles"]] == ["box", "sphere", "cylinder", "capsule"]
     pose = {"position": [1.0, 2.0, 3.0], "quaternion_wxyz": [0.5, 0.5, 0.5, 0.5]}
     assert told["obstacles"][2] == {"name": "o2", "kind": "cylinder", "radius": 0.1, "length": 0.5} | pose
-    assert (told["problem"], told["seed"], made["settings"]) == ("near/0", 3, {"range": 0.1})
+    assert (told["problem"], told["seed"], made["settings"]) == ("near/0", 3, {"range": 0.5, "step": 0.05})
     assert np.allclose(matrix_of(told["obstacles"][2]), turned.matrix)
 
 
@@ -259,7 +259,7 @@ def test_what_no_job_can_hold_is_refused_by_name() -> None:
     hull = Mesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     problem = motion(obstacles=(Obstacle("hull", hull),))
     with pytest.raises(InvalidRequest, match="obstacle hull"):
-        job_of(PEERS["mplib"], "rrtconnect", {}, [Task(problem, 0)], 5.0)
+        job_of(PEERS["ompl-coal"], "rrtconnect", {}, [Task(problem, 0)], 5.0)
 
 
 def test_robots_with_joints_that_stand_still_are_refused(tmp_path: Path) -> None:
@@ -270,12 +270,12 @@ def test_robots_with_joints_that_stand_still_are_refused(tmp_path: Path) -> None
 
 
 def test_unknown_names_are_refused() -> None:
-    with pytest.raises(UnknownName, match="did you mean 'roboplan'"):
-        peer_named("robplan")
-    with pytest.raises(InvalidRequest, match="rrtconnect-auto-range"):
-        job_of(PEERS["mplib"], "prm", {}, [], 1.0)
+    with pytest.raises(UnknownName, match="did you mean 'ompl-coal'"):
+        peer_named("ompl_coal")
+    with pytest.raises(InvalidRequest, match="one of rrtconnect of ompl-coal"):
+        job_of(PEERS["ompl-coal"], "prm", {}, [], 1.0)
     with pytest.raises(InvalidRequest, match="motions of one robot"):
-        tasks_of("pick_place", range(1))
+        tasks_of("smoke", range(1))
 
 
 # --- adapters
@@ -317,18 +317,9 @@ def script(path: Path, text: str) -> Path:
     return path
 
 
-def test_the_interpreter_is_one_that_runs_as_what_it_is_called(tmp_path: Path) -> None:
-    script(tmp_path / "shims" / "python3.12", "echo 'not installed' >&2; exit 127")
-    right = script(tmp_path / "real" / "python3.11", "echo 3.11")
-    path = os.pathsep.join(str(tmp_path / name) for name in ("shims", "real"))
-    assert interpreter(PEERS["mplib"], {"PATH": path}) == right
-    with pytest.raises(InvalidRequest, match=r"python3\.12 or python3\.11 or python3\.10"):
-        interpreter(PEERS["mplib"], {"PATH": str(tmp_path / "shims")})
-
-
 def test_an_installation_that_fails_says_why_from_then_on(tmp_path: Path) -> None:
     broken = script(tmp_path / "python", "echo 'Collecting things'; echo 'error: no compiler' >&2; exit 1")
-    environment = Environment.of(PEERS["roboplan"], tmp_path / "peers")
+    environment = Environment.of(PEERS["ompl-coal"], tmp_path / "peers")
     assert environment.state == "not installed"
     assert environment.install(broken) == "venv failed: error: no compiler"
     assert environment.state == "venv failed: error: no compiler"
@@ -336,7 +327,7 @@ def test_an_installation_that_fails_says_why_from_then_on(tmp_path: Path) -> Non
 
 
 def test_what_is_no_environment_is_never_removed(tmp_path: Path) -> None:
-    environment = Environment.of(PEERS["roboplan"], tmp_path)
+    environment = Environment.of(PEERS["ompl-coal"], tmp_path)
     environment.folder.mkdir()
     (environment.folder / "thesis.txt").write_text("years of work", "utf-8")
     with pytest.raises(InvalidRequest, match="an environment of a peer"):
@@ -345,18 +336,18 @@ def test_what_is_no_environment_is_never_removed(tmp_path: Path) -> None:
 
 
 def test_an_environment_of_other_versions_is_not_ready(tmp_path: Path) -> None:
-    environment = Environment.of(PEERS["roboplan"], tmp_path)
+    environment = Environment.of(PEERS["ompl-coal"], tmp_path)
     installed(environment)
     assert environment.ready
-    installed(environment, requirements=["roboplan==1"])
+    installed(environment, requirements=["ompl==1"])
     assert environment.state == "installed for other versions; install it again"
 
 
 def test_a_folder_that_cannot_be_made_and_a_note_that_is_none_are_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", "utf-8")
     with pytest.raises(InvalidRequest, match=r"\$PLANNER_SERVICE_PEERS names the folder"):
-        Environment.of(PEERS["roboplan"], tmp_path / "file").install(Path(sys.executable))
-    environment = Environment.of(PEERS["roboplan"], tmp_path)
+        Environment.of(PEERS["ompl-coal"], tmp_path / "file").install(Path(sys.executable))
+    environment = Environment.of(PEERS["ompl-coal"], tmp_path)
     environment.folder.mkdir()
     (environment.folder / "state.json").write_text("[]", "utf-8")
     assert environment.state == "not installed"
@@ -364,7 +355,7 @@ def test_a_folder_that_cannot_be_made_and_a_note_that_is_none_are_told(tmp_path:
 
 def test_nothing_of_ours_is_seen_in_a_peers_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", "/ours")
-    environment = Environment.of(PEERS["roboplan"], tmp_path)
+    environment = Environment.of(PEERS["ompl-coal"], tmp_path)
     assert "PYTHONPATH" not in environment.surroundings()
 
 
@@ -383,7 +374,8 @@ def test_the_command_lists_what_there_is() -> None:
 
 
 @pytest.mark.usefixtures("peers")
-def test_the_command_fails_where_an_installation_does(tmp_path: Path) -> None:
+def test_the_command_fails_where_an_installation_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken, said = script(tmp_path / "python", "echo 'error: nothing works' >&2; exit 1"), StringIO()
-    assert running.main(["install", "roboplan", "--python", str(broken)], Console(file=said, width=200)) == 1
+    monkeypatch.setattr(sys, "executable", str(broken))
+    assert running.main(["install", "ompl-coal"], Console(file=said, width=200)) == 1
     assert "error: nothing works" in said.getvalue()

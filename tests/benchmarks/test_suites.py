@@ -6,7 +6,6 @@ import random
 from io import StringIO
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,22 +15,12 @@ from benchmarks.harness import runner
 from benchmarks.harness.attempts import Ask, attempt, states_of
 from benchmarks.harness.audit import Auditor, between, worst
 from benchmarks.harness.report import Row
-from benchmarks.harness.sources import Motion, Task, ToyQuery
-from benchmarks.harness.suite import (
-    LESSON,
-    Suite,
-    grower_of,
-    load_suite,
-    planner_of,
-    require_planner,
-    seeds_of,
-    suite_names,
-)
+from benchmarks.harness.suite import Suite, load_suite, planner_of, seeds_of, suite_names
 from benchmarks.studies import suites
 from benchmarks.worlds import planar
 from benchmarks.worlds.drawn import blocked_ends
 from benchmarks.worlds.queries import load
-from planner_service import PRM, CollisionChecker, PlannerService, Roadmap, RRTConnect, load_robot, load_scene
+from planner_service import PRM, CollisionChecker, RRTConnect, load_robot, load_scene
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.planners import PLANNERS
 
@@ -39,14 +28,12 @@ QUIET = Console(file=StringIO())
 
 TINY = """\
 about = "two queries"
-planners = ["rrtconnect", "lesson"]
+planners = ["rrtconnect", "balancedrrtconnect"]
 seeds = "0:2"
 
 [[queries]]
 scenes = ["bin"]
 numbers = [0]
-
-[[toy]]
 """
 
 
@@ -64,35 +51,20 @@ def suite_of(folder: Path, text: str) -> Suite:
 
 
 def test_the_suites_that_come_along_hold_what_they_are_about() -> None:
-    assert set(suite_names()) >= {"smoke", "tabletop", "seeds", "pick_place", "narrow", "lesson", "panda"}
+    assert set(suite_names()) >= {"smoke", "tabletop", "seeds", "narrow", "panda"}
     kinds = {name: {p.kind for p in load_suite(name).problems} for name in suite_names()}
     assert kinds["tabletop"] == {"bin", "shelf", "post", "clutter"}
     assert kinds["narrow"] == {"narrow", "window"}
-    assert kinds["pick_place"] == {"task"}
-    assert kinds["lesson"] == {"toy"}
     assert len(kinds["panda"]) == 7
     assert len(load_suite("panda").problems) == 70
-    assert load_suite("lesson").seeds == range(50)
+    assert load_suite("seeds").seeds == range(20)
 
 
 def test_a_suite_makes_its_problems_from_its_tables(tiny: Suite) -> None:
-    motion, toy = tiny.problems
-    assert isinstance(motion, Motion)
-    assert isinstance(toy, ToyQuery)
+    (motion,) = tiny.problems
     assert (motion.id, motion.kind, motion.robot) == ("bin/0", "bin", "wxai")
     assert motion.start.tolist() == load("bin")[0].start.tolist()
-    assert (tiny.planners, tiny.seeds, tiny.max_checks) == (("rrtconnect", "lesson"), range(2), 50_000)
-
-
-def test_a_task_puts_its_block_and_tray_on_the_table_and_leaves_out_what_it_says(tmp_path: Path) -> None:
-    table = '[[tasks]]\nscene = "bin"\npick = "block_2"\nonto = "tray"\nwithout = ["demo_post"]\n'
-    with pytest.raises(InvalidFile, match="block_2"):
-        suite_of(tmp_path, TINY + table)
-    placed = table.replace('"bin"', '"post"').replace("block_2", "blue_block").replace('["demo_post"]', '["post_left"]')
-    suite = suite_of(tmp_path, TINY + placed + "block = [0.3, -0.1]\ntray = [0.2, 0.28]\n")
-    (task,) = [problem for problem in suite.problems if isinstance(problem, Task)]
-    assert task.scene.obstacle("blue_block").pose.position == (0.3, -0.1, 0.0225)
-    assert "post_left" not in [obstacle.name for obstacle in task.scene.obstacles]
+    assert (tiny.planners, tiny.seeds, tiny.max_checks) == (("rrtconnect", "balancedrrtconnect"), range(2), 50_000)
 
 
 def test_all_problems_of_a_suite_are_told_at_once(tmp_path: Path) -> None:
@@ -138,7 +110,6 @@ def test_every_planner_of_the_service_is_named_as_the_service_names_it() -> None
     assert [type(planner_of(name)) for name in PLANNERS] == list(PLANNERS.values())
     assert planner_of("rrtconnect:range=0.3") == RRTConnect(range=0.3)
     assert planner_of("prm:milestones=9,neighbours=2") == PRM(milestones=9, neighbours=2)
-    require_planner(LESSON)
 
 
 def test_a_setting_that_a_planner_does_not_have_is_refused() -> None:
@@ -153,43 +124,6 @@ def test_seeds_are_one_or_a_range() -> None:
     for text in ("", "6:3", "3:3", "-1", "0:1000000", "a:b"):
         with pytest.raises(InvalidRequest, match="seeds"):
             seeds_of(text)
-
-
-def test_a_roadmap_takes_the_settings_of_prm_under_its_own_name() -> None:
-    assert grower_of("roadmap") == PRM()
-    assert grower_of("roadmap:milestones=9,neighbours=2") == PRM(milestones=9, neighbours=2)
-    require_planner("roadmap:milestones=9")
-    with pytest.raises(InvalidRequest, match=r"roadmap:samples=3.*expected roadmap:setting=number"):
-        require_planner("roadmap:samples=3")
-    with pytest.raises(UnknownName, match="did you mean 'roadmap'"):
-        require_planner("roadmaps")
-
-
-def test_a_roadmap_is_built_once_for_a_scene_and_seed_and_its_cost_is_told_apart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seeds: list[int] = []
-    build = PlannerService.build_roadmap
-
-    def noted(self: PlannerService, *args: Any, **settings: Any) -> Roadmap:
-        seeds.append(settings["seed"])
-        return build(self, *args, **settings)
-
-    monkeypatch.setattr(PlannerService, "build_roadmap", noted)
-    head = 'about = "x"\nplanners = ["roadmap:milestones=40"]\nseeds = "0:2"\n'
-    text = f'{head}[[queries]]\nscenes = ["bin"]\nnumbers = [0, 1]\n'
-    found = list(runner.made(runner.jobs_of(suite_of(tmp_path, text))))
-    assert seeds == [0, 1]
-    assert [row["seed"] for row in found] == [0, 1, 0, 1]
-    first, second, *rest = [row["built"] for row in found]
-    assert rest == [first, second]
-    assert first["states"] != second["states"]
-    assert all("roadmap" not in row["checks"] and states_of(row) < row["built"]["states"] for row in found)
-
-
-def test_a_disc_has_no_scene_to_build_a_roadmap_for(tiny: Suite) -> None:
-    with pytest.raises(InvalidRequest, match="one that is not built before, for toy of tiny"):
-        runner.jobs_of(tiny, ["roadmap"])
 
 
 # --- worlds that grow
@@ -244,38 +178,12 @@ def test_the_same_job_has_the_same_counts_and_bits_again(found: list[Row], tiny:
         assert [row[key] for key in SAME] == [again[key] for key in SAME]
 
 
-def test_the_lesson_is_a_planner_of_its_own_tool(found: list[Row]) -> None:
-    toy = next(row for row in found if (row["problem"], row["planner"]) == ("toy", LESSON))
-    assert toy["tool"] == LESSON
-    assert {row["tool"] for row in found if row["planner"] != LESSON} == {"planner_service"}
-    service = next(row for row in found if (row["problem"], row["planner"]) == ("toy", "rrtconnect"))
-    assert states_of(service) < 0.2 * states_of(toy)
-
-
 def test_a_run_that_fails_is_a_row_charged_what_it_spent(tiny: Suite) -> None:
     row = attempt(tiny.problems[0], Ask("rrtconnect", 0, 300))
     assert (row["ok"], row["failure"], row["audit"]["verdict"]) == (False, "CHECK_BUDGET_EXHAUSTED", "not_asked")
     assert 0 < states_of(row) <= 300
     assert row["cpu_seconds"] > 0.0
     assert (row["length"], row["path_hash"]) == (None, None)
-
-
-def test_a_whole_pick_and_place_is_one_row_each_motion_of_which_is_audited(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[Any, ...]] = []
-    judge = Auditor.judge
-
-    def noted(self: Auditor, Q: Any, step: float = 0.01) -> dict[str, Any]:
-        asked.append(np.asarray(Q).shape)
-        return judge(self, Q, step)
-
-    monkeypatch.setattr(Auditor, "judge", noted)
-    task = next(p for p in load_suite("pick_place").problems if p.id == "task/bin/without_demo_post")
-    row = attempt(task, Ask("rrtconnect", 0, 50_000))
-    assert (row["ok"], row["audit"]["verdict"]) == (True, "free")
-    assert row["checks"]["choosing"]["states"] > 0
-    assert row["checks"]["gripper"]["distances"] > 0
-    assert len(asked) >= 7
-    assert row["duration"] > 4.0
 
 
 # --- the audit
@@ -294,30 +202,14 @@ def test_the_audit_finds_the_deepest_touch_and_a_limit() -> None:
     assert worst([auditor.judge(line[:2]), told]) == told
 
 
-def test_the_lesson_is_not_asked_to_pick() -> None:
-    suite = load_suite("pick_place")
-    with pytest.raises(InvalidRequest, match=r"'lesson'; expected one that picks and places, for task/"):
-        runner.jobs_of(suite, [LESSON])
-    with pytest.raises(UnknownName, match="did you mean 'lesson'"):
-        runner.jobs_of(suite, ["leson"])
-
-
-def test_a_problem_that_cannot_be_asked_is_named(tmp_path: Path) -> None:
-    table = '[[tasks]]\nscene = "bin"\npick = "table"\nonto = "tray"\n'
-    suite = suite_of(tmp_path, TINY.replace(', "lesson"', "") + table)
-    (job,) = [job for job in runner.jobs_of(suite, ["rrtconnect"], [0]) if isinstance(job.problem, Task)]
-    with pytest.raises(InvalidRequest, match=r"problem task/bin of tiny, rrtconnect: target: got 'table'"):
-        job.row()
-
-
 # --- the study
 
 
 def test_a_suite_is_a_study_whose_tables_count_what_was_solved(tiny: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(suites, "load_suite", lambda _: tiny)
     report = suites.run("smoke", seeds=1)
-    assert [(row["planner"], row["seed"]) for row in report.rows] == [("rrtconnect", 0), ("lesson", 0)] * 2
+    assert [(row["planner"], row["seed"]) for row in report.rows] == [("rrtconnect", 0), ("balancedrrtconnect", 0)]
     solved, kinds = ([list(column.cells) for column in table.columns] for table in report.tables)
-    assert (solved[0], solved[1]) == (["rrtconnect", "lesson"], ["2/2", "2/2"])
-    assert [column.header for column in report.tables[1].columns][1:] == ["bin", "toy"]
+    assert (solved[0], solved[1]) == (["rrtconnect", "balancedrrtconnect"], ["1/1", "1/1"])
+    assert [column.header for column in report.tables[1].columns][1:] == ["bin"]
     assert all(str(cell).startswith("1/1, ") for column in kinds[1:] for cell in column)

@@ -6,7 +6,8 @@ import json
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.files.disk_cache import cache_folder
 from planner_service.files.writing import write_whole
 
-__all__ = ["FOLDER_VARIABLE", "Environment", "environments_folder", "interpreter"]
+__all__ = ["FOLDER_VARIABLE", "Environment", "environments_folder"]
 
 FOLDER_VARIABLE = "PLANNER_SERVICE_PEERS"
 """The environment variable that names the folder of the environments."""
@@ -43,37 +44,6 @@ def environments_folder(surroundings: Mapping[str, str] = os.environ) -> Path:
     if folder is None:
         raise InvalidRequest(FOLDER_VARIABLE, "unset", "the folder in which environments of peers are to be made")
     return folder.absolute() / "peers"
-
-
-def interpreter(peer: Peer, surroundings: Mapping[str, str] = os.environ) -> Path:
-    """The first Python on the path with a version that the peer works with.
-
-    Raises:
-        InvalidRequest: there is none.
-    """
-    for version in peer.pythons:
-        for found in _on_path(f"python{version}", surroundings.get("PATH", os.defpath)):
-            if _version_of(found) == version:
-                return found
-    wanted = " or ".join(f"python{version}" for version in peer.pythons)
-    raise InvalidRequest("python", "none on the path", f"{wanted}, or --python with another")
-
-
-def _on_path(name: str, folders: str) -> Iterator[Path]:
-    for folder in folders.split(os.pathsep):
-        found = shutil.which(name, path=folder)
-        if found:
-            yield Path(found)
-
-
-def _version_of(python: Path) -> str | None:
-    """The version it runs as: what is on the path may be a shim for a version that is not installed."""
-    ask = "import sys; print('%d.%d' % sys.version_info[:2])"
-    try:
-        done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=False, timeout=60)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
 
 
 @dataclass(frozen=True)
@@ -121,9 +91,8 @@ class Environment:
         """Make it anew; ``installed``, or why it could not be, which is also what ``state`` says from then on.
 
         Raises:
-            InvalidRequest: something else is in its place, or there is no interpreter for it.
+            InvalidRequest: something else is in its place.
         """
-        chosen = interpreter(self.peer) if python is None else Path(shutil.which(python) or python).absolute()
         if self.folder.exists() and any(self.folder.iterdir()) and not (self.folder / STATE).is_file():
             raise InvalidRequest(
                 FOLDER_VARIABLE, str(self.folder), "a folder that is empty, or an environment of a peer"
@@ -136,7 +105,7 @@ class Environment:
             message = f"{self.folder} cannot be made: {error.strerror}; ${FOLDER_VARIABLE} names the folder it is in"
             raise InvalidRequest(FOLDER_VARIABLE, str(self.folder), "a folder", message=message) from None
         self._note("interrupted while it was installed")
-        state = self._installed(chosen)
+        state = self._installed(Path(sys.executable) if python is None else python.absolute())
         self._note(state)
         return state
 

@@ -71,11 +71,10 @@ def tasks_of(suite: str, seeds: Sequence[int], only: int | None = None) -> tuple
 
     Raises:
         UnknownName: there is no such suite.
-        InvalidRequest: its problems are of several robots, or other than from one configuration to another.
+        InvalidRequest: its problems are of several robots.
     """
-    problems = load_suite(suite).problems
-    motions = [problem for problem in problems if isinstance(problem, Motion)]
-    if len(motions) < len(problems) or len({motion.robot for motion in motions}) != 1:
+    motions = list(load_suite(suite).problems)
+    if len({motion.robot for motion in motions}) != 1:
         raise InvalidRequest("suite", suite, "a suite of motions of one robot, such as panda")
     if only is not None:
         motions = [motions[k * len(motions) // only] for k in range(min(only, len(motions)))]
@@ -188,15 +187,12 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks peers", description=__doc__)
     parser.add_argument("command", choices=["list", "install"], help="the peers and their state; or make environments")
     parser.add_argument("peers", nargs="*", metavar="PEER", help=f"{', '.join(PEERS)}; all if not given")
-    parser.add_argument("--python", type=Path, help="the interpreter to make them with; else one on the path")
     asked = parser.parse_args(arguments)
     peers = [peer_named(name) for name in asked.peers or PEERS]
     if asked.command == "install":
         for peer in peers:
-            console.print(f"{peer.name}: {peer.note}", markup=False)
-            state = Environment.of(peer).install(asked.python)
-            console.print(f"{peer.name}: {state}", markup=False, soft_wrap=True)
+            console.print(f"{peer.name}: {Environment.of(peer).install()}", markup=False, soft_wrap=True)
     states = [Environment.of(peer).state for peer in peers]
-    cells = [(p.name, " ".join(p.requirements), state, p.note) for p, state in zip(peers, states, strict=True)]
-    console.print(table("Peers", ("peer", "requirements", "state", "note"), cells))
+    cells = [(p.name, " ".join(p.requirements), state) for p, state in zip(peers, states, strict=True)]
+    console.print(table("Peers", ("peer", "requirements", "state"), cells))
     return 1 if asked.command == "install" and set(states) != {"installed"} else 0

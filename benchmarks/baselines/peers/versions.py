@@ -36,9 +36,8 @@ TURNS = 3
 
 
 def _peer(name: str, *requirements: str) -> Peer:
-    pythons = (f"{sys.version_info.major}.{sys.version_info.minor}",)
     module = "planner_service"
-    return Peer(name, requirements, module, pythons, {"default": {"turns": TURNS}}, module=module)
+    return Peer(name, requirements, module, {"default": {"turns": TURNS}}, module=module)
 
 
 def version_here() -> Environment:
@@ -61,8 +60,8 @@ def version_then(against: Path | None = None) -> Environment:
             raise InvalidRequest("--against", str(against), "the python of a virtual environment")
         return Environment(peer, against.absolute().parents[1])
     made = Environment.of(peer)
-    same = (made.folder / "lib" / f"python{peer.pythons[0]}").is_dir()  # interpreter as here
-    state = "installed" if made.ready and same else made.install(Path(sys.executable))
+    same = (made.folder / "lib" / "python{}.{}".format(*sys.version_info)).is_dir()  # interpreter as here
+    state = "installed" if made.ready and same else made.install()
     if state != "installed":
         message = f"{THEN} cannot be installed: {state}; name an environment that has it with --against PYTHON"
         raise InvalidRequest("--against", "none", "the python of an environment", message=message)
