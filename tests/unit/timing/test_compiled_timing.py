@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service.errors import InvalidRequest
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits, Robot
@@ -26,7 +25,6 @@ from planner_service.timing.laws import (
     stop_duration,
     time_with_peaks,
 )
-from planner_service.timing.time_optimal import GridLimits, two_passes
 
 ROBOTS = ("wxai", "panda_mbm", "planar2")
 LAWS: tuple[Timing, ...] = (ToppRa(), Trapezoidal(), SCurve(), ToppRa(12))
@@ -111,15 +109,3 @@ def test_durations_are_those_of_toppra() -> None:
         path = random_path(robot, np.random.default_rng(100 + seed))
         ours, theirs = (ToppRa(backend=backend).time_path(path, robot.limits) for backend in ("own", "toppra"))
         assert ours.duration == pytest.approx(theirs.duration, rel=1e-9)
-
-
-def test_a_start_too_fast_to_stop_has_no_solution() -> None:
-    points, ones = np.arange(11) / 10.0, np.ones((11, 1))
-    grid = GridLimits(points, ones, 0.0 * ones, 0.0 * ones, np.array([1.0]), np.full(11, 100.0))
-    assert two_passes(grid, 1.5) is None  # 1.5^2 / 2 > 1
-    assert two_passes(grid, 1.4) is not None
-
-
-def test_another_backend_is_refused_with_those_there_are() -> None:
-    with pytest.raises(InvalidRequest, match="backend: got 'scipy'; expected 'own' or 'toppra'"):
-        ToppRa(backend="scipy")  # type: ignore[arg-type]

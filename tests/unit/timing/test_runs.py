@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,8 +11,7 @@ from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
 from planner_service.timing.laws import SCurve
 from planner_service.timing.limit_check import peaks
-from planner_service.timing.profiles import s_curve, speed_profile
-from planner_service.timing.runs import split_at
+from planner_service.timing.profiles import speed_profile
 from planner_service.timing.segments import path_segments
 from tests.unit.timing.test_laws import limits
 from tests.unit.timing.test_segments import mixed_limits
@@ -62,20 +59,3 @@ def test_corners_that_hardly_turn_cost_nothing() -> None:
     given_limits = limits(path.n)
     straight = SCurve().time_path(line, given_limits).duration
     assert SCurve().time_path(path, given_limits).duration == pytest.approx(straight, rel=1e-3)
-
-
-@given(
-    distance=st.floats(0.01, 10.0),
-    rates=st.tuples(st.floats(0.1, 5.0), st.floats(0.5, 20.0), st.floats(5.0, 500.0)),
-    shares=st.lists(st.floats(0.0, 1.0), max_size=8, unique=True),
-)
-def test_a_motion_that_is_split_stays_what_it_was(
-    distance: float, rates: tuple[float, float, float], shares: list[float]
-) -> None:
-    phases, places = list(s_curve(distance, *rates)), sorted(distance * share for share in shares)
-    parts = split_at(phases, places)
-    assert math.fsum(part.duration for part in parts) == pytest.approx(math.fsum(p.duration for p in phases), rel=1e-12)
-    ends = [*(part.position for part in parts[1:]), distance]
-    for (h, s, v, a, j), end in zip(parts, ends, strict=True):
-        assert s + h * (v + h * (a / 2.0 + h * j / 6.0)) == pytest.approx(end, abs=1e-11 * distance)
-        assert not any(s + 1e-9 < place < end - 1e-9 for place in places)

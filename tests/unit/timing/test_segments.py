@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,15 +14,14 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
-from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration, within_limits
+from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration
 from planner_service.timing.limit_check import peaks
 from planner_service.timing.profiles import ScalarLimits, Section, TooFast, speed_profile
-from tests.unit.timing.test_laws import HELD, law_cases, limits, line
+from tests.reference.times import least_time
+from tests.unit.timing.test_laws import HELD, LAWS, WITHIN_GRID, law_cases, limits, line
 from tests.unit.timing.test_limit_check import blended, rounded_corners
 
 closed_forms = pytest.mark.parametrize("law", [Trapezoidal(), SCurve()], ids=lambda law: law.name)
-
-UNDERCUT = 1 - 1e-3  # a speed limit is undercut by as much
 
 
 def mixed_limits(path: JointPath, seed: int) -> JointLimits:
@@ -104,33 +102,10 @@ def test_a_blend_saves_the_time_of_a_stop(law: Timing) -> None:
 
 
 @law_cases
-def test_what_the_stops_take_is_the_sum_of_the_straight_pieces(law: Timing) -> None:
-    closed = Trapezoidal() if isinstance(law, ToppRa) else law
-    alone = 2 * closed.time_path(line(1.0), limits(1)).duration
-    assert stop_duration(right_angle(0.3), law, limits(2)) == pytest.approx(alone, rel=1e-12)
-
-
-@law_cases
 def test_what_the_stops_take_is_what_the_law_takes_for_the_polyline(law: Timing) -> None:
     path = rounded_corners(3)
     sharp = law.time_path(path.with_blends(None), limits(path.n)).duration
     assert stop_duration(path, law, limits(path.n)) == pytest.approx(sharp, rel=1e-12)
-
-
-@law_cases
-def test_waypoints_on_straight_parts_between_blends_do_not_matter(law: Timing) -> None:
-    plain = blended([[0.0, 0.0], [1.0, 0.5], [0.2, 1.1]], [0.0, 0.2, 0.0])
-    more = blended([[0.0, 0.0], [0.25, 0.125], [1.0, 0.5], [0.6, 0.8], [0.2, 1.1]], [0.0, 0.0, 0.2, 0.0, 0.0])
-    duration = law.time_path(plain, limits(2)).duration
-    assert law.time_path(more, limits(2)).duration == pytest.approx(duration, rel=1e-9)
-
-
-@law_cases
-def test_a_path_both_ways_takes_equally_long(law: Timing) -> None:
-    path = blended([[0.0, 0.0], [1.0, 0.3], [1.2, 1.1], [0.1, 1.3]], [0.0, 0.2, 0.3, 0.0])
-    back = blended(path.waypoints[::-1], path.blends[::-1])
-    duration = law.time_path(path, limits(2)).duration
-    assert law.time_path(back, limits(2)).duration == pytest.approx(duration, rel=3e-3)
 
 
 @law_cases
@@ -140,31 +115,6 @@ def test_turning_back_is_a_stop_among_blends(law: Timing) -> None:
     at = trajectory.knots[np.flatnonzero(trajectory.coefficients[:, 0] == 2.0)]
     assert len(at) == 1
     assert not np.any(trajectory(at, 1))
-
-
-@law_cases
-@pytest.mark.parametrize("gap", [1e-8, 1e-7, 1e-5, 1e-3])
-def test_blends_beside_a_near_repeated_waypoint_take_hardly_longer_than_stops(law: Timing, gap: float) -> None:
-    path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, gap]]))
-    path = path.with_blends([0.0, *[0.4 * gap] * (len(path.waypoints) - 2), 0.0])
-    trajectory = law.time_path(path, limits(2))
-    assert highest(trajectory, limits(2), law) <= HELD
-    assert trajectory.duration <= 1.1 * stop_duration(path, law, limits(2))
-
-
-@law_cases
-def test_a_joint_that_moves_only_after_a_blend_needs_its_limits(law: Timing) -> None:
-    path, bad = right_angle(0.3), replace(limits(2), acceleration=np.array([5.0, 0.0]))
-    with pytest.raises(InvalidRequest, match=r"limits.acceleration\[1\]: .*joint 1 moves"):
-        law.time_path(path, bad)
-
-
-@law_cases
-@pytest.mark.parametrize("value", [0.0, math.inf])
-def test_a_joint_that_stands_still_on_blends_may_have_any_limit(law: Timing, value: float) -> None:
-    path = blended([[0.0, 0.0, 0.3], [1.0, 0.0, 0.3], [1.0, 1.0, 0.3]], [0.0, 0.3, 0.0])
-    some = law.time_path(path, limits(3, [1.57, 1.57, value], [5.0, 5.0, value], [50.0, 50.0, value]))
-    assert some.duration == law.time_path(right_angle(0.3), limits(2)).duration
 
 
 @law_cases
@@ -192,12 +142,6 @@ def test_an_s_curve_passes_a_blend_at_the_speed_that_jerk_allows() -> None:
     assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx((20.0 * 0.04 / 2.5) ** (1 / 3), rel=1e-12)
 
 
-@pytest.mark.parametrize("law", [Trapezoidal(), SCurve()], ids=lambda law: law.name)
-def test_a_blend_is_passed_at_the_speed_that_velocity_allows(law: Timing) -> None:
-    trajectory = law.time_path(right_angle(0.2), limits(2, 0.1, 30.0, 900.0))
-    assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx(0.1, rel=1e-12)
-
-
 def test_a_straight_line_is_entered_at_most_as_fast_as_it_can_be_braked() -> None:
     section = Section(0.5, 1.0, ScalarLimits(10.0, 2.0, math.inf), False)
     assert speed_profile([section], 2.0 * (1.0 + 1e-12))[-1] == pytest.approx((1.0, 0.5, 2.0, -2.0, 0.0))
@@ -215,17 +159,12 @@ def test_a_blend_is_entered_at_most_as_fast_as_it_can_be_passed() -> None:
         speed_profile(sections, 1.1)
 
 
-def test_a_law_that_goes_on_from_a_speed_is_the_rest_of_the_fastest() -> None:
-    phases = ToppRa().continue_to_rest(line(2.0, 0.0), limits(2, 1.0, 2.0), 0.25, 1.0)
-    assert math.fsum(phase.duration for phase in phases) == pytest.approx(1.75 / 1.0 + 1.0 / 4.0, rel=1e-12)
-
-
 def test_a_speed_from_which_nothing_slows_down_in_time_is_refused() -> None:
     with pytest.raises(TimingFailed, match=r"no motion from s = 1\.9 at ds/dt = .* to rest keeps the limits"):
         ToppRa().continue_to_rest(line(2.0, 0.0), limits(2, 1.0, 2.0), 1.9, 1.0)
 
 
-@pytest.mark.parametrize("start", [0.5, 1.5, 2.5, 3.5])
+@pytest.mark.parametrize("start", [0.5, 2.5])
 def test_what_goes_on_from_a_speed_rests_at_the_corners_ahead_and_holds_the_limits(start: float) -> None:
     path = blended([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]], [0.0, 0.3, 0.0, 0.3, 0.0])
     slow = limits(2, 1.57, 1.0)
@@ -237,12 +176,6 @@ def test_what_goes_on_from_a_speed_rests_at_the_corners_ahead_and_holds_the_limi
     at_rest = law[1:, 0][law[1:, 1] == 0.0]
     assert at_rest == pytest.approx(path.knots[[2]] if start < path.knots[2] else [])
     assert peaks(trajectory, slow).highest < 1.005
-
-
-def test_a_short_way_from_a_stop_bounds_the_speed_on_a_blend() -> None:
-    path = blended([[0.0, 0.0], [0.25, 0.0], [0.25, 5.0]], [0.0, 0.2, 0.0])
-    trajectory = Trapezoidal().time_path(path, limits(2, 10.0, [1.0, 100.0]))
-    assert trajectory.s(trajectory.knots[1], 1) == pytest.approx(math.sqrt(2 * 1.0 * 0.05), rel=1e-12)
 
 
 def test_a_short_way_to_a_stop_bounds_the_speed_on_a_blend_and_those_before_it() -> None:
@@ -272,7 +205,7 @@ def test_an_s_curve_speeds_up_between_blends_as_far_as_there_is_room(seed: int) 
 
 
 @closed_forms
-@pytest.mark.parametrize("short", [0.0, 1e-12, 1e-9, 1e-7])
+@pytest.mark.parametrize("short", [0.0, 1e-9])
 def test_a_blend_that_reaches_a_stop_or_nearly_is_a_typed_failure(law: Timing, short: float) -> None:
     path, given_limits = right_angle(1.0 - short), limits(2)
     with pytest.raises(TimingFailed, match="blend that reaches a stop"):
@@ -282,10 +215,23 @@ def test_a_blend_that_reaches_a_stop_or_nearly_is_a_typed_failure(law: Timing, s
 # -- TOPP-RA
 
 
-@pytest.mark.parametrize("short", [0.0, 1e-8, 1e-6])
+@pytest.mark.parametrize("short", [0.0, 1e-6])
 def test_toppra_passes_a_blend_that_reaches_a_stop_or_nearly(short: float) -> None:
     whole = ToppRa().time_path(right_angle(1.0 - short), limits(2)).duration
     assert whole < 0.95 * ToppRa().time_path(right_angle(0.5), limits(2)).duration
+
+
+@settings(deadline=None, max_examples=30, derandomize=True)
+@given(seed=st.integers(0, 10**6))
+def test_toppra_takes_the_least_time_and_no_law_takes_less(seed: int) -> None:
+    rounded = rounded_corners(seed)
+    for path in (rounded, rounded.with_blends(None)):
+        given_limits = mixed_limits(path, seed)
+        least = least_time(path, given_limits)
+        for law in LAWS:
+            assert law.time_path(path, given_limits).duration >= least * (1 - 1e-3)
+        motion = ToppRa().time_path(path, given_limits)
+        assert motion.duration / motion.dilation <= least * (1.01 if path is rounded else 1 + WITHIN_GRID)
 
 
 @settings(deadline=None, max_examples=30, derandomize=True)
@@ -295,49 +241,6 @@ def test_toppra_is_never_slower_than_trapezoids(seed: int) -> None:
     given_limits = mixed_limits(path, seed)
     quick, slow = ToppRa().time_path(path, given_limits), Trapezoidal().time_path(path, given_limits)
     assert quick.duration / quick.dilation <= slow.duration * (1 + 1e-9)
-
-
-@pytest.mark.parametrize("width", [0.05, 0.2, 0.45])
-def test_toppra_hardly_exceeds_limits_between_grid_points(width: float) -> None:
-    assert ToppRa().time_path(right_angle(width), limits(2)).dilation < 1.0025  # half of 0.5 % of acceleration
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_our_passes_give_what_toppra_gives_for_the_same_limits(seed: int) -> None:
-    import toppra
-
-    path = rounded_corners(seed)
-    given_limits = mixed_limits(path, seed)
-    trajectory = ToppRa().time_path(path, given_limits)
-    points = np.append(trajectory.coefficients[:, 0], path.length) / path.length
-    unit = trajectory.duration / trajectory.dilation
-    speeds = np.append(trajectory.coefficients[:, 1], 0.0) * trajectory.dilation * (unit / path.length)
-    bounds = [
-        toppra.constraint.JointVelocityConstraint(given_limits.velocity * unit),
-        toppra.constraint.JointAccelerationConstraint(given_limits.acceleration * unit * unit),
-    ]
-    theirs = toppra.algorithm.TOPPRA(bounds, UnitCurve(path), gridpoints=points, solver_wrapper="seidel")
-    np.testing.assert_allclose(speeds, theirs.compute_parameterization(0.0, 0.0)[1], rtol=1e-6)
-
-
-class UnitCurve:
-    """A path over [0, 1] as toppra asks for one."""
-
-    path_interval = (0.0, 1.0)
-
-    def __init__(self, path: JointPath) -> None:
-        self.path, self.dof = path, path.n
-
-    def __call__(self, positions: FloatArray, order: int = 0) -> FloatArray:
-        at = np.minimum(positions * self.path.length, self.path.length)
-        return np.asarray(self.path(at, order) * self.path.length**order)
-
-
-def test_toppra_is_close_to_its_optimum_on_blends(monkeypatch: pytest.MonkeyPatch) -> None:
-    path, given_limits = rounded_corners(4), limits(rounded_corners(4).n)
-    usual = ToppRa().time_path(path, given_limits).duration
-    monkeypatch.setattr("planner_service.timing.time_optimal.BLEND_GRIDPOINTS", 400)
-    assert usual <= ToppRa(1000).time_path(path, given_limits).duration * 1.01
 
 
 def test_where_toppra_fails_on_blends_trapezoids_take_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -353,34 +256,7 @@ def test_where_toppra_fails_on_blends_trapezoids_take_over(monkeypatch: pytest.M
     assert law.time_path(path, limits(2)).duration == Trapezoidal().time_path(path, limits(2)).duration
 
 
-def test_where_toppra_fails_and_no_trapezoid_helps_the_failure_is_typed(monkeypatch: pytest.MonkeyPatch) -> None:
-    import toppra.algorithm
-
-    def stands(self: object, start: float, end: float) -> tuple[FloatArray, FloatArray, None]:
-        return np.zeros(1), np.zeros(1000), None
-
-    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", stands)
-    law, path, given_limits = ToppRa(backend="toppra"), right_angle(1.0), limits(2)
-    with pytest.raises(TimingFailed, match="speed 0 from s = "):
-        law.time_path(path, given_limits)
-
-
 # -- a limit of ds/dt
-
-
-@law_cases
-def test_a_constant_speed_limit_is_a_lower_top_speed(law: Timing) -> None:
-    limited = law.time_path(line(1.2), limits(1), speed_limit=lambda s: np.full(len(s), 0.5)).duration
-    slower = law.time_path(line(1.2), limits(1, velocity=0.5 * UNDERCUT)).duration
-    assert limited == pytest.approx(slower, rel=1e-3)
-
-
-@law_cases
-@pytest.mark.parametrize("path", [line(1.2), right_angle(0.3)], ids=["straight", "blended"])
-def test_an_infinite_speed_limit_is_none(law: Timing, path: JointPath) -> None:
-    unlimited = law.time_path(path, limits(path.n)).duration
-    limited = law.time_path(path, limits(path.n), speed_limit=lambda s: np.full(len(s), math.inf)).duration
-    assert limited == pytest.approx(unlimited, rel=1e-9)
 
 
 @law_cases
@@ -402,21 +278,8 @@ def test_a_varying_speed_limit_is_hardly_exceeded_anywhere(law: Timing, seed: in
 
 
 @law_cases
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+@pytest.mark.parametrize("value", [0.0, math.nan])
 def test_a_speed_limit_that_is_not_positive_is_refused(law: Timing, value: float) -> None:
     path, given_limits = right_angle(0.3), limits(2)
     with pytest.raises(InvalidRequest, match="speed_limit: got"):
         law.time_path(path, given_limits, speed_limit=lambda s: np.where(s > 1.0, value, 1.0))
-
-
-@law_cases
-def test_a_speed_limit_of_another_shape_is_refused(law: Timing) -> None:
-    path, given_limits = right_angle(0.3), limits(2)
-    with pytest.raises(InvalidRequest, match=r"speed_limit: got \(1,\)"):
-        law.time_path(path, given_limits, speed_limit=lambda s: np.ones(1))
-
-
-def test_a_planted_overshoot_on_a_blend_is_dilated() -> None:
-    fast = Trapezoidal().time_path(right_angle(0.2), limits(2, 10.0, 12.0))
-    trajectory, _ = within_limits(fast, limits(2, 10.0, 3.0))
-    assert trajectory.dilation == pytest.approx(2.0, rel=1e-9)

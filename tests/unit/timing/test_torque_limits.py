@@ -222,14 +222,6 @@ def test_motions_keep_their_torques_and_use_them(seed: int) -> None:
     assert stop_duration(path, ToppRa(torque=True), robot.limits, limits) > motion.duration
 
 
-def test_a_very_short_motion_keeps_its_torques(pendulum: Robot) -> None:
-    limits = TorqueLimits(pendulum)
-    fast = replace(pendulum.limits, acceleration=np.array([500.0]))
-    motion = ToppRa(torque=True).time_path(JointPath(np.array([[0.1], [0.1005]])), fast, torque_limits=limits)
-    share = max(peak.ratio for peak in limits.samples(motion).peaks())
-    assert 0.99 < share <= 1.0 + EXCESS
-
-
 def test_what_cannot_be_held_is_told_in_newton_metres(pendulum: Robot) -> None:
     weak = TorqueLimits(pendulum, scale=0.5)
     assert weak.objection(np.array([0.0])) == "hinge cannot hold the arm here: 9.81 of 6 Nm"
@@ -260,9 +252,3 @@ def test_a_law_and_its_torque_limits_go_together(pendulum: Robot) -> None:
         ToppRa().time_path(path, pendulum.limits, torque_limits=limits)
     with pytest.raises(InvalidRequest, match="scale: got 2"):
         TorqueLimits(pendulum, scale=2.0)
-
-
-def test_masses_change_no_hash() -> None:
-    robot = load_robot("ur5")
-    assert robot.dynamics is not None
-    assert replace(robot, dynamics=None).hash == robot.hash
