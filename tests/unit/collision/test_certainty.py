@@ -131,22 +131,6 @@ def test_what_rounds_the_corners_of_a_large_hull_proves_no_gap() -> None:
                 assert at_gap(kernel, rider, wall, 1e-5 + 1e-5 * size).free
 
 
-def test_hardly_any_solids_with_centres_next_to_each_other_are_left_to_fcl() -> None:
-    certain = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        for rider in bodies(rng):
-            for stander in bodies(rng):
-                kernels = kernels_of(rider, stander)
-                certain += [kernel.check_rows(np.array([[0.003]]), 0, 1).colliding for kernel in kernels]
-    assert sum(certain) >= 0.98 * len(certain)
-
-
-def test_every_instruction_set_is_tried() -> None:
-    box, *_ = bodies(np.random.default_rng(0))
-    assert tuple(kernel.variant for kernel in kernels_of(box, box)) == instruction_sets()
-
-
 @pytest.mark.parametrize("name", ["panda_mbm", "ur5"])
 def test_tables_of_the_robots_own_pairs_prove_nothing_that_is_in_doubt_without_them(name: str) -> None:
     robot = load_robot(name)

@@ -27,7 +27,6 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.optional import present
 
@@ -148,13 +147,6 @@ def test_no_point_moves_farther_between_samples_than_a_motion_step(distance: flo
     assert farthest > 0.2 * distance  # the bound holds for all postures, so it is not tight in any
 
 
-def test_a_carried_object_makes_the_motion_step_finer() -> None:
-    rod = Attached("rod", Capsule(0.01, 0.5), Pose((0.3, 0.0, 0.0)))
-    ends = ([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    bare, laden = CollisionChecker(WXAI, OPEN), CollisionChecker(WXAI, Scene((), (rod,)))
-    assert laden.segments(*ends) > bare.segments(*ends)
-
-
 def test_bisection_takes_halves_before_quarters_before_eighths() -> None:
     assert (bisection_order(8)[:, 0] * 8).tolist() == [4, 2, 6, 1, 3, 5, 7]
     assert (bisection_order(5)[:, 0] * 5).tolist() == [2, 1, 3, 4]
@@ -178,14 +170,6 @@ def test_an_edge_and_its_reverse_have_the_same_samples_to_the_last_bit(
     assert there.shape == (parts - 1, 6)
 
 
-@settings(max_examples=100, deadline=None)
-@given(joints, joints)
-def test_an_edge_and_its_reverse_have_equally_many_samples(q1: list[float], q2: list[float]) -> None:
-    for step in (MotionStep(), JointStep()):
-        there = [b - a for a, b in zip(q1, q2, strict=True)]
-        assert step.segments(there, [0.8] * 6) == step.segments([-d for d in there], [0.8] * 6)
-
-
 @pytest.mark.parametrize(
     ("sixteenth", "place"), [(8, 1), (4, 2), (12, 3), (2, 4), (6, 5), (10, 6), (14, 7), (1, 8), (5, 10)]
 )
@@ -194,22 +178,6 @@ def test_states_count_up_to_and_including_the_first_that_collides(sixteenth: int
     assert spent(checker, [0.0, 0.0], [1.0, 0.0]) == (False, place + 2)
     assert spent(checker, [0.0, 0.0], [1.0, 0.0], Known.START) == (False, place + 1)
     assert spent(checker, [0.0, 0.0], [1.0, 0.0], Known.BOTH) == (False, place)
-
-
-def test_the_first_in_bisection_order_is_the_one_reported() -> None:
-    checker = planar(pin_at(1.0 / 16.0, 12.0 / 16.0, 6.0 / 16.0), SIXTEEN)
-    hit = present(checker.edge_hit([0.0, 0.0], [1.0, 0.0]))
-    assert (hit.fraction, hit.a, hit.b) == (0.75, "forearm", "pin_1")
-    assert checker.counts == CheckCounts(states=5, edges=1)
-
-
-def test_the_reverse_of_an_edge_costs_the_same_and_hits_the_same_place() -> None:
-    checker = planar(pin_at(10.0 / 16.0), SIXTEEN)
-    there, back = checker.edge_hit([0.0, 0.0], [1.0, 0.0]), checker.edge_hit([1.0, 0.0], [0.0, 0.0])
-    assert there is not None
-    assert back is not None
-    assert (there.fraction, back.fraction) == (0.625, 0.375)
-    assert checker.counts == CheckCounts(states=16, edges=2)
 
 
 def test_ends_are_judged_before_the_interior_and_the_start_before_the_end() -> None:
@@ -222,24 +190,10 @@ def test_ends_are_judged_before_the_interior_and_the_start_before_the_end() -> N
     assert hit.fraction == 1.0
 
 
-def test_a_known_end_is_not_judged() -> None:
-    checker = planar(pin_at(0.0, 1.0), SIXTEEN)
-    assert spent(checker, [0.0, 0.0], [1.0, 0.0], Known.BOTH) == (True, 15)
-    assert spent(checker, [0.0, 0.0], [1.0, 0.0], Known.START) == (False, 1)
-    assert spent(checker, [0.0, 0.0], [1.0, 0.0], Known.END) == (False, 1)
-
-
 def test_an_edge_of_no_length_is_one_state() -> None:
     checker = planar()
     assert spent(checker, [0.3, 0.1], [0.3, 0.1]) == (True, 1)
     assert spent(checker, [0.3, 0.1], [0.3, 0.1], Known.BOTH) == (True, 0)
-
-
-def test_a_sampled_edge_proves_nothing_between_its_samples() -> None:
-    """A thin pin between two samples is not seen, which is why paths are certified."""
-    blind = planar(pin_at(0.5), JointStep(1.0 / 3.0))
-    assert blind.edge_is_free([0.0, 0.0], [1.0, 0.0])
-    assert not blind.state_is_free([0.5, 0.0])
 
 
 def test_the_pieces_of_a_path_are_an_edge_each_and_inner_waypoints_are_judged_once() -> None:
@@ -251,13 +205,6 @@ def test_the_pieces_of_a_path_are_an_edge_each_and_inner_waypoints_are_judged_on
         checker = planar(step=SIXTEEN)
         assert checker.path_is_free(path, known=known)
         assert checker.counts == CheckCounts(states=45 - saved, edges=3)
-
-
-def test_a_path_is_judged_up_to_its_first_collision() -> None:
-    path = JointPath(np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]))
-    checker = planar(pin_at(0.5), SIXTEEN)
-    assert not checker.path_is_free(path)
-    assert checker.counts == CheckCounts(states=17 + 2, edges=2)
 
 
 def test_a_path_of_one_waypoint_is_one_state() -> None:
@@ -308,14 +255,6 @@ def test_long_edges_are_counted_alike_in_whatever_batches_they_are_judged() -> N
         assert (verdict, states) == (False, min(judged))
 
 
-def test_the_lesson_s_edge_is_stopped_at_its_middle() -> None:
-    checker = planar(load_scene("discs"))
-    hit = present(checker.edge_hit([0.0, 0.0], [math.pi / 2, -math.pi / 2]))
-    assert (hit.a, hit.b) == ("forearm", "lesson_disc")
-    assert hit.fraction == pytest.approx(0.5, abs=0.01)
-    assert checker.counts == CheckCounts(states=3, edges=1)
-
-
 @pytest.mark.parametrize("step", [MotionStep(1e-307), JointStep(1e-307)])
 def test_a_step_whose_parts_no_float_counts_is_refused(step: Any) -> None:
     with pytest.raises(InvalidRequest, match="at most 1000000 parts"):
@@ -333,15 +272,6 @@ def test_a_first_look_is_closer_the_coarser_the_step() -> None:
     assert [coarse_segments_of(MotionStep(metres)) for metres in (0.001, 0.010, 0.020, 0.05, 0.2)] == [8, 8, 4, 1, 1]
     assert coarse_segments_of(FinestStep((JointStep(0.05), MotionStep(0.010)))) == 8
     assert coarse_segments_of(Mock()) == 8
-
-
-def test_a_first_look_and_the_rest_judge_what_the_edge_does_each_sample_once() -> None:
-    whole, parts = planar(step=SIXTEEN), planar(step=SIXTEEN)
-    assert whole.edge_hit([0.0, 0.0], [1.0, 0.0]) is None
-    assert parts.edge_is_free_coarse([0.0, 0.0], [1.0, 0.0])
-    assert parts.counts == CheckCounts(states=9, edges=1)
-    assert parts.finish_edge([0.0, 0.0], [1.0, 0.0]) is None
-    assert parts.counts == whole.counts == CheckCounts(states=17, edges=1)
 
 
 def test_a_first_look_overlooks_what_the_rest_finds_at_the_same_place() -> None:

@@ -78,13 +78,6 @@ def test_no_kernel_answers(variant: str, value: float) -> None:
         build_kernel(WXAI, CHECKER.parts, variant, margin=value)
 
 
-@bad_values
-@pytest.mark.parametrize("ask", ["state_is_free", "contacts", "clearance"])
-def test_no_checker_answers(ask: str, value: float) -> None:
-    with pytest.raises(InvalidRequest):
-        getattr(CHECKER, ask)(rows(value)[4])
-
-
 def provers() -> list[Prover]:
     motion = Motion(WXAI, ProofPairs(WXAI, BIN, ()))
     return [Prover(motion, variant) for variant in instruction_sets()]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +11,9 @@ import numpy as np
 import pytest
 
 from planner_service import (
-    Box,
     CollisionChecker,
     Cylinder,
     InvalidRequest,
-    JointLimits,
     Obstacle,
     Pose,
     Scene,
@@ -28,10 +24,9 @@ from planner_service import (
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.collision.proximity import NearPairs
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.kinematic_tree import Body
-from planner_service.scene.scene import Attached
 from tests.support.coal_shapes import coal_shape
 from tests.support.hull_arm import HELD, OBSTACLES, HullSetup, write_arm
+from tests.support.small_robots import MIXED, built
 
 COAL_ERROR = 1.2e-6
 """Metres: what Coal's own distances of round shapes are good to."""
@@ -84,121 +79,6 @@ def test_no_pair_that_is_near_is_left_out() -> None:
     )
 
 
-@pytest.mark.slow
-def test_the_smallest_distance_is_the_clearance() -> None:
-    checker = CollisionChecker(load_robot("wxai"), load_scene("bin"))
-    least = [(checker.near(q[None], 0.5).distances.min(), checker.clearance(q)) for q in drawn(checker, 60)]
-    apart = [(mine, bound) for mine, bound in least if bound > 0.0]
-    assert len(apart) > 5
-    assert all(bound <= mine <= bound + 2e-5 for mine, bound in apart)
-
-
-WITHIN, TURN = 0.05, 1e-3
-"""Metres within which pairs are looked at, and radians of a difference."""
-
-CLOSER = 0.1
-"""Part of ``TURN`` for a derivative outside the wider differences: the distance has a kink there, or bends."""
-
-KINK, ROUNDING = 0.02, 2e-4
-"""Metres per radian between both differences from which on it is a kink, and what rounding may make of a difference."""
-
-
-def gradient_counts(states: int) -> Counter[str]:
-    """Derivatives of the distances of near pairs at random states of the wxai, next to both one-sided differences."""
-    checker = CollisionChecker(load_robot("wxai"), load_scene("clutter"))
-    limits = checker.robot.limits
-    Q = np.clip(drawn(checker, states, seed=2026), limits.lower + TURN, limits.upper - TURN)
-    found = checker.near(Q, WITHIN)
-    keys, counts = list(zip(found.rows.tolist(), found.pairs.tolist(), strict=True)), Counter[str]()
-    here = dict(zip(keys, found.distances.tolist(), strict=True))
-    for joint in range(checker.robot.n):
-        slopes = dict(zip(keys, found.gradients[:, joint].tolist(), strict=True))
-        sides = differences(checker, Q, joint, TURN, here)
-        wide = {key: here[key] for key, side in sides.items() if outside(slopes[key], side)}
-        near = differences(checker, Q, joint, CLOSER * TURN, wide)
-        counts["lost"] += len(keys) - len(sides)
-        counts["kinks"] += sum(high - low > KINK for low, high in sides.values())
-        counts["derivatives"] += len(sides)
-        counts["barely"] += len(wide)
-        counts["outside"] += sum(outside(slopes[key], side) for key, side in near.items())
-    return counts
-
-
-def outside(slope: float, side: tuple[float, float]) -> bool:
-    return not side[0] - ROUNDING <= slope <= side[1] + ROUNDING
-
-
-Distances = dict[tuple[int, int], float]
-"""By row and pair."""
-
-
-def differences(
-    checker: CollisionChecker, Q: FloatArray, joint: int, step: float, here: Distances
-) -> dict[tuple[int, int], tuple[float, float]]:
-    """The smaller and the larger one-sided difference of known distances, where both can be had."""
-    sides: list[Distances] = []
-    for by in (step, -step):
-        moved = Q.copy()
-        moved[:, joint] += by
-        found = checker.near(moved, WITHIN + 0.02)
-        keys = zip(found.rows.tolist(), found.pairs.tolist(), strict=True)
-        sides.append(dict(zip(keys, found.distances.tolist(), strict=True)))
-    after, before = sides
-    both = [key for key in here if key in after and key in before]
-    pairs = {key: ((after[key] - here[key]) / step, (here[key] - before[key]) / step) for key in both}
-    return {key: (min(pair), max(pair)) for key, pair in pairs.items()}
-
-
-def test_gradients_lie_between_both_differences_and_kinks_are_counted() -> None:
-    counts = gradient_counts(300)
-    assert (counts["lost"], counts["outside"]) == (0, 0)
-    assert counts["derivatives"] > 20_000
-    assert 0 < counts["kinks"] < 0.01 * counts["derivatives"]
-    assert counts["barely"] < 0.001 * counts["derivatives"]
-
-
-def test_a_gradient_of_the_wrong_sign_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = CollisionChecker.near
-
-    def wrong(self: CollisionChecker, Q: Any, within: float) -> NearPairs:
-        found = asked(self, Q, within)
-        return NearPairs(found.rows, found.pairs, found.distances, found.points, -found.gradients)
-
-    monkeypatch.setattr(CollisionChecker, "near", wrong)
-    counts = gradient_counts(50)
-    assert counts["outside"] > 0.1 * counts["derivatives"]
-
-
-def sliding_arm() -> CollisionChecker:
-    """The six-axis arm on a rail of 0.6 m along x."""
-    robot = load_robot("wxai")
-    rail = Body("rail", 0, np.eye(4), np.array([1.0, 0.0, 0.0]), True, 0)
-    later = (replace(b, parent=b.parent + 1 if b.parent else 1, q_index=b.q_index + 1) for b in robot.bodies[1:])
-    limits = JointLimits(
-        *(
-            np.concatenate([[value], getattr(robot.limits, name)])
-            for name, value in (
-                ("lower", 0.0),
-                ("upper", 0.6),
-                ("velocity", 1.0),
-                ("acceleration", 2.0),
-                ("jerk", 20.0),
-            )
-        )
-    )
-    moved = replace(
-        robot,
-        joint_names=("rail", *robot.joint_names),
-        limits=limits,
-        named_poses=(),
-        bodies=(robot.bodies[0], rail, *later),
-        shapes=tuple(replace(s, body=s.body + 1 if s.body else 1) for s in robot.shapes),
-        tool_body=robot.tool_body + 1,
-        retreats=(),
-    )
-    return CollisionChecker(moved, load_scene("clutter"))
-
-
 BENDING = 1e-3
 """Metres per radian by which a distance that bends by 20 m/rad^2 may leave both differences of 0.1 mrad."""
 
@@ -223,16 +103,32 @@ def lies_between(checker: CollisionChecker, Q: FloatArray, step: float = 1e-4) -
     return True
 
 
-def test_gradients_of_sliding_joints_are_right_too() -> None:
-    checker = sliding_arm()
+def judged(kind: str, folder: Path) -> tuple[CollisionChecker, FloatArray]:
+    """A checker and configurations at which pairs are near: turning joints, sliding ones, or links of hulls."""
+    if kind == "hulls":
+        write_arm(folder)
+        checker = HullSetup("hulls", folder, OBSTACLES, (HELD,)).checker()
+    else:
+        robot = load_robot("wxai") if kind == "turning" else built(folder, MIXED)
+        checker = CollisionChecker(robot, load_scene("clutter"))
     limits = checker.robot.limits
-    assert lies_between(checker, np.clip(drawn(checker, 40), limits.lower + 1e-3, limits.upper - 1e-3))
+    return checker, np.clip(drawn(checker, 60), limits.lower + 1e-3, limits.upper - 1e-3)
 
 
-def test_gradients_between_hulls_are_right_too(tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    checker = HullSetup("hulls", tmp_path, OBSTACLES, (HELD,)).checker()
-    assert lies_between(checker, drawn(checker, 60) * 0.99)
+@pytest.mark.parametrize("kind", ["turning", "sliding", "hulls"])
+def test_gradients_lie_between_both_differences(kind: str, tmp_path: Path) -> None:
+    assert lies_between(*judged(kind, tmp_path))
+
+
+def test_a_gradient_of_the_wrong_sign_would_be_seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked = CollisionChecker.near
+
+    def wrong(self: CollisionChecker, Q: Any, within: float) -> NearPairs:
+        found = asked(self, Q, within)
+        return NearPairs(found.rows, found.pairs, found.distances, found.points, -found.gradients)
+
+    monkeypatch.setattr(CollisionChecker, "near", wrong)
+    assert not lies_between(*judged("turning", tmp_path))
 
 
 def test_the_points_are_where_the_distance_is_measured() -> None:
@@ -300,12 +196,3 @@ def test_what_is_no_configuration_is_refused() -> None:
         checker = CollisionChecker(load_robot("planar2"), load_scene("discs"))
         with pytest.raises(InvalidRequest, match=told):
             checker.near(Q, within)
-
-
-def test_what_is_carried_is_kept_apart_from_what_stands() -> None:
-    scene = load_scene("post").with_attached(Attached("held", Box((0.04, 0.04, 0.3)), Pose((0.1, 0.0, 0.0)), ()))
-    checker = CollisionChecker(load_robot("wxai"), scene)
-    found = checker.near(drawn(checker, 50), 0.05)
-    names = {checker.pair_names(pair) for pair in found.pairs.tolist()}
-    assert any("held" in pair for pair in names)
-    assert any(checker.own_pairs[pair] for pair in found.pairs.tolist())
