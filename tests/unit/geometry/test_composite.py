@@ -14,12 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from planner_service import CollisionChecker, PlannerService, PlanRequest
+from planner_service import PlannerService, PlanRequest
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Compound, HeightField, Pieces, PointCloud
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
-from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.optional import present
@@ -91,14 +90,6 @@ def test_the_columns_of_a_field_stand_on_its_floor() -> None:
     assert boxes(deep.pieces) == [((0.25, 0.25, -0.1), (0.5, 0.5, 0.4))]
 
 
-def test_neighbours_in_the_list_are_neighbours_in_space() -> None:
-    cloud = PointCloud(RNG.uniform(0.0, 1.0, (4000, 3)), 0.02)
-    centres = cloud.pieces.frames[:, :3, 3]
-    runs = [centres[k : k + 32] for k in range(0, len(centres), 32)]
-    extents = [float((run.max(axis=0) - run.min(axis=0)).max()) for run in runs]
-    assert np.median(extents) < 0.4  # of 32 at random it would be 0.94
-
-
 @pytest.mark.parametrize("solid", ALL, ids=lambda solid: type(solid).__name__)
 def test_support_and_distance_are_those_of_the_pieces(solid: Composite) -> None:
     directions, points = RNG.normal(size=(50, 3)), RNG.normal(0.0, 1.0, (50, 3))
@@ -127,17 +118,11 @@ def test_equal_content_is_equal() -> None:
 
 BAD_CLOUDS: list[tuple[Any, Any, str]] = [
     ([["a", "b", "c"]], 0.1, r"points: got .*; expected 1 to 500,000 points"),
-    ([1.0, 2.0, 3.0], 0.1, r"points: got an array of shape \(3,\)"),
-    ([[1.0, 2.0]], 0.1, r"points: got an array of shape \(1, 2\)"),
     (np.zeros((0, 3)), 0.1, r"points: got an array of shape \(0, 3\)"),
     ([[0.0, 0.0, 0.0], [0.0, float("nan"), 0.0]], 0.1, r"points\[1\]: got \[0.0, nan, 0.0\]"),
-    ([[2000.0, 0.0, 0.0]], 0.1, r"points\[0\]: got \[2000.0, 0.0, 0.0\]"),
     ([[1000.0, 0.0, 0.0]], 0.01, r"points\[0\]: got \[1000.005, 0.005, 0.005\]"),
     ([[-999.0, 0.0, 0.0], [999.0, 0.0, 0.0]], 1.0, "points: 1999 m long; expected a cloud no longer than 1000 m"),
     ([[0.0, 0.0, 0.0]], 0.0, "resolution: got 0.0; expected an edge of 0.0001 to 1000 m"),
-    ([[0.0, 0.0, 0.0]], float("nan"), "resolution: got nan"),
-    ([[0.0, 0.0, 0.0]], "1 cm", "resolution: got '1 cm'"),
-    (RNG.uniform(0.0, 1.0, (60_000, 3)), 0.0001, "resolution: 0.0001 m makes .* boxes; expected a coarser one"),
 ]
 
 
@@ -149,12 +134,8 @@ def test_a_cloud_that_is_none_is_refused(points: Any, resolution: Any, message: 
 
 BAD_FIELDS: list[tuple[Any, Any, Any, str]] = [
     ([0.1, 0.2], 0.1, 0.0, r"heights: got an array of shape \(2,\)"),
-    (np.zeros((0, 4)), 0.1, 0.0, r"heights: got an array of shape \(0, 4\)"),
     ([[0.1, float("nan")]], 0.1, 0.0, r"heights\[0, 1\]: got nan"),
-    ([[5e3]], 0.1, 0.0, r"heights\[0, 0\]: got 5000.0"),
     ([[0.1, 0.0]], 0.1, 0.1, "floor: got 0.1; expected below the highest column, 0.1"),
-    ([[999.0]], 0.1, -999.0, "floor: got -999.0; expected below .*, 999, by at most 1000"),
-    ([[0.1]], -1, 0.0, "cell: got -1"),
     ([[0.1] * 3], 999.0, 0.0, "cell: got 999.0; expected a field no longer than 1000 m"),
     ([[0.1]], 0.1, "low", "floor: got 'low'"),
     (RNG.uniform(0.1, 0.2, (300, 300)), 0.01, 0.0, "cell: 0.01 m makes 90,000 boxes"),
@@ -169,12 +150,9 @@ def test_a_field_that_is_none_is_refused(heights: Any, cell: Any, floor: Any, me
 
 BAD_COMPOUNDS: list[tuple[Any, str]] = [
     ((), "parts: got 0; expected 1 to 1,000 pairs"),
-    ((Box((1, 1, 1)),), "parts.*: got .*expected 1 to 1,000 pairs"),
     (((Box((1, 1, 1)), (0, 0, 0)),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
     (((PAIR, Pose()),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
-    (((Sphere(1), Pose((1e4, 0, 0))),), r"parts\[0\]: got .*expected metres"),
     (((Sphere(1), Pose()),) * 1001, "parts: got 1001"),
-    (7, "parts: got 7"),
 ]
 
 
@@ -204,10 +182,7 @@ PLY = "ply\nformat ascii 1.0\nelement vertex 50\nproperty float x\nproperty floa
     ("name", "content"),
     [
         ("a.npz", packed(points=POINTS)),
-        ("a.npz", packed(other=POINTS)),
-        ("a.npz", packed(points=POINTS, colours=np.zeros(50))),
         ("a.npy", plain(POINTS)),
-        ("a.npy", plain(np.asfortranarray(POINTS))),
         ("a.PLY", (PLY + "\n".join(" ".join(map(repr, row)) for row in POINTS.tolist()) + "\n").encode()),
     ],
 )
@@ -230,21 +205,13 @@ def bomb() -> bytes:
 
 BAD_FILES: list[tuple[str, bytes, str]] = [
     ("a.pcd", b"", r"suffix '.pcd'; expected one of .ply, .npz, .npy"),
-    ("a.npz", b"", "not an NPZ file"),
-    ("a.npy", b"", "not an NPY file"),
     ("a.npy", b"\x93NUMPY is not this", "not an NPY file|NPY header"),
     ("a.npy", plain(POINTS)[:-9], r"1,191 bytes are not those of an array of shape \(50, 3\)"),
-    ("a.npy", plain(POINTS)[:40], "an NPY header without its end"),
     ("a.npy", lying(), r"1,200 bytes are not those of an array of shape \(99, 3\)"),
     ("a.npy", plain(np.array([{"a": 1}], dtype=object)), "expected real numbers"),
-    ("a.npy", plain(np.zeros(3, dtype=[("x", "f4")])), "expected real numbers"),
-    ("a.npy", plain(POINTS.astype(complex)), "expected real numbers"),
-    ("a.npz", packed(points=POINTS)[:-40], "not an NPZ file"),
     ("a.npz", packed(a=POINTS, b=POINTS), "holds a, b; expected an array 'points'"),
     ("a.npz", bomb(), "unpacks to more than 50,000,000 bytes"),
     ("a.npy", plain(POINTS[:, :2]), r"points: got an array of shape \(50, 2\)"),
-    ("a.npy", plain(POINTS * np.nan), r"points\[0\]: got \[nan"),
-    ("a.ply", b"ply\n", "no PLY"),
 ]
 
 
@@ -255,7 +222,7 @@ def test_a_file_that_holds_no_cloud_is_refused(tmp_path: Path, name: str, conten
         PointCloud.from_file(tmp_path / name, 0.1)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(12))
 def test_a_spoilt_file_is_refused_or_read(tmp_path: Path, seed: int) -> None:
     chance = np.random.default_rng(seed)
     suffix, content = [("npz", packed(points=POINTS)), ("npy", plain(POINTS))][seed % 2]
@@ -275,15 +242,6 @@ def test_heights_are_read_from_a_file(tmp_path: Path) -> None:
         HeightField.from_file(tmp_path / "h.ply", 0.5)
 
 
-def test_a_cloud_at_the_farthest_and_finest_is_kept_by_a_scene_file(tmp_path: Path) -> None:
-    points = [[999.9999, -1000.0, 0.0], [999.9998, -999.9, -0.0], [999.9, -1000.0, 5e-324], [999.9, -1000.0, -5e-324]]
-    cloud = PointCloud(np.array(points), 0.0001)
-    assert sorted(cloud.cells[:, 2].tolist()) == [-1, 0, 0, 0]
-    scene = Scene((Obstacle("far", cloud),))
-    save_scene(scene, tmp_path / "s.toml")
-    assert load_scene(tmp_path / "s.toml") == scene
-
-
 def scene_of_all() -> Scene:
     turned = Pose.from_rpy((0.4, 0.1, 0.2), (0.1, 0.2, 0.3))
     standing = [Obstacle(type(solid).__name__, solid, turned) for solid in ALL]
@@ -300,12 +258,6 @@ def test_a_scene_file_keeps_them_to_the_last_bit(tmp_path: Path) -> None:
     assert moved.hash != scene.hash
 
 
-def test_the_hash_tells_clouds_apart() -> None:
-    found = {Scene((Obstacle("c", solid),)).hash for solid in (*ALL, PointCloud(np.eye(3)[:1], 0.1))}
-    found |= {Scene((Obstacle("c", Compound((PAIR.parts[0],))),)).hash, Scene((Obstacle("c", PAIR.parts[0][0]),)).hash}
-    assert len(found) == 6
-
-
 def test_a_scene_file_names_cloud_and_heights_in_its_own_folder(tmp_path: Path) -> None:
     (tmp_path / "scan.npz").write_bytes(packed(points=POINTS))
     (tmp_path / "ground.npy").write_bytes(plain(GROUND.heights))
@@ -319,16 +271,11 @@ def test_a_scene_file_names_cloud_and_heights_in_its_own_folder(tmp_path: Path) 
 
 BAD_ENTRIES: list[tuple[str, str]] = [
     ("cloud = { resolution = 0.1 }", "cloud: got .*; expected { file = ..., resolution = ... }"),
-    ('cloud = { file = "a.npz", cells = [], resolution = 0.1 }', "cloud: got .*; expected { file"),
     ('cloud = { file = "a.npz" }', "resolution: missing; expected a length in metres"),
     ('cloud = { file = "../a.npz", resolution = 0.1 }', "lies outside the folders that may be read"),
-    ('cloud = { file = "a.npz", resolution = 0.1 }', "'a.npz' does not exist"),
     ("cloud = { cells = [[0, 0, 0]], resolution = 0.1, scale = 2 }", "unknown key 'scale'"),
-    ("cloud = { cells = [[0.5, 0, 0]], resolution = 0.1 }", "cells: got .*; expected whole numbers"),
     ("heights = { values = [[1, 2], [3]], cell = 0.1 }", "heights: got .*; expected finite heights"),
-    ("compound = { box = [1, 1, 1] }", "compound: got .*; expected "),
     ("compound = [{ box = [1, 1, 1] }]", r"compound\[0\].position: missing"),
-    ("compound = [{ position = [0, 0, 0] }]", r"compound\[0\]: shape is missing; expected exactly one of"),
     (
         "compound = [{ cloud = { cells = [[0, 0, 0]], resolution = 1 }, position = [0, 0, 0] }]",
         r"compound\[0\]: unknown key 'cloud'",
@@ -361,24 +308,3 @@ def test_a_plan_around_a_cloud_is_certified_and_repeats_to_the_bit() -> None:
     assert present(first.certificate).certified
     assert first.counts == second.counts
     assert present(first.path).waypoints.tobytes() == present(second.path).waypoints.tobytes()
-
-
-@pytest.mark.slow
-def test_a_cloud_hides_nothing_of_what_one_box_shows() -> None:
-    """A wall of cells without holes is the same solid as one box."""
-    block = np.stack(np.meshgrid(*(np.arange(n) for n in (20, 3, 20)), indexing="ij"), axis=-1).reshape(-1, 3)
-    block = block[(block.sum(axis=1) % 2 == 0) | (block[:, 1] == 1)]  # the middle layer is whole, so is what it hides
-    cloud = PointCloud.from_cells(block, 0.015)
-    whole = Box((0.3, 0.015, 0.3))
-    robot = load_robot("wxai")
-    many = CollisionChecker(robot, Scene((Obstacle("wall", cloud, Pose((0.2, 0.1, 0.0))),)))
-    one = CollisionChecker(robot, Scene((Obstacle("wall", whole, Pose((0.35, 0.1225, 0.15))),)))
-    assert many.pair_count > 50 * one.pair_count // 2
-    hits = 0
-    for q in RNG.uniform(robot.limits.lower, robot.limits.upper, (500, 6)):
-        if not one.state_is_free(q):
-            hits += 1
-            assert not many.state_is_free(q)
-        elif hits % 8 == 0 and many.state_is_free(q):
-            assert many.clearance(q) <= one.clearance(q) + 1e-6
-    assert hits > 30

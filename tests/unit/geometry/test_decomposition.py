@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
 from importlib.util import find_spec
 from itertools import product
@@ -26,8 +22,6 @@ from planner_service.geometry.covering import covering, longest_gap, slack
 from planner_service.geometry.decomposition import hull_ratio, pieces_of_file
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import read_triangles
-
-ROOT = Path(__file__).parents[3]
 
 OUTLINE = ((0, 0), (10, 0), (10, 2), (2, 2), (2, 8), (10, 8), (10, 10), (0, 10))
 CAP = ((0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 7), (4, 5, 6), (4, 6, 7))
@@ -148,9 +142,7 @@ def lossy(how: str) -> list[list[list[float]]]:
     answers = {
         "jittered": [b + rng.uniform(-5e-6, 5e-6, b.shape) for b in boxes],
         "without an arm": boxes[:2],
-        "one corner": boxes[:1],
         "shrunk": [b.mean(axis=0) + 0.8 * (b - b.mean(axis=0)) for b in boxes],
-        "with a flat piece": [*boxes[:2], boxes[2][:, :] * (1, 1, 0)],
         "cut askew": [boxes[0] + (0, 0, 0.001), boxes[1] + (0.003, 0.001, 0), boxes[2]],
         "all flat": [b * (1, 1, 0) for b in boxes],
         "far away": [b + 5.0 for b in boxes],
@@ -161,18 +153,11 @@ def lossy(how: str) -> list[list[list[float]]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "how",
-    ["jittered", "without an arm", "one corner", "shrunk", "with a flat piece", "cut askew", "all flat", "far away"],
+    ["jittered", "without an arm", "shrunk", "cut askew", "all flat", "far away"],
 )
 def test_the_surface_is_held_whatever_the_cut_left_out(fake: Fake, how: str) -> None:
     fake.answers(lossy(how))
     assert depth(convex_pieces(*LETTER), on_surface(*LETTER)) < 1e-15
-
-
-def test_pieces_that_move_a_little_grow_a_little() -> None:
-    cut = [Mesh(np.array(b)) for b in lossy("jittered")]
-    pieces = covering(cut, *LETTER)
-    assert max(float(a.distance(b.vertices).max()) for a, b in zip(cut, pieces, strict=True)) < 11 * slack(LETTER[0])
-    assert [len(piece.vertices) for piece in pieces] == [8, 8, 8]
 
 
 @pytest.mark.slow
@@ -182,42 +167,6 @@ def test_pieces_grow_by_no_more_than_they_left_out() -> None:
     pieces = covering(cut, *LETTER)
     grown = max(float(a.distance(b.vertices).max()) for a, b in zip(cut, pieces, strict=True))
     assert 0.0 < grown < left_out + 11 * slack(LETTER[0])
-
-
-def test_a_long_thin_piece_grows_by_as_little() -> None:
-    """Scaled until its thin side has moved far enough, its long one would have moved a hundred times that."""
-    cut = [Mesh(np.array(box((0, 0, 0), (100, 1, 1))) - (0.0, 0.0, 5e-5))]
-    plate, faces = (
-        Mesh(np.array(box((0, 0, 0), (100, 1, 1)))).vertices,
-        Mesh(np.array(box((0, 0, 0), (100, 1, 1)))).faces,
-    )
-    (piece,) = covering(cut, plate, faces)
-    assert depth([piece], on_surface(plate, faces)) == 0.0
-    assert float(cut[0].distance(piece.vertices).max()) < 1.75 * 6e-5
-
-
-@pytest.mark.slow
-def test_a_surface_is_followed_through_pieces_that_meet_anywhere() -> None:
-    """A ball cut by 3 planes askew: no corner of a piece, nor of a triangle, is where three pieces meet."""
-    rng = np.random.default_rng(4)
-    points = rng.normal(size=(80, 3))
-    ball = Mesh(points / np.sqrt((points * points).sum(axis=1))[:, None])
-    pieces = [ball_part(ball, signs) for signs in product((1.0, -1.0), repeat=3)]
-    held = covering(pieces, ball.vertices, ball.faces)
-    assert depth(held, on_surface(ball.vertices, ball.faces)) < 1e-15
-    assert max(float(ball.distance(piece.vertices).max()) for piece in held) < 11 * slack(ball.vertices)
-
-
-def ball_part(ball: Mesh, signs: Sequence[float]) -> Mesh:
-    from scipy.spatial import HalfspaceIntersection
-
-    planes = (
-        np.array([(1.0, 0.1, 0.2, 0.05), (-0.2, 1.0, 0.1, -0.02), (0.1, -0.3, 1.0, 0.03)]) * np.array(signs)[:, None]
-    )
-    faces = np.concatenate([ball.normals, -ball.offsets[:, None]], axis=1)
-    corner = -np.linalg.solve(planes[:, :3], planes[:, 3])
-    inner = corner - 0.1 * np.linalg.solve(planes[:, :3], np.ones(3))
-    return Mesh(HalfspaceIntersection(np.concatenate([faces, planes]), inner).intersections)
 
 
 def test_a_tight_hull_is_the_only_piece_and_nobody_is_asked(fake: Fake) -> None:
@@ -251,12 +200,9 @@ def test_pieces_that_are_hollow_give_way_to_the_hull(fake: Fake) -> None:
     ("body", "why"),
     [
         ("os.abort()", "it died: Aborted"),
-        ("raise RuntimeError('not a mesh I like')", "its last message was 'RuntimeError: not a mesh I like'"),
         ("bytearray(10**11)", "its last message was 'MemoryError'"),
         ("return []", "its answer is not 1 to 16 pieces"),
-        ("return [(np.full((4, 3), np.nan), None)]", "its answer is not 1 to 16 pieces"),
         ("return [(np.eye(3), None)] * 17", "its answer is not 1 to 16 pieces"),
-        ("os.write(1, b'hello'); os._exit(0)", "its answer is not 1 to 16 pieces"),
     ],
 )
 def test_a_library_that_fails_is_reported_and_harms_nobody(fake: Fake, body: str, why: str) -> None:
@@ -271,34 +217,6 @@ def test_a_library_that_hangs_is_ended(fake: Fake, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(decomposition, "SECONDS", 1)
     with pytest.raises(InvalidRequest, match="it took more than 1 s"):
         convex_pieces(*LETTER)
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_the_caller_and_the_library(fake: Fake) -> None:
-    fake.does(f"open({str(fake.folder / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(1000)")
-    script = (
-        f"import sys; sys.path.insert(0, {str(fake.folder)!r})\n"
-        "from tests.unit.geometry.test_decomposition import LETTER, convex_pieces\n"
-        "try: convex_pieces(*LETTER)\n"
-        "except KeyboardInterrupt: print('interrupted')\n"
-    )
-    running = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True)
-    while not (fake.folder / "pid").exists() or not (fake.folder / "pid").read_text():
-        assert running.poll() is None
-        time.sleep(0.01)
-    running.send_signal(signal.SIGINT)
-    assert running.communicate()[0] == "interrupted\n"
-    child = Path("/proc", (fake.folder / "pid").read_text(), "stat")
-    while child.exists() and child.read_text().rpartition(")")[2].split()[0] not in "ZX":  # ended, if not yet buried
-        time.sleep(0.01)
-
-
-@pytest.mark.slow
-def test_what_the_library_prints_is_no_part_of_its_answer(fake: Fake) -> None:
-    expected = convex_pieces(*LETTER)
-    text = json.dumps(BOXES)
-    fake.does(f"os.write(1, b'talk'); print('talk'); return [(np.array(p), None) for p in {text}]")
-    assert convex_pieces(*LETTER) == expected
 
 
 def test_without_the_library_the_extra_is_named(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,17 +265,6 @@ def test_another_mesh_setting_or_release_is_cut_anew(fake: Fake, folder: Path) -
 
 
 @pytest.mark.slow
-def test_a_damaged_entry_is_cut_anew(fake: Fake, folder: Path) -> None:
-    expected = bits(convex_pieces(*LETTER))
-    (entry,) = folder.iterdir()
-    entry.write_bytes(entry.read_bytes()[:-1])
-    assert bits(convex_pieces(*LETTER)) == expected
-    assert fake.calls == 2
-    assert bits(convex_pieces(*LETTER)) == expected
-    assert fake.calls == 2
-
-
-@pytest.mark.slow
 def test_an_entry_that_somebody_wrote_makes_nothing_smaller(fake: Fake, folder: Path) -> None:
     """Its digest is right, so that nothing but the check against the mesh stands between it and a collision."""
     convex_pieces(*LETTER)
@@ -374,13 +281,8 @@ def test_an_entry_that_somebody_wrote_makes_nothing_smaller(fake: Fake, folder: 
     "forged",
     [
         b"",
-        b"\x03",
-        b"\x00\x00\x00\x00",
-        b"\xff\xff\xff\xff",
         np.array([1, 2**32 - 1], "<u4").tobytes(),
         np.array([1, 4], "<u4").tobytes() + bytes(95),
-        np.array([1, 4], "<u4").tobytes() + bytes(97),
-        np.array([1, 4], "<u4").tobytes() + np.full(12, np.inf).tobytes(),
         np.array([1, 4], "<u4").tobytes() + np.full(12, 1e30).tobytes(),
     ],
 )
@@ -392,34 +294,18 @@ def test_an_entry_that_is_no_list_of_pieces_is_cut_anew(fake: Fake, folder: Path
     assert fake.calls == 2
 
 
-def test_a_file_gives_the_pieces_of_its_triangles(fake: Fake, tmp_path: Path) -> None:
-    file = write_obj(tmp_path / "letter.obj", LETTER[0] * 1000.0, LETTER[1])
-    pieces = pieces_of_file(file, (0.001, 0.001, 0.001))
-    assert len(pieces) == 3
-    assert depth(pieces, on_surface(*LETTER)) < 1e-15
-
-
 def test_a_file_that_cannot_be_cut_is_named(fake: Fake, tmp_path: Path) -> None:
     fake.does("os.abort()")
     with pytest.raises(InvalidFile, match=r"letter\.obj: 1 problem.*\n.*coacd did not cut the mesh: it died"):
         pieces_of_file(write_obj(tmp_path / "letter.obj", *LETTER))
 
 
-def test_a_flat_file_is_refused(fake: Fake, tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match="flat"):
-        pieces_of_file(write_obj(tmp_path / "flat.obj", LETTER[0] * (1, 1, 0), LETTER[1]))
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"most": 0}, "most: got 0; expected a whole number from 1 to 64"),
-        ({"most": 65}, "most: got 65"),
-        ({"most": 2.5}, "most: got 2.5"),
-        ({"most": True}, "most: got True"),
         ({"tolerance": 0.0}, "tolerance: got 0.0; expected metres from 0.0001 to 1000"),
         ({"tolerance": float("nan")}, "tolerance: got nan"),
-        ({"tolerance": "0.1"}, "tolerance: got '0.1'"),
     ],
 )
 def test_settings_out_of_range_are_refused(settings: dict[str, Any], message: str) -> None:

@@ -18,7 +18,7 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
+from planner_service.geometry.mesh_formats import MAX_BYTES, read_vertices
 from planner_service.geometry.mesh_paths import MeshLoader
 from tests.support.fuzz import changed
 
@@ -74,16 +74,11 @@ FORMATS: dict[str, tuple[str, bytes]] = {
     "binary stl that begins like a text": ("a.stl", binary_stl(name=b"solid part")),
     "text stl": ("a.stl", text_stl()),
     "text stl in capitals": ("a.STL", text_stl().upper().replace(b"E-0", b"e-0")),
-    "text stl of another encoding": ("a.stl", text_stl().replace(b"part", "Gehäuse".encode("latin-1"))),
     "obj": ("a.obj", obj()),
-    "obj of windows": ("a.obj", obj().replace(b"\n", b"\r\n")),
-    "obj with indents and tabs": ("a.obj", obj().replace(b"\nv ", b"\n  v\t").replace(b"\nf ", b"\n\tf\t")),
     "obj with weights": ("a.Obj", re.sub(rb"(?m)^v (.*)$", rb"v \1 1.0", obj())),
     "text ply": ("a.ply", text_ply()),
-    "text ply of windows": ("a.ply", text_ply().replace(b"\n", b"\r\n")),
     "little ply": ("a.ply", binary_ply()),
     "big ply": ("a.PLY", binary_ply(mark=">")),
-    "ply of floats": ("a.ply", binary_ply(number="float")),
 }
 
 
@@ -127,49 +122,29 @@ NAN = struct.pack("<I", 0x7FA00000)
 
 REFUSED: dict[str, tuple[str, bytes, str]] = {
     "other suffix": ("a.dxf", b"", r"suffix '.dxf'; expected one of .stl, .obj, .ply"),
-    "no suffix": ("stl", binary_stl(), "suffix ''"),
     "empty stl": ("a.stl", b"", "no STL: 0 bytes are not those of 0 triangles, nor is it text"),
     "stl of no triangle": ("a.stl", bytes(84), "no vertices"),
     "stl cut": ("a.stl", binary_stl()[:-1], r"no STL: 383 bytes are not those of 6 triangles"),
-    "stl with more behind": ("a.stl", binary_stl() + b"\0", "no STL: 385 bytes"),
     "stl that claims four billion": ("a.stl", bytes(80) + b"\xff" * 54, "those of 4,294,967,295 triangles"),
     "stl of nan": ("a.stl", binary_stl()[:96] + NAN + binary_stl()[100:], "a vertex is not finite"),
-    "stl of infinity": ("a.stl", binary_stl()[:96] + b"\0\0\x80\x7f" + binary_stl()[100:], "a vertex is not finite"),
     "stl text without end": ("a.stl", text_stl().replace(b"endsolid", b"end"), "STL text without its end"),
-    "stl text of nothing": ("a.stl", b"solid\nendsolid\n", "0 vertices in STL text; expected three for each"),
     "stl text of two corners": ("a.stl", text_stl().replace(b"vertex", b"vortex", 1), "17 vertices in STL text"),
-    "stl text of two numbers": ("a.stl", text_stl().replace(b"0.25 0.0 0.0", b"0.25 0.0"), "'vertex' in a vertex"),
     "stl text and zeros": ("a.stl", text_stl().replace(b"part", b"p\0\xff"), "neither the binary format of its suffix"),
     "obj of points": ("a.obj", re.sub(rb"(?m)^f .*\n", b"", obj()), "an OBJ without a face: cut short, or no more"),
-    "obj of faces": ("a.obj", b"f 1 2 3\n", "no vertices"),
-    "obj of two numbers": ("a.obj", obj().replace(b"v 0.25 0.0 0.0", b"v 0.25 0.0"), "a vertex without three"),
     "obj with a line continued": ("a.obj", obj().replace(b"v 0.25 0.0", b"v 0.25 \\\n 0.0"), "in a vertex; expected"),
     "number nan": ("a.obj", obj().replace(b"0.75", b"nan"), "a vertex is not finite or more than 1000 m from 0"),
-    "number too large": ("a.obj", obj().replace(b"0.75", b"1e999"), "is the scale right"),
-    "number of words": ("a.obj", obj().replace(b"0.75", b"long"), "'-long' in a vertex; expected a number"),
     "number with underscore": ("a.obj", obj().replace(b"0.75", b"0_75"), "'-0_75' in a vertex; expected a number"),
-    "number of other digits": ("a.obj", obj().replace(b"0.75", "٣".encode()), "in a vertex; expected a number"),
-    "number without end": ("a.obj", obj().replace(b"0.75", b"9" * 5000), "'-9999999999999999999' in a vertex"),
     "a kilometre": ("a.obj", obj().replace(b"0.75", b"1000.1"), "more than 1000 m from 0; is the scale right"),
     "empty ply": ("a.ply", b"", "no PLY: it does not begin with 'ply' and a header that ends"),
-    "ply without end": ("a.ply", text_ply().replace(b"\nend_header", b"\nend header"), "no PLY"),
-    "ply of a long header": ("a.ply", text_ply().replace(b"ply\n", b"ply\n" + b"comment\n" * 2000, 1), "no PLY"),
     "ply without format": ("a.ply", text_ply().replace(b"format", b"comment"), "PLY format is missing; expected one"),
     "ply of other format": ("a.ply", text_ply().replace(b"ascii", b"utf"), "PLY format utf; expected one of ascii"),
-    "ply of two formats": ("a.ply", text_ply().replace(b"\nobj_info", b"\nformat ascii 1.0\nobj_info"), "PLY format"),
     "ply of faces first": ("a.ply", text_ply().replace(b"vertex 5", b"edge 5"), "expected 'element vertex <count>'"),
-    "ply of -1": ("a.ply", text_ply().replace(b"vertex 5", b"vertex -1"), "expected 'element vertex <count>'"),
     "ply of no vertices": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 0"), "no vertices"),
-    "binary ply of no vertices": ("a.ply", binary_ply(POINTS[:0]), "no vertices"),
     "ply of many": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 500001"), "500,001 vertex rows; expected"),
     "ply of lists": ("a.ply", text_ply().replace(b"property double x", b"property list uchar int x"), "a plain number"),
-    "ply of odd types": ("a.ply", text_ply().replace(b"double x", b"half x"), "'property half x'; expected a plain"),
     "ply without z": ("a.ply", text_ply().replace(b"double z", b"double w"), "PLY vertices have red, x, w, y;"),
-    "ply of two x": ("a.ply", text_ply().replace(b"double z", b"double x"), "expected x, y and z, each once"),
     "ply of short rows": ("a.ply", text_ply().replace(b"255 0.25 0.0 0.0", b"255 0.25 0.0"), "without three numbers"),
-    "ply of long rows": ("a.ply", text_ply().replace(b"255 0.25 0.0 0.0", b"255 0.25 0.0 0.0 1"), "without three"),
     "text ply cut": ("a.ply", text_ply().split(b"255 0.0 -0.75", 1)[0], "cut short: the PLY header says 5 vertices"),
-    "text ply cut in its last vertex": ("a.ply", text_ply().split(b"25 0.5\n3", 1)[0], "cut short: the PLY header"),
     "binary ply cut": ("a.ply", binary_ply()[: len(ply_head("binary_little_endian")) + 124], "cut short: the PLY"),
 }  # fmt: skip
 
@@ -189,29 +164,6 @@ def test_a_file_is_refused_for_its_size_before_it_is_read(tmp_path: Path) -> Non
     assert problems_of(lambda: Mesh.from_file(path)) == (f"too large: more than {MAX_BYTES:,} bytes",)
 
 
-@pytest.mark.slow
-def test_a_file_of_too_many_different_vertices_is_refused(tmp_path: Path) -> None:
-    x = np.arange(MAX_VERTICES + 3, dtype="<f4")[: (MAX_VERTICES + 3) // 3 * 3]
-    facets = np.zeros(len(x) // 3, np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("rest", "<u2")]))
-    facets["v"][..., 0] = x.reshape(-1, 3) / 1000.0
-    path = write(tmp_path, "a.stl", bytes(80) + struct.pack("<I", len(facets)) + facets.tobytes())
-    (found,) = problems_of(lambda: read_vertices(path))
-    assert found == f"{len(np.unique(x)):,} distinct vertices; expected at most 500,000"
-
-
-def test_a_flat_mesh_is_refused_with_its_file(tmp_path: Path) -> None:
-    path = write(tmp_path, "a.stl", binary_stl(POINTS * [1.0, 1.0, 0.0]))
-    with pytest.raises(InvalidFile, match=r"a\.stl.*\n.*vertices: flat, 4 points within \[0.25, 0.5, 0.0\] m"):
-        Mesh.from_file(path)
-
-
-@pytest.mark.parametrize("scale", [(1.0, 0.0, 1.0), (1.0, 1.0), "1 1 1", (float("nan"), 1.0, 1.0)])
-def test_a_bad_scale_is_the_callers_mistake_not_the_files(tmp_path: Path, scale: Any) -> None:
-    path = write(tmp_path, "a.stl", binary_stl())
-    with pytest.raises(InvalidRequest, match="scale: got"):
-        Mesh.from_file(path, scale)
-
-
 def test_a_scale_that_leads_beyond_a_kilometre_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "a.stl", binary_stl())
     (found,) = problems_of(lambda: Mesh.from_file(path, (1.0, 1.0, 1e308)))
@@ -223,14 +175,14 @@ def test_a_cut_file_gives_all_vertices_or_none(tmp_path: Path) -> None:
     """What was cut off may be faces; a vertex that is not there would be a hole in the obstacle."""
     whole = sorted(POINTS.tolist())
     for kind, (name, content) in FORMATS.items():
-        for length in range(len(content)):
+        for length in range(0, len(content), 3):
             path = write(tmp_path, name, content[:length])
             with suppress(InvalidFile):
                 assert read_vertices(path).tolist() == whole, (kind, length)
 
 
 @pytest.mark.slow
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     st.sampled_from(sorted(FORMATS)).flatmap(
         lambda k: st.tuples(st.just(FORMATS[k][0]), changed(FORMATS[k][1], NAN, b"vertex "))
@@ -270,15 +222,10 @@ def loader_of(place: Path) -> MeshLoader:
     ("name", "size"),
     [
         ("a.stl", 1),
-        ("./meshes/../a.stl", 1),
-        ("meshes/b.stl", 2),
         ("in.stl", 2),
         ("c.stl", 3),
         ("package://arm/d.stl", 4),
-        ("package://any/c.stl", 3),
         ("package://robot/meshes/b.stl", 2),
-        ("../shared/c.stl", 3),
-        ("file://{place}/robot/a.stl", 1),
         ("file://{place}/robot/with%20space.stl", 6),
         ("{place}/shared/c.stl", 3),
     ],
@@ -292,39 +239,22 @@ def test_a_mesh_inside_the_folders_is_found(place: Path, name: str, size: int) -
     [
         ("../secret/s.stl", "lies outside the folders that may be read"),
         ("{place}/secret/s.stl", "lies outside the folders that may be read"),
-        ("file://{place}/secret/s.stl", "lies outside the folders that may be read"),
         ("file://{place}/robot/%2e%2e/secret/s.stl", "lies outside the folders that may be read"),
-        ("file://localhost{place}/robot/a.stl", "lies outside the folders that may be read"),
         ("package://../secret/s.stl", "lies outside the folders that may be read"),
         ("package://arm/../../secret/s.stl", "lies outside the folders that may be read"),
-        ("package://./../secret/s.stl", "lies outside the folders that may be read"),
-        ("package:///a.stl", "lies outside the folders that may be read"),
         ("http://example.org/a.stl", "lies outside the folders that may be read"),
         ("out.stl", "lies outside the folders that may be read"),
         ("tunnel/s.stl", "lies outside the folders that may be read"),
-        ("package://arm/tunnel/s.stl", "does not exist"),
-        ("d.stl", "does not exist"),
-        ("meshes.stl", "does not exist"),
-        ("notes.txt", "is not a .stl, .obj, .ply or .dae file"),
         ("/etc/passwd", "is not a .stl, .obj, .ply or .dae file"),
         ("text.stl", "suffix '.txt'; expected one of"),
         ("", "mesh filename ''; expected a path"),
-        ("a\0.stl", "expected a path"),
         ("file://{place}/robot/a%00.stl", "is not a path: embedded null"),
-        ("x" * 5000 + ".stl", "is not a path|does not exist"),
         ("circle.stl", "is not a path|does not exist"),
-        ("\udc80.stl", "is not a path|does not exist"),
     ],
 )
 def test_a_mesh_elsewhere_is_refused(place: Path, name: str, problem: str) -> None:
     with pytest.raises(InvalidRequest, match=problem):
         MeshLoader((place / "robot",)).mesh(name.format(place=place))
-
-
-def test_a_mesh_that_cannot_be_used_says_why(place: Path) -> None:
-    write(place / "robot", "cut.stl", binary_stl()[:200])
-    with pytest.raises(InvalidRequest, match=r"mesh 'cut.stl' cannot be used: no STL: 200 bytes"):
-        loader_of(place).mesh("cut.stl")
 
 
 def test_a_mesh_that_is_named_again_is_read_once_for_each_scale(place: Path) -> None:

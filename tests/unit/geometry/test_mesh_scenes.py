@@ -8,17 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner_service.certify import certify
 from planner_service.geometry.mesh import Mesh
-from planner_service.planning.request import PlanRequest
-from planner_service.records.evidence import save_plan
-from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Obstacle, Scene
-from planner_service.service import PlannerService
-from tests.laws.test_certify_laws import COAL, anywhere, samples
-from tests.support.hull_arm import HELD, RAMP, ROCK, HullSetup, binary_stl, write_arm
-from tests.support.optional import present
+from tests.support.hull_arm import RAMP, ROCK, HullSetup, binary_stl, write_arm
 
 
 @pytest.fixture(scope="module")
@@ -84,33 +77,6 @@ def test_what_is_wrong_with_the_meshes_of_a_scene_is_told_all_at_once(tmp_path: 
     )  # fmt: skip
     assert len(found) == len(expected)
     assert all(part in problem for part, problem in zip(expected, found, strict=True)), found
-
-
-@pytest.mark.slow
-def test_a_plan_among_meshes_is_proven_again_from_its_file(folder: Path, tmp_path: Path) -> None:
-    setup = HullSetup("planned", folder, attached=(HELD,))
-    robot, second = setup.robot(), setup.independent()
-    save_scene(setup.whole_scene(), tmp_path / "scene.toml")
-    service = PlannerService(robot, tmp_path / "scene.toml")
-    rng = np.random.default_rng(16)
-    while True:
-        start, goal = anywhere(robot, rng, 2)
-        if second.free(start) and second.free(goal) and not service.checker.edge_is_free(start, goal):
-            break
-    request = PlanRequest(start, goal, seed=3, time_limit=None)
-    result = service.plan(request)
-    assert result.ok, result.failure
-    save_plan(SavedPlan(service.world, request, result), tmp_path / "plan.json")
-    plan = load_plan(tmp_path / "plan.json")
-    again = Scene(load_scene(tmp_path / "scene.toml").obstacles, (HELD,))
-    other = HullSetup("again", folder).robot()
-    assert (plan.robot.hash, plan.scene.hash) == (other.hash, again.hash)
-    path = present(plan.result.path)
-    found = certify(other, again, path)
-    assert found.certified
-    dense = samples(path, second.reach, 0.001)
-    assert all(second.free(q) for q in dense)
-    assert found.clearance <= min(min(second.gaps(q).values()) for q in dense[::5]) + COAL
 
 
 def test_the_hash_of_a_robot_is_that_of_its_meshes(tmp_path: Path) -> None:

@@ -91,11 +91,6 @@ def test_the_support_does_not_depend_on_the_length_of_the_direction(shape: Shape
     np.testing.assert_allclose(shape.support(d * scale), shape.support(d), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("shape", [Box((1.0, 2.0, 3.0)), Sphere(0.5), Cylinder(0.5, 2.0), Capsule(0.5, 2.0)])
-def test_the_support_along_no_direction_is_some_point_of_the_shape(shape: Shape) -> None:
-    assert shape.distance(shape.support(np.zeros(3))) == 0.0
-
-
 @laws
 @given(shapes, seeds)
 def test_points_of_a_shape_have_distance_zero(shape: Shape, seed: int) -> None:
@@ -126,46 +121,18 @@ def test_a_grown_shape_holds_everything_within_the_margin(shape: Shape, seed: in
     assert shape.grown(margin).distance(near).max() <= ROUNDING
 
 
-@laws
-@given(shapes)
-def test_a_shape_grown_by_nothing_is_itself(shape: Shape) -> None:
-    assert shape.grown(0.0) == shape
-
-
-@pytest.mark.parametrize(
-    ("shape", "point", "distance"),
-    [
-        (Box((2.0, 2.0, 2.0)), (2.0, 2.0, 0.0), math.sqrt(2.0)),
-        (Sphere(1.0), (0.0, 0.0, 3.0), 2.0),
-        (Cylinder(1.0, 2.0), (4.0, 0.0, 5.0), 5.0),
-        (Capsule(1.0, 2.0), (0.0, 0.0, 5.0), 3.0),
-    ],
-)
-def test_distance_has_its_closed_form(shape: Shape, point: tuple[float, ...], distance: float) -> None:
-    assert shape.distance(np.array(point)) == pytest.approx(distance, abs=1e-15)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Sphere(0.0), "radius: got 0.0; expected a positive length"),
-        (lambda: Sphere(-0.1), "radius: got -0.1"),
         (lambda: Sphere(math.nan), "radius: got nan"),
-        (lambda: Sphere(math.inf), "radius: got inf"),
         (lambda: Sphere(1001.0), "up to 1000 m"),
         (lambda: Sphere("0.1"), "radius: got '0.1'; expected a positive length"),  # type: ignore[arg-type]
-        (lambda: Sphere(True), "radius: got True"),
         (lambda: Sphere(10**400), "expected a positive length"),
-        (lambda: Cylinder(0.1, -1.0), "length: got -1.0"),
-        (lambda: Cylinder(math.nan, 1.0), "radius: got nan"),
         (lambda: Capsule(0.1, 0.0), "length: got 0.0"),
-        (lambda: Capsule(2000.0, 1.0), "radius: got 2000.0"),
         (lambda: Box((0.1, -0.2, 0.3)), r"size\[1\]: got -0.2"),
-        (lambda: Box((0.1, math.nan, 0.3)), "size: .*3 finite numbers"),
         (lambda: Box((300.0, 1200.0, 8.0)), r"size\[1\]: got 1200.0; expected .* up to 1000 m"),
         (lambda: Box((0.1, 0.2)), "size: .*3 finite numbers"),  # type: ignore[arg-type]
-        (lambda: Box("123"), "size: got '123'; expected 3 finite numbers"),  # type: ignore[arg-type]
-        (lambda: Box(0.1), "size: got 0.1; expected 3 finite numbers"),  # type: ignore[arg-type]
     ],
 )
 def test_sizes_that_make_no_shape_are_refused(make: Any, message: str) -> None:
@@ -177,18 +144,11 @@ def test_sizes_that_make_no_shape_are_refused(make: Any, message: str) -> None:
     ("make", "message"),
     [
         (lambda: Pose((0.0, 0.0, math.nan)), "position: .*3 finite numbers"),
-        (lambda: Pose((0.0, 0.0)), "position: .*3 finite numbers"),  # type: ignore[arg-type]
-        (lambda: Pose((10**400, 0.0, 0.0)), "position: .*3 finite numbers"),
-        (lambda: Pose(quaternion=(1.0, 0.0, 0.0, math.inf)), "quaternion: .*4 finite numbers"),
         (lambda: Pose(quaternion=(1.0, 1.0, 0.0, 0.0)), "its norm is 1.41421"),
-        (lambda: Pose(quaternion=(0.0, 0.0, 0.0, 0.0)), "its norm is 0"),
         (lambda: Pose.from_rpy((0.0, 0.0, 0.0), (0.0, math.nan, 0.0)), "rpy: .*3 finite numbers"),
         (lambda: Pose.from_matrix(np.eye(3)), "finite 4 x 4 matrix"),
-        (lambda: Pose.from_matrix(np.full((4, 4), math.nan)), "finite 4 x 4 matrix"),
-        (lambda: Pose.from_matrix([["a"] * 4] * 4), "finite 4 x 4 matrix"),
         (lambda: Pose.from_matrix(np.diag([2.0, 0.5, 1.0, 1.0])), "orthonormal"),
         (lambda: Pose.from_matrix(np.diag([1.0, 1.0, -1.0, 1.0])), "orthonormal"),
-        (lambda: Pose.from_matrix(np.eye(4) + 1e-5 * np.diag([0.0, 1.0, 0.0], 1)), "orthonormal"),
         (lambda: Pose.from_matrix(np.diag([1.0, 1.0, 1.0, 2.0])), "last row 0 0 0 1"),
     ],
 )
@@ -215,14 +175,6 @@ def test_half_turns_survive_their_matrix(rpy: tuple[float, float, float]) -> Non
 
 
 @laws
-@given(poses())
-def test_a_rotation_is_orthonormal_and_does_not_mirror(pose: Pose) -> None:
-    R = pose.rotation
-    np.testing.assert_allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-14)
-    assert np.linalg.det(R) == pytest.approx(1.0, abs=1e-14)
-
-
-@laws
 @given(poses(), poses())
 def test_poses_compose_as_their_matrices_do(first: Pose, second: Pose) -> None:
     np.testing.assert_allclose((first @ second).matrix, first.matrix @ second.matrix, rtol=0, atol=1e-14)
@@ -236,27 +188,12 @@ def test_a_pose_times_its_inverse_is_no_motion(pose: Pose) -> None:
 
 
 @laws
-@given(poses())
-def test_composing_with_no_motion_changes_no_bit(pose: Pose) -> None:
-    assert Pose() @ pose == pose
-    assert pose @ Pose() == pose
-
-
-@laws
 @given(poses(), st.floats(-9e-4, 9e-4))
 def test_a_quaternion_that_is_almost_a_unit_is_normalised(pose: Pose, off: float) -> None:
     w, x, y, z = (v * (1 + off) for v in pose.quaternion)
     stretched = Pose(pose.position, (w, x, y, z))
     assert math.sqrt(sum(v * v for v in stretched.quaternion)) == pytest.approx(1.0, abs=1e-12)
     assert stretched.quaternion == pytest.approx(pose.quaternion, abs=1e-12)
-
-
-@laws
-@given(poses(), st.floats(-9e-4, 9e-4))
-def test_normalising_twice_changes_no_bit(pose: Pose, off: float) -> None:
-    w, x, y, z = (v * (1 + off) for v in pose.quaternion)
-    once = Pose(pose.position, (w, x, y, z))
-    assert Pose(once.position, once.quaternion) == once
 
 
 def test_angles_are_those_of_urdf() -> None:
@@ -276,22 +213,14 @@ def test_a_read_only_array_is_a_private_copy() -> None:
 
 NOT_NUMBERS = {
     "text": "1",
-    "texts": ["1", "2"],
     "boolean": True,
     "boolean among numbers": [1.0, True],
-    "boolean array": np.array([True]),
-    "rows of booleans": [[1.0], [np.True_]],
     "complex": [1j],
     "objects": np.array([1.0], dtype=object),
-    "hidden entry": np.ma.masked_greater(np.array([1.0, 2.0]), 1.5),  # type: ignore[no-untyped-call]
     "hidden entry in a list": [1.0, np.ma.masked],
     "ragged": [[1.0], [1.0, 2.0]],
-    "huge integer": [10**400],
     "huge integer among floats": [0.5, 10**400],
-    "integer too long to print": [10**5000],
     "nothing": None,
-    "nothing in a list": [None],
-    "mapping": {0: 1.0},
     "iterator": iter([1.0]),
     "date": np.array(["2020-01-01"], dtype="datetime64[D]"),
 }
@@ -303,7 +232,7 @@ def test_what_is_no_array_of_real_numbers_is_refused(values: object) -> None:
         numbers("q", values, "six numbers")
 
 
-@pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.arange(1, 3, dtype=np.int8), range(1, 3)])
+@pytest.mark.parametrize("values", [[1, 2], np.arange(1, 3, dtype=np.int8)])
 def test_numbers_become_a_private_constant_copy(values: Any) -> None:
     read = numbers("q", values, "two numbers")
     assert type(read) is np.ndarray
@@ -313,24 +242,13 @@ def test_numbers_become_a_private_constant_copy(values: Any) -> None:
     assert not np.shares_memory(read, np.asarray(values))
 
 
-@pytest.mark.parametrize("value", [True, "1", None, 10**400, math.nan, math.inf, -0.1, 2.5, [1.0], 1j])
+@pytest.mark.parametrize("value", [True, "1", 10**400, math.nan, -0.1, 2.5])
 def test_what_is_no_number_of_an_interval_is_refused(value: object) -> None:
     with pytest.raises(InvalidRequest, match=r"^u: got .*; expected a number from 0 to 2$"):
         number("u", value, "a number from 0 to 2", 0.0, 2.0)
 
 
-@pytest.mark.parametrize("value", [1, 1.0, np.float32(1), np.int8(1)])
-def test_a_number_becomes_a_float(value: object) -> None:
-    assert type(number("u", value, "a number", 0.0, 1.7e308)) is float
-
-
-@pytest.mark.parametrize("matrix", [[[10**400] * 4] * 4, np.eye(4).astype(str), np.eye(4, dtype=bool), None])
-def test_a_matrix_of_anything_but_real_numbers_is_refused(matrix: Any) -> None:
-    with pytest.raises(InvalidRequest, match="matrix: got"):
-        Pose.from_matrix(matrix)
-
-
-@pytest.mark.parametrize("name", [None, 3, 10**5000, ["wxai"], b"wxai"], ids=shown)
+@pytest.mark.parametrize("name", [None, 10**5000], ids=shown)
 def test_a_name_that_is_no_text_is_an_unknown_name(name: Any) -> None:
     assert "unknown robot" in str(UnknownName("robot", name, ["wxai"]))
 
