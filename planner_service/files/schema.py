@@ -13,13 +13,15 @@ import re
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -34,6 +36,7 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from planner_service.errors import InvalidFile, InvalidRequest
@@ -74,6 +77,9 @@ UNREAD = "unread"
 
 MAX_WAYPOINTS = 100_000
 
+MAX_ENTRIES = 1_000
+"""Of a list whose record does not say how many it may have."""
+
 MAX_LABEL = 64
 """Characters of a name by which an entry of a list is shown."""
 
@@ -106,13 +112,43 @@ class Reading:
 class Record(BaseModel):
     """A part of a file: an object with the keys that the class declares, and no others.
 
-    Attributes:
-        makes: The class of ``value``, called with ``arguments``; None if there is no value.
+    Args:
+        makes: The class of ``value``, called with ``arguments``. The record has all its fields, in their order, each as
+            its type says unless the record declares it; those that only the record has come first.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
     makes: ClassVar[Callable[..., Any] | None] = None
+    models: ClassVar[dict[Any, type[Record]]] = {}
+
+    def __init_subclass__(cls, makes: type[Any] | None = None, **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        if makes is not None:
+            cls.makes, cls.models[makes] = makes, cls
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, makes: type[Any] | None = None, **settings: Any) -> None:
+        if makes is None:
+            return
+        own, hints = cls.__pydantic_fields__, get_type_hints(makes)
+        names = getattr(makes, "_fields", None) or [each.name for each in fields(makes)]
+        made = {name: own.get(name) or FieldInfo.from_annotation(cls._annotation(hints[name])) for name in names}
+        cls.__pydantic_fields__ = {name: info for name, info in own.items() if name not in made} | made
+        cls.model_rebuild(force=True)
+
+    @classmethod
+    def _annotation(cls, hint: Any) -> Any:
+        """What a field of a record is, by the type of what it makes."""
+        parts = get_args(hint)
+        if type(None) in parts:
+            (given,) = (part for part in parts if part is not type(None))
+            return cls._annotation(given) | None
+        if parts and parts[-1] is Ellipsis:
+            entry: Any = cls._annotation(parts[0])
+            listed = list[entry] if parts[0] in cls.models else Annotated[list[entry], FirstOnly()]
+            return Annotated[listed, at_most(MAX_ENTRIES)]
+        return cls.models[hint] if hint in cls.models else ANNOTATIONS[hint]
 
     @classmethod
     def of(cls: type[R], value: Any) -> R:
@@ -441,3 +477,17 @@ Joints = Annotated[Numbers, ONE_PER_JOINT]
 
 Rows = Annotated[list[Joints], FirstOnly(), at_most(MAX_WAYPOINTS)]
 NamePair = Annotated[list[Text], of_length(2, "two names")]
+
+ANNOTATIONS: Mapping[Any, Any] = MappingProxyType(
+    {
+        float: float,
+        int: Count,
+        str: Text,
+        bool: bool,
+        NDArray[np.float64]: Joints,
+        tuple[str, str]: NamePair,
+        tuple[float, float]: Vector2,
+        tuple[float, float, float]: Vector3,
+    }
+)
+"""What fields of a record are, by their types in the class that it makes."""

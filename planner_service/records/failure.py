@@ -38,13 +38,9 @@ CauseName = Annotated[str, AfterValidator(_one_of(Cause))]
 SlipName = Annotated[str, AfterValidator(_one_of(Slip))]
 
 
-class ContactRecord(schema.Record):
+class ContactRecord(schema.Record, makes=Contact):
     """A ``Contact``."""
 
-    makes = Contact
-
-    a: schema.Text
-    b: schema.Text
     depth: float = Field(alias="depth_at_most")
 
 
@@ -60,17 +56,11 @@ class BlockedRecord(schema.Record):
         return self.a, self.b, self.share
 
 
-class LimitExcessRecord(schema.Record):
+class LimitExcessRecord(schema.Record, makes=LimitExcess):
     """A ``LimitExcess``."""
 
-    makes = LimitExcess
 
-    joint: schema.Text
-    needed: float
-    limit: float
-
-
-class SuggestionRecord(schema.Record):
+class SuggestionRecord(schema.Record, makes=Suggestion):
     """A ``Suggestion``."""
 
     slips: Annotated[list[SlipName], schema.at_most(len(Slip))]
@@ -81,20 +71,15 @@ class SuggestionRecord(schema.Record):
         return Suggestion(tuple(map(Slip, self.slips)), self.pose.value)
 
 
-class UnreachableRecord(schema.Record):
+class UnreachableRecord(schema.Record, makes=Unreachable):
     """An ``Unreachable``."""
 
     cause: CauseName
-    nearest: schema.Joints
-    position: schema.Vector3
-    gap: float
-    turn: float
-    beyond: LimitExcessRecord | None
-    suggestion: SuggestionRecord | None
 
     @cached_property
     def value(self) -> Unreachable:
-        return Unreachable(**self.arguments | {"cause": Cause(self.cause), "nearest": read_only(self.nearest)})
+        arguments = self.arguments
+        return Unreachable(**arguments | {"cause": Cause(self.cause), "nearest": read_only(arguments["nearest"])})
 
 
 class FailureRecord(schema.GrownRecord):

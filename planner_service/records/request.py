@@ -192,13 +192,9 @@ def _choice(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | Non
     return {"name": chosen.name, "settings": {item.name: plain(getattr(chosen, item.name)) for item in fields(chosen)}}
 
 
-class PayloadRecord(Record):
+class PayloadRecord(Record, makes=Payload):
     """A ``Payload``."""
 
-    makes = Payload
-
-    mass: float
-    com: Vector3
     inertia: Annotated[Numbers, of_length(6, "6 finite numbers")]
 
 

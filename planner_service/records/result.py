@@ -79,14 +79,9 @@ Unbounded = Annotated[float | None, BeforeValidator(_null_for_infinity)]
 """Null where it is infinite."""
 
 
-class CountsRecord(schema.GrownRecord):
+class CountsRecord(schema.GrownRecord, makes=CheckCounts):
     """``CheckCounts``."""
 
-    makes = CheckCounts
-
-    states: schema.Count
-    edges: schema.Count
-    distances: schema.Count
     projections: schema.Count = 0
 
 
@@ -112,78 +107,36 @@ class StageRecord(schema.GrownRecord):
         return StageReport(Stage(self.stage), counts, self.seconds, self.length, self.note)
 
 
-class ExemptRecord(schema.GrownRecord):
+class ExemptRecord(schema.GrownRecord, makes=ExemptInterval):
     """An ``ExemptInterval``."""
 
-    makes = ExemptInterval
-
-    s_start: float
-    s_end: float
     pairs: PairList
     reason: schema.Prose
     depth: float | None = None
 
 
-class NearEndRecord(schema.Record):
+class NearEndRecord(schema.Record, makes=NearEnd):
     """A ``NearEnd``."""
 
-    makes = NearEnd
-
-    s_start: float
-    s_end: float
     pairs: PairList
 
 
-class RefusalRecord(schema.Record):
+class RefusalRecord(schema.Record, makes=Refusal):
     """A ``Refusal``."""
 
-    makes = Refusal
-
-    s_start: float
-    s_end: float
-    s: float
-    a: schema.Text
-    b: schema.Text
     detail: schema.Prose
-    spent: bool
 
 
-class KeptBoundRecord(schema.Record):
+class KeptBoundRecord(schema.Record, makes=KeptBound):
     """A ``KeptBound``."""
 
-    makes = KeptBound
 
-    quantity: schema.Text
-    bound: float
-    tolerance: float
-    unit: schema.Text
-
-
-class KeptRecord(schema.Record):
+class KeptRecord(schema.Record, makes=Kept):
     """A ``Kept``."""
 
-    makes = Kept
 
-    name: schema.Text
-    bounds: Annotated[list[KeptBoundRecord], schema.at_most(MAX_ENTRIES)]
-
-
-class KeptRefusalRecord(schema.Record):
+class KeptRefusalRecord(schema.Record, makes=KeptRefusal):
     """A ``KeptRefusal``."""
-
-    makes = KeptRefusal
-
-    s_start: float
-    s_end: float
-    s: float
-    index: schema.Count
-    name: schema.Text
-    quantity: schema.Text
-    deviation: float
-    tolerance: float
-    unit: schema.Text
-    spent: bool
-    broken: Annotated[list[schema.Vector2], schema.FirstOnly(), schema.at_most(MAX_ENTRIES)]
 
 
 class CertificateRecord(schema.GrownRecord):
@@ -231,26 +184,19 @@ class GripperMotionRecord(schema.GrownRecord):
     travel: Annotated[float, Field(gt=0.0)] | None = None
 
 
-class PeakRecord(schema.Record):
+class PeakRecord(schema.Record, makes=Peak):
     """A ``Peak``."""
 
     ratio: Unbounded
-    joint: schema.Count
-    time: float
 
     @cached_property
     def value(self) -> Peak:
-        return Peak(_or_infinity(self.ratio), self.joint, self.time)
+        return Peak(**self.arguments | {"ratio": _or_infinity(self.ratio)})
 
 
-class PeaksRecord(schema.GrownRecord):
+class PeaksRecord(schema.GrownRecord, makes=LimitPeaks):
     """``LimitPeaks``."""
 
-    makes = LimitPeaks
-
-    velocity: PeakRecord
-    acceleration: PeakRecord
-    jerk: PeakRecord
     torques: Annotated[list[PeakRecord], schema.at_most(MAX_ENTRIES)] = Field(default_factory=list)
 
 
@@ -268,29 +214,13 @@ class MotionRecord(schema.Record):
         return MotionReport(**self.arguments | {"stop_duration": _or_infinity(self.stop_duration)})
 
 
-class FiguresRecord(schema.Record):
+class FiguresRecord(schema.Record, makes=Figures):
     """``Figures``."""
 
-    makes = Figures
 
-    cost: float
-    length: float
-    roughness: float
-    clearance: float
-    shortfall: float
-
-
-class PolishRecord(schema.Record):
+class PolishRecord(schema.Record, makes=PolishReport):
     """A ``PolishReport``."""
 
-    makes = PolishReport
-
-    method: schema.Text
-    kept: bool
-    before: FiguresRecord
-    after: FiguresRecord
-    iterations: schema.Count
-    gradients: schema.Count
     note: schema.Prose
 
 

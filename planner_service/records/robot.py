@@ -16,7 +16,6 @@ from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.records.scene import ShapeRecord
-from planner_service.records.values import PoseRecord
 from planner_service.robot.gripper import FingerTurn, Gripper
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import MAX_MULTIPLIER, MIN_MULTIPLIER, Body, LinkFrame, LinkShape
@@ -55,16 +54,8 @@ def _require_unit(field: str, values: list[float]) -> None:
         raise InvalidRequest(field, values, "a unit vector")
 
 
-class LimitsRecord(schema.Record):
+class LimitsRecord(schema.Record, makes=JointLimits):
     """``JointLimits``."""
-
-    makes = JointLimits
-
-    lower: schema.Joints
-    upper: schema.Joints
-    velocity: schema.Joints
-    acceleration: schema.Joints
-    jerk: schema.Joints
 
 
 class NamedPoseRecord(schema.Record):
@@ -111,33 +102,20 @@ class BodyRecord(schema.GrownRecord):
         return Body(self.name, self.parent, placement, axis, self.prismatic, self.q_index, self.multiplier)
 
 
-class LinkShapeRecord(schema.Record):
+class LinkShapeRecord(schema.Record, makes=LinkShape):
     """A ``LinkShape``."""
 
-    makes = LinkShape
-
     link: schema.Text
-    body: schema.Count
     shape: ShapeRecord
-    pose: PoseRecord
 
 
-class LinkFrameRecord(schema.Record):
+class LinkFrameRecord(schema.Record, makes=LinkFrame):
     """A ``LinkFrame``."""
 
-    makes = LinkFrame
 
-    link: schema.Text
-    body: schema.Count
-    pose: PoseRecord
-
-
-class ContactRecord(schema.Record):
+class ContactRecord(schema.Record, makes=AllowedContact):
     """An ``AllowedContact``."""
 
-    makes = AllowedContact
-
-    links: schema.NamePair
     reason: schema.Prose
 
 
@@ -200,27 +178,18 @@ class GripperRecord(schema.GrownRecord):
         return Gripper(**self.arguments)
 
 
-class RetreatRecord(schema.Record):
+class RetreatRecord(schema.Record, makes=ExemptRetreat):
     """An ``ExemptRetreat``."""
 
-    makes = ExemptRetreat
-
-    pose: schema.Text
-    to: schema.Joints
     pairs: Pairs
     reason: schema.Prose
 
 
-class LinkInertiaRecord(schema.Record):
+class LinkInertiaRecord(schema.Record, makes=LinkInertia):
     """A ``LinkInertia``."""
 
-    makes = LinkInertia
-
-    link: schema.Text
-    body: schema.Count
     mass: Annotated[float, Field(gt=0.0, le=1e9)]
     tensor: Annotated[schema.Numbers, schema.of_length(6, "6 finite numbers")]
-    pose: PoseRecord
 
 
 class DynamicsRecord(schema.Record):

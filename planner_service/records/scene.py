@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from planner_service.errors import InvalidRequest
-from planner_service.files.schema import Count, GrownRecord, Reading, Record, Text, Vector3, at_most
+from planner_service.files.schema import Count, GrownRecord, Reading, Record, Text, at_most
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import MAX_HULL, Mesh
@@ -70,42 +70,28 @@ def unpacked(field: str, text: str, kind: str, columns: int) -> FloatArray:
     return np.frombuffer(data, dtype=kind).reshape(-1, columns)
 
 
-class BoxRecord(KindRecord):
+class BoxRecord(KindRecord, makes=Box):
     """A ``Box``."""
 
-    makes = Box
-
     kind: Literal["box"] = "box"
-    size: Vector3
 
 
-class SphereRecord(KindRecord):
+class SphereRecord(KindRecord, makes=Sphere):
     """A ``Sphere``."""
 
-    makes = Sphere
-
     kind: Literal["sphere"] = "sphere"
-    radius: float
 
 
-class CylinderRecord(KindRecord):
+class CylinderRecord(KindRecord, makes=Cylinder):
     """A ``Cylinder``."""
 
-    makes = Cylinder
-
     kind: Literal["cylinder"] = "cylinder"
-    radius: float
-    length: float
 
 
-class CapsuleRecord(KindRecord):
+class CapsuleRecord(KindRecord, makes=Capsule):
     """A ``Capsule``."""
 
-    makes = Capsule
-
     kind: Literal["capsule"] = "capsule"
-    radius: float
-    length: float
 
 
 def _within_reason(vertices: str, info: ValidationInfo) -> str:
@@ -243,24 +229,16 @@ SolidRecord = Annotated[
 """What an obstacle or an attached object may be."""
 
 
-class ObstacleRecord(Record):
+class ObstacleRecord(Record, makes=Obstacle):
     """An ``Obstacle``."""
 
-    makes = Obstacle
-
-    name: Text
     shape: SolidRecord
-    pose: PoseRecord
 
 
-class AttachedRecord(GrownRecord):
+class AttachedRecord(GrownRecord, makes=Attached):
     """An ``Attached`` object."""
 
-    makes = Attached
-
-    name: Text
     shape: SolidRecord
-    pose: PoseRecord
     touch_links: Annotated[list[Text], at_most(1_000)]
     constraints: Constraints = Field(default_factory=list)
     mass: float | None = None

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, ValidationInfo
 
 from planner_service.constraints.values import MAX_CONSTRAINTS, JointRange, ToolRegion
-from planner_service.files.schema import Reading, Record, Text, Vector3, Vector4, at_most, of_length
+from planner_service.files.schema import Reading, Record, Text, Vector4, at_most, of_length
 from planner_service.geometry.shapes import Pose
 
 __all__ = ["Constraints", "KindRecord", "PoseRecord"]
@@ -18,12 +18,9 @@ __all__ = ["Constraints", "KindRecord", "PoseRecord"]
 Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no bound")]
 
 
-class PoseRecord(Record):
+class PoseRecord(Record, makes=Pose):
     """A ``Pose``."""
 
-    makes = Pose
-
-    position: Vector3
     quaternion: Vector4 = Field(alias="quaternion_wxyz")
 
 
@@ -68,15 +65,10 @@ def _or_infinity(bounds: Sequence[float | None], infinity: float) -> tuple[float
     return tuple(infinity if bound is None else bound for bound in bounds)
 
 
-class JointRangeRecord(KindRecord):
+class JointRangeRecord(KindRecord, makes=JointRange):
     """A ``JointRange``."""
 
-    makes = JointRange
-
     kind: Literal["joint range"] = "joint range"
-    joint: Text
-    lower: float
-    upper: float
 
 
 def _recorded(constraint: Any, info: ValidationInfo) -> Any:

@@ -87,23 +87,17 @@ class Checked:
     counts: CheckCounts
 
 
-class StateReply(Record):
+class StateReply(Record, makes=CheckedState):
     """A ``CheckedState``."""
 
-    makes = CheckedState
-
-    free: bool
     contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
 
 
-class CheckReply(Record):
+class CheckReply(Record, makes=Checked):
     """A ``Checked``."""
-
-    makes = Checked
 
     states: Annotated[list[StateReply], at_most(MAX_STATES)]
     edges: Annotated[list[bool], at_most(MAX_STATES)]
-    counts: CountsRecord
 
 
 class CertificateReply(Record):
