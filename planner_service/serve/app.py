@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.records.http.bodies import EditsBody, SceneBody
 from planner_service.records.http.replies import (
     AcceptedReply,
@@ -38,8 +38,8 @@ from planner_service.serve.documentation import (
     reply,
 )
 from planner_service.serve.problems import PROBLEM_JSON, Problem, Refused, problem_of
-from planner_service.serve.server import PlanningServer, StoredAnswer
-from planner_service.serve.state.store import StateUnusable
+from planner_service.serve.server import PlanningServer, StoredAnswer, listed
+from planner_service.serve.state.store import ANY_VERSION, StaleVersion, StateUnusable
 
 __all__ = ["OPERATIONS", "create_app"]
 
@@ -95,8 +95,12 @@ async def _refused(_: Request, error: Exception) -> Response:
     return _problem(error.problem, error.headers)
 
 
-async def _invalid(_: Request, error: Exception) -> Response:
+async def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, InvalidRequest | MissingDependency)
+    if isinstance(error, StaleVersion):
+        return _problem(Problem("changed", str(error)))
+    if isinstance(error, UnknownName) and request.method in ("GET", "DELETE"):  # the address names it, not a body
+        return _problem(Problem("not-found", str(error)))
     problem = problem_of(error)
     return _problem(problem, {"Retry-After": "1"} if problem.status == 503 else None)
 
@@ -191,13 +195,13 @@ async def _closed(request: Request) -> None:
 async def list_plans(server: PlanningServer, request: Request) -> Response:
     """Requests that are waiting, running or kept, of every kind."""
     limit = _whole(request, "limit", 100, 1_000)
-    return _json(await server.jobs(limit, request.query_params.get("after")))
+    return _json(await asyncio.to_thread(server.jobs, limit, request.query_params.get("after")))
 
 
 async def get_plan(server: PlanningServer, request: Request) -> Response:
     """The file that the library would have saved, byte for byte."""
     plan = request.path_params["plan"]
-    await server.require_job(plan)
+    await asyncio.to_thread(server.store.job, plan)
     return await _response(server, request, plan, _seconds_to_wait(request), cancel=False)
 
 
@@ -217,7 +221,7 @@ async def delete_plan(server: PlanningServer, request: Request) -> Response:
     plan, finished = request.path_params["plan"], request.query_params.get("finished", "remove")
     if finished not in ("remove", "keep"):
         raise Refused("malformed", f"finished: got {finished!r:.100}; expected remove, or keep")
-    await server.require_job(plan)
+    await asyncio.to_thread(server.store.job, plan)
     if server.cancel(plan):
         return Response(json.dumps(await server.state(plan)), 202, {"Location": f"/plans/{plan}"}, JSON)
     ending = server.pending(plan)
@@ -226,7 +230,7 @@ async def delete_plan(server: PlanningServer, request: Request) -> Response:
         if server.pending(plan) is not None:  # the disk is full, or the server stops
             raise Refused("unavailable", "its answer is not kept yet", headers={"Retry-After": "5"})
     if finished == "remove":
-        await server.remove(plan)
+        await asyncio.to_thread(server.store.delete, plan)
     return Response(status_code=204)
 
 
@@ -248,13 +252,13 @@ def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = Non
 
 async def list_scenes(server: PlanningServer, _: Request) -> Response:
     """Their names, latest versions and hashes."""
-    return _json(await server.scenes())
+    return _json({"scenes": [listed(entry) for entry in await asyncio.to_thread(server.store.scenes)]})
 
 
 async def get_scene(server: PlanningServer, request: Request) -> Response:
     """Its latest version, or the given one."""
     number = _whole(request, "version", 1, 10**15) if "version" in request.query_params else None
-    entry = await server.scene(request.path_params["name"], number)
+    entry = await asyncio.to_thread(server.scene, request.path_params["name"], number)
     return Response(entry.document, 200, {"ETag": f'"{entry.version}"'}, JSON)
 
 
@@ -265,20 +269,26 @@ async def put_scene(server: PlanningServer, request: Request) -> Response:
     if must_be_new not in (None, "*"):
         raise Refused("malformed", "If-None-Match: expected *")
     expected = 0 if must_be_new else _version_to_match(request)
-    stored = await server.put_scene(request.path_params["name"], await _json_body(request), expected)
+    stored = await asyncio.to_thread(server.put_scene, request.path_params["name"], await _json_body(request), expected)
     return _stored(stored, 201 if stored["version"] == 1 else 200)
 
 
 async def edit_scene(server: PlanningServer, request: Request) -> Response:
     """All of the edits, in their order, or none: the next version of the scene."""
     server.require_room(None)
-    name, body = request.path_params["name"], await _json_body(request)
-    return _stored(await server.edit_scene(name, body, _version_to_match(request)), 200)
+    name, body, expected = request.path_params["name"], await _json_body(request), _version_to_match(request)
+    try:
+        await asyncio.to_thread(server.store.scene, name)
+    except UnknownName as error:
+        raise Refused("not-found", str(error)) from None
+    return _stored(await asyncio.to_thread(server.edit_scene, name, body, expected), 200)
 
 
 async def delete_scene(server: PlanningServer, request: Request) -> Response:
     """The scene under this name; plans made in it stay."""
-    await server.delete_scene(request.path_params["name"], _version_to_match(request))
+    expected = _version_to_match(request)
+    version = ANY_VERSION if expected is None else expected
+    await asyncio.to_thread(server.store.delete_scene, request.path_params["name"], expected=version)
     return Response(status_code=204)
 
 
@@ -301,13 +311,14 @@ def _version_to_match(request: Request) -> int | None:
 
 async def get_roadmap(server: PlanningServer, request: Request) -> Response:
     """The npz file of the roadmap with this hash."""
-    data = await server.roadmap(request.path_params["roadmap"])
+    entry = await asyncio.to_thread(server.store.roadmap, request.path_params["roadmap"])
+    data = await asyncio.to_thread(server.store.content, entry.content)
     return Response(data, media_type="application/octet-stream")
 
 
 async def delete_roadmap(server: PlanningServer, request: Request) -> Response:
     """The roadmap with this hash."""
-    await server.delete_roadmap(request.path_params["roadmap"])
+    await asyncio.to_thread(server.store.delete_roadmap, request.path_params["roadmap"])
     return Response(status_code=204)
 
 

@@ -14,13 +14,13 @@ import shutil
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from statistics import fmean
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.json_reader import parse_json
@@ -48,14 +48,12 @@ from planner_service.serve.state.store import (
     StateUnusable,
     Store,
 )
+from planner_service.serve.state.store import SceneVersion as SceneEntry
 from planner_service.serve.work import Answer, Assignment, Ending, Source, unrun
 
-__all__ = ["PlanningServer", "StoredAnswer", "StoredScene"]
+__all__ = ["PlanningServer", "StoredAnswer", "StoredScene", "listed"]
 
 logger = logging.getLogger(__name__)
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 MAX_RETRY_AFTER = 60
 """Seconds after which a client that found no room should ask again, at most."""
@@ -154,7 +152,7 @@ class PlanningServer:
         scenes: tuple[Scene, ...] = (),
         folder_to_remove: Path | None = None,
     ) -> None:
-        self._world, self._store, self._capacity, self._workers = world, store, capacity, backend.max_workers
+        self._world, self.store, self._capacity, self._workers = world, store, capacity, backend.max_workers
         self._folder_to_remove = folder_to_remove
         self._dispatcher: Dispatcher[Any] = Dispatcher(backend, self, poll)
         self.metrics = Metrics(lambda: self._dispatcher.waiting, lambda: self._dispatcher.running)
@@ -176,7 +174,7 @@ class PlanningServer:
         self._loop = asyncio.get_running_loop()
         self._keeper.start()
         await asyncio.to_thread(self._dispatcher.start)
-        for job in await asyncio.to_thread(self._store.unfinished):
+        for job in await asyncio.to_thread(self.store.unfinished):
             await asyncio.to_thread(self._restart, job)
 
     def leave(self) -> None:
@@ -191,7 +189,7 @@ class PlanningServer:
         try:
             await asyncio.to_thread(self._dispatcher.stop)
             await asyncio.to_thread(self._keeper.join)
-            await asyncio.to_thread(self._store.close)
+            await asyncio.to_thread(self.store.close)
         finally:
             for page in self._pages:
                 page.close()
@@ -201,7 +199,7 @@ class PlanningServer:
     def _restart(self, job: Job) -> None:
         """Carry out a job that was accepted before the server was started."""
         live = self._alive(job)
-        work = json.loads(self._store.work(job.id))
+        work = json.loads(self.store.work(job.id))
         left = None if work["deadline"] is None else work["deadline"] - time.time()
         try:
             body = read_body(VERBS[job.kind].body, work["body"].encode(), self._world.robot)
@@ -239,7 +237,7 @@ class PlanningServer:
     @property
     def ready(self) -> bool:
         """Whether it can plan."""
-        return self._dispatcher.ready and not self._stopping and self._store.usable
+        return self._dispatcher.ready and not self._stopping and self.store.usable
 
     # Requests for work.
 
@@ -251,7 +249,7 @@ class PlanningServer:
         """
         self._require_open()
         waiting = self._dispatcher.waiting + self._arriving + len(self._unkept)
-        if waiting >= self._capacity and not (key is not None and self._store.knows(key)):
+        if waiting >= self._capacity and not (key is not None and self.store.knows(key)):
             self.metrics.refused.inc()
             raise Refused(
                 "queue-full", f"{waiting} requests are waiting", headers={"Retry-After": str(self.retry_after())}
@@ -284,14 +282,14 @@ class PlanningServer:
     def _accept(self, kind: str, body: bytes, key: str | None) -> str:
         self._require_open()
         try:
-            earlier = None if key is None else self._store.accepted(kind, body, key)
+            earlier = None if key is None else self.store.accepted(kind, body, key)
             if earlier is not None:  # whether or not what it names is still there
                 return earlier.id
             read: Any = read_body(VERBS[kind].body, body, self._world.robot)
             sources = self._sources(read)
             deadline = None if read.deadline is None else time.time() + read.deadline
             work = json.dumps({"body": body.decode(), "sources": sources, "deadline": deadline}).encode()
-            job, new = self._store.accept(kind, work, request=body, key=key, uses=list(sources.values()))
+            job, new = self.store.accept(kind, work, request=body, key=key, uses=list(sources.values()))
         except ReusedKey as error:
             raise Refused("key-reused", str(error)) from None
         if new:
@@ -306,25 +304,25 @@ class PlanningServer:
         if isinstance(scene, AfterTask):
             sources["after"] = self._answer_content("scene.after", scene.after)
         elif isinstance(scene, SceneVersion):
-            sources["scene"] = self._store.scene(scene.name, scene.version).content
+            sources["scene"] = self.store.scene(scene.name, scene.version).content
         elif scene is not None:
-            sources["scene"] = self._store.scene(scene).content
+            sources["scene"] = self.store.scene(scene).content
         if isinstance(plan, str):
             sources["plan"] = self._answer_content("plan", plan)
         for planner in _planners(body):
             if isinstance(planner, RoadmapReference):
-                sources["roadmap"] = self._store.roadmap(planner.hash).content
+                sources["roadmap"] = self.store.roadmap(planner.hash).content
         return sources
 
     def _answer_content(self, field_name: str, job: str) -> str:
-        found = self._store.job(job)
+        found = self.store.job(job)
         if found.state is not State.DONE or found.answer is None:
             raise InvalidRequest(field_name, job, f"the id of a finished plan or task; it is {found.state.value}")
         return found.answer
 
     def _assignment(self, job: Job, body: Body, sources: Mapping[str, str]) -> Assignment:
         read = {"scene": self._scene_content}
-        contents = {name: Source(key, read.get(name, self._store.content)(key)) for name, key in sources.items()}
+        contents = {name: Source(key, read.get(name, self.store.content)(key)) for name, key in sources.items()}
         return Assignment(job.id, job.kind, body, contents)
 
     # What the dispatcher tells.
@@ -332,7 +330,7 @@ class PlanningServer:
     def started(self, task: Task) -> None:
         """See ``Listener``."""
         self._say(self._live[task.id], "state", {"state": "running"})
-        self._store.start(task.id)
+        self.store.start(task.id)
 
     def noted(self, task: Task, note: Any) -> None:
         """See ``Listener``."""
@@ -383,8 +381,8 @@ class PlanningServer:
     def _keep(self, job: Job, state: State, answer: Answer) -> None:
         if answer.roadmap is not None:
             roadmap_hash, file = answer.roadmap
-            self._store.put_roadmap(roadmap_hash, file)
-        self._store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
+            self.store.put_roadmap(roadmap_hash, file)
+        self.store.end(job.id, state, answer.content, ok=answer.ok, reason=answer.reason)
 
     def _outcome(self, assignment: Assignment, outcome: Answer | Ending | Raised) -> tuple[State, Answer]:
         if isinstance(outcome, Raised):
@@ -419,23 +417,15 @@ class PlanningServer:
 
     # What clients ask about jobs.
 
-    async def require_job(self, job: str) -> None:
-        """Return if there is such a job.
-
-        Raises:
-            Refused: There is none.
-        """
-        await self._found(self._store.job, job)
-
     async def durable(self) -> None:
         """Return when everything that was accepted survives a power cut."""
-        await asyncio.to_thread(self._store.sync)
+        await asyncio.to_thread(self.store.sync)
 
     async def answer(self, job: str) -> StoredAnswer | None:
         """The answer of a job, None as long as it has none."""
         if job in self._live:
             return None
-        found, content = await self._found(self._store.answer, job)
+        found, content = await asyncio.to_thread(self.store.answer, job)
         if found.state not in ENDED:
             return None
         if content is None:
@@ -451,7 +441,7 @@ class PlanningServer:
 
     async def state(self, job: str) -> dict[str, Any]:
         """Where a job without an answer is."""
-        found = await self._found(self._store.job, job)
+        found = await asyncio.to_thread(self.store.job, job)
         links = {"self": f"/plans/{job}", "events": f"/plans/{job}/events"}
         position = self._dispatcher.position(job)
         state = "queued" if position is not None else "running"
@@ -466,26 +456,16 @@ class PlanningServer:
         if self._stopping or not self._dispatcher.cancel(job):
             return False
         with suppress(UnknownName):  # it has ended by now
-            work = json.loads(self._store.work(job))
-            self._store.change_work(job, json.dumps({**work, "cancelled": True}).encode())
+            work = json.loads(self.store.work(job))
+            self.store.change_work(job, json.dumps({**work, "cancelled": True}).encode())
         return True
 
-    async def remove(self, job: str) -> None:
-        """Delete a job that has ended."""
-        await asyncio.to_thread(self._store.delete, job)
-
-    async def jobs(self, limit: int, after: str | None) -> dict[str, Any]:
+    def jobs(self, limit: int, after: str | None) -> dict[str, Any]:
         """Jobs, newest first."""
-        found = await self._found(lambda: self._store.jobs(limit, before=after))
+        found = self.store.jobs(limit, before=after)
         plans = [
-            {
-                "id": job.id,
-                "kind": job.kind,
-                "state": _shown(job.state),
-                "created": job.accepted,
-                "ok": job.ok,
-                "reason": job.reason,
-            }
+            {"id": job.id, "kind": job.kind, "state": _shown(job.state), "created": job.accepted}
+            | {"ok": job.ok, "reason": job.reason}
             for job in found
         ]
         return {"plans": plans, "next": found[-1].id if len(found) == limit else None}
@@ -494,12 +474,12 @@ class PlanningServer:
         """What happens to a job, as server-sent events, from the beginning to its end.
 
         Raises:
-            Refused: There is no such job, or too many clients follow one.
+            UnknownName: There is no such job.
+            Refused: Too many clients follow one.
         """
         live = self._live.get(job)
         if live is None:
-            found = await self._found(self._store.job, job)
-            return _told(found)
+            return _told(await asyncio.to_thread(self.store.job, job))
         if self._followers >= MAX_FOLLOWERS:
             raise Refused("unavailable", f"{MAX_FOLLOWERS} clients follow requests", headers={"Retry-After": "5"})
         return self._follow(live)
@@ -526,7 +506,8 @@ class PlanningServer:
         """The address of a page that shows a plan or a task.
 
         Raises:
-            Refused: There is no such job, or it has no motions.
+            UnknownName: There is no such job.
+            Refused: It has no motions.
         """
         answer = await self.answer(job)
         if answer is None:
@@ -545,91 +526,40 @@ class PlanningServer:
         self._pages.append(page)
         return page.url
 
-    # Scenes and roadmaps.
+    # Scenes: these wait for the disk.
 
-    async def scenes(self) -> dict[str, Any]:
-        """All scenes."""
-        stored = await asyncio.to_thread(self._store.scenes)
-        return {"scenes": [{"name": s.name, "version": s.version, "hash": s.hash} for s in stored]}
+    def scene(self, name: str, version: int | None) -> StoredScene:
+        """A version of a scene; the latest by default."""
+        entry = self.store.scene(name, version)
+        return StoredScene(entry.version, b'{"version": %d, ' % entry.version + self.store.content(entry.content)[1:])
 
-    async def scene(self, name: str, version: int | None) -> StoredScene:
-        """A version of a scene; the latest by default.
-
-        Raises:
-            Refused: There is none.
-        """
-        entry = await self._found(self._store.scene, name, version)
-        document = await asyncio.to_thread(self._store.content, entry.content)
-        return StoredScene(entry.version, b'{"version": %d, ' % entry.version + document[1:])
-
-    async def put_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
+    def put_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
         """Store a scene; ``expected`` is its version before, 0 if there must be none, None for any."""
+        scene = read_body(SceneBody, body, self._world.robot).scene(name)
+        return self._put(scene, ANY_VERSION if expected is None else expected or None)
 
-        def put() -> dict[str, Any]:
-            scene = read_body(SceneBody, body, self._world.robot).scene(name)
-            return self._put(scene, ANY_VERSION if expected is None else expected or None)
-
-        return await self._changed(put)
-
-    async def edit_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
+    def edit_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
         """Apply edits to a scene, to its latest version if none is expected."""
-
-        def edit() -> dict[str, Any]:
-            edits = read_body(EditsBody, body, self._world.robot)
-            while True:
-                entry = self._store.scene(name)
-                document = parse_json(Path(name), self._store.content(entry.content))
-                scene: Scene = read_record(SceneRecord, document, Path(name), PlanReading()).value
-                if expected not in (None, entry.version):
-                    raise StaleVersion(name, expected, entry.version)
-                try:
-                    return self._put(edits.applied(scene), entry.version)
-                except StaleVersion:
-                    if expected is not None:
-                        raise
-
-        await self._found(self._store.scene, name)
-        return await self._changed(edit)
-
-    async def delete_scene(self, name: str, expected: int | None) -> None:
-        """Delete a scene."""
-        await self._found(self._store.scene, name)
-        version = ANY_VERSION if expected is None else expected
-        await self._changed(lambda: self._store.delete_scene(name, expected=version))
+        edits = read_body(EditsBody, body, self._world.robot)
+        while True:
+            entry = self.store.scene(name)
+            document = parse_json(Path(name), self.store.content(entry.content))
+            scene: Scene = read_record(SceneRecord, document, Path(name), PlanReading()).value
+            if expected not in (None, entry.version):
+                raise StaleVersion(name, expected, entry.version)
+            try:
+                return self._put(edits.applied(scene), entry.version)
+            except StaleVersion:
+                if expected is not None:
+                    raise
 
     def _put(self, scene: Scene, expected: int | None) -> dict[str, Any]:
-        entry = self._store.put_scene(scene.name, scene.hash, _scene_document(scene), expected=expected)
-        return {"name": entry.name, "version": entry.version, "hash": entry.hash}
+        return listed(self.store.put_scene(scene.name, scene.hash, _scene_document(scene), expected=expected))
 
-    async def roadmap(self, roadmap_hash: str) -> bytes:
-        """The file of a roadmap.
 
-        Raises:
-            Refused: There is none.
-        """
-        entry = await self._found(self._store.roadmap, roadmap_hash)
-        return await asyncio.to_thread(self._store.content, entry.content)
-
-    async def delete_roadmap(self, roadmap_hash: str) -> None:
-        """Delete a roadmap.
-
-        Raises:
-            Refused: There is none.
-        """
-        await self._found(self._store.delete_roadmap, roadmap_hash)
-
-    async def _changed(self, change: Callable[[], T]) -> T:
-        try:
-            return await asyncio.to_thread(change)
-        except StaleVersion as error:
-            raise Refused("changed", str(error)) from None
-
-    async def _found(self, find: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
-        """What the store has, which an address names."""
-        try:
-            return await asyncio.to_thread(find, *arguments, **named)
-        except UnknownName as error:
-            raise Refused("not-found", str(error)) from None
+def listed(entry: SceneEntry) -> dict[str, Any]:
+    """A stored scene without what is in it."""
+    return {"name": entry.name, "version": entry.version, "hash": entry.hash}
 
 
 MAX_STARTS = 2
