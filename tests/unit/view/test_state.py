@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from planner_service import (
     PRM,
     Box,
     InvalidRequest,
-    MissingDependency,
     Obstacle,
     PlannerService,
     PlanRequest,
@@ -23,24 +21,21 @@ from planner_service import (
     Roadmap,
     Scene,
     TaskResult,
-    UnknownName,
 )
 from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
-from planner_service.constraints import JointRange, KeepUpright, ToolRegion
+from planner_service.constraints import JointRange, ToolRegion
 from planner_service.planning.result import Reason
-from planner_service.records.evidence import save_plan
-from planner_service.records.plan_file import SavedTask, load_plan_or_task, load_task
+from planner_service.records.plan_file import SavedTask, load_plan_or_task
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view import open_viewer
 from planner_service.view.collision_report import CollisionReporter
-from planner_service.view.lines import MAX_EDGES, curve_lines, free_graph, graph_lines, polyline_lines, tool_points
+from planner_service.view.lines import free_graph, graph_lines, polyline_lines, tool_points
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
 from planner_service.view.playback import Playback
 from planner_service.view.state import Choice, ViewState
-from tests.support.command import refused
 from tests.support.optional import present
 
 KEPT = (ToolRegion(upper=(math.inf, 1.4, math.inf), name="low"), JointRange("elbow", -2.5, 2.5))
@@ -78,14 +73,6 @@ def test_a_plan_is_at_its_ends_when_its_reel_is(discs: PlannerService) -> None:
     assert state.at(0.7).q.tolist() == result.trajectory(0.7).tolist()
 
 
-def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService, task: TaskResult) -> None:
-    playback = present(Playback.of_task(bin_, task.segments))
-    assert [clip.name for clip in playback.clips] == [segment.name for segment in task.segments]
-    for before, after in zip(playback.clips, playback.clips[1:], strict=False):
-        assert after.begin == before.end
-        np.testing.assert_allclose(playback.at(before.end - 1e-9).q, playback.at(after.begin).q, atol=1e-6)
-
-
 def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
     for clip, segment in zip(present(state.playback).clips, task.segments, strict=True):
@@ -93,32 +80,10 @@ def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: T
         assert there.service.robot.gripper_width == segment.width
         carries = [held.name for held in there.service.scene.attached]
         assert carries == (["blue_block"] if segment.name in ("lift", "transfer", "lower") else [])
-
-
-def test_a_task_from_a_file_tells_what_each_motion_carries(
-    bin_: PlannerService, task: TaskResult, tmp_path: Path
-) -> None:
-    save_plan(task, tmp_path / "task.json")
-    read = load_task(tmp_path / "task.json")
-    known, found = Playback.of_task(bin_, task.segments), Playback.of_task(read.service(), read.segments)
-    assert known is not None
-    assert found is not None
-    for one, other in zip(known.clips, found.clips, strict=True):
-        assert one.service.robot.hash == other.service.robot.hash
-        assert one.service.scene == other.service.scene
-
-
-def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: TaskResult) -> None:
-    playback = present(Playback.of_task(bin_, task.segments))
-    samples = playback.samples
-    assert samples.t[0] == 0.0
-    assert samples.t[-1] == pytest.approx(playback.duration, abs=1e-12)
-    assert (np.diff(samples.t) >= 0.0).all()
-    for part in (samples.position, samples.velocity, samples.acceleration):
-        assert part.shape == (len(samples.t), bin_.robot.n)
-        assert np.abs(part).max() <= 1.0 + 1e-9
-    proofs = [segment.result.certificate for segment in task.segments]
-    assert samples.clearance.min() >= min(proof.clearance for proof in proofs if proof is not None) - 1e-9
+        assert state_markdown(there).endswith("carrying blue\\_block") == bool(carries)
+        stood = ("blue_block", "bin_floor")
+        expected = [stood in present(state.playback).at(t).expected for t in (clip.begin, clip.end - 1e-3)]
+        assert expected == [segment.name == "lift", False]
 
 
 def test_plotted_velocities_are_parts_of_the_limits(discs: PlannerService) -> None:
@@ -145,26 +110,6 @@ def test_how_much_of_its_tolerances_a_plan_uses_is_plotted_at_the_instants_of_th
     assert present(Playback.of_result(discs, discs.plan(asked(discs)))).used == {}
 
 
-def test_of_a_task_what_a_motion_does_not_keep_is_not_plotted_while_it_lasts(
-    bin_: PlannerService, task: TaskResult
-) -> None:
-    segments = [
-        replace(segment, result=replace(segment.result, constraints=(KeepUpright((-1, 0, 0), 3.0),)))
-        if segment.name in ("lift", "lower")
-        else segment
-        for segment in task.segments
-    ]
-    playback = present(Playback.of_task(bin_, segments))
-    (tilt,) = playback.used.values()
-    assert tilt.shape == playback.samples.t.shape
-    for clip in playback.clips:
-        inside = (playback.samples.t > clip.begin) & (playback.samples.t < clip.end)
-        assert (np.isnan(tilt[inside]) == (clip.name not in ("lift", "lower"))).all()
-    state = ViewState.of(bin_, replace(task, segments=tuple(segments)))
-    for clip in playback.clips:
-        assert (state.at(clip.begin + 1e-3).kept is None) == (clip.name not in ("lift", "lower"))
-
-
 def test_a_plan_that_fails_shows_the_constraints_that_it_was_to_keep(discs: PlannerService) -> None:
     high = replace(KEPT[0], lower=(-math.inf, 0.5, -math.inf), upper=(math.inf, 2.0, math.inf))
     result = discs.plan(asked(discs, constraints=(high,)))
@@ -184,22 +129,13 @@ def test_the_next_plan_keeps_the_constraints_of_the_motion_shown(discs: PlannerS
         state.planned(Choice("rrt"))
 
 
-def test_a_plan_from_a_file_shows_its_constraints(discs: PlannerService, tmp_path: Path) -> None:
-    result = discs.plan(asked(discs, constraints=KEPT))
-    result.save(tmp_path / "plan.json")
-    service, shown, _ = opened(str(tmp_path / "plan.json"), None, None)
-    known, found = (present(ViewState.of(*given).playback).used for given in ((discs, result), (service, shown)))
-    assert list(known) == list(found)
-    for name in known:
-        assert known[name].tolist() == found[name].tolist()
-
-
 # What is said of a configuration.
 
 
 def test_a_colliding_configuration_names_its_pair_and_where_it_touches(discs: PlannerService) -> None:
-    q = colliding(discs)
+    q, before = colliding(discs), discs.checker.counts
     report = ViewState.of(discs).posed(q).report
+    assert discs.checker.counts == before
     assert [(c.a, c.b) for c in report.contacts] == [(c.a, c.b) for c in discs.checker.contacts(q)]
     assert not report.free
     assert "**in collision**" in report_markdown(report)
@@ -208,6 +144,10 @@ def test_a_colliding_configuration_names_its_pair_and_where_it_touches(discs: Pl
     assert names == (report.contacts[0].a, report.contacts[0].b)
     disc = np.array(discs.scene.obstacle("lesson_disc").pose.position)
     assert math.dist(disc[:2], point[:2]) < 0.2
+    report = ViewState.of(discs).posed((0.0, 0.0)).report
+    assert (report.free, report.points) == (True, ())
+    assert report.clearance > 0.0
+    assert report_markdown(report).startswith("**free**: at least ")
 
 
 def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) -> None:
@@ -225,83 +165,39 @@ def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) ->
     assert "<img" not in state_markdown(state).replace("\\<", "")
 
 
-def test_a_free_configuration_tells_a_clearance_that_is_proven(discs: PlannerService) -> None:
-    report = ViewState.of(discs).posed((0.0, 0.0)).report
-    assert report.free
-    assert report.points == ()
-    assert report.clearance > 0.0
-    assert report_markdown(report).startswith("**free**: at least ")
-
-
-def test_looking_changes_nobodys_counts(discs: PlannerService) -> None:
-    before = discs.checker.counts
-    ViewState.of(discs).posed(colliding(PlannerService(discs.robot, discs.scene))).report  # noqa: B018
-    assert discs.checker.counts == before
-
-
-def test_what_is_meant_to_touch_is_told_apart(bin_: PlannerService, task: TaskResult) -> None:
-    state = ViewState.of(bin_, task)
-    descend = next(clip for clip in present(state.playback).clips if clip.name == "descend")
-    report = state.at(descend.end - 1e-3).report
-    assert report.free
-    fingers = {("finger_left", "blue_block"), ("finger_right", "blue_block")}
-    lift = next(clip for clip in present(state.playback).clips if clip.name == "lift")
-    assert fingers.isdisjoint((c.a, c.b) for c in state.at(lift.begin).report.contacts)
-    table = Scene((Obstacle("table", Box((1.0, 1.0, 0.1)), Pose((0.0, 0.0, -0.05))),))
-    touching = PlannerService("wxai", table)
-    q = next(q for q in np.linspace(touching.robot.home, touching.robot.limits.upper, 50) if _touches(touching, q))
+def test_what_may_touch_is_told_apart() -> None:
+    touching = PlannerService("wxai", Scene((Obstacle("table", Box((1.0, 1.0, 0.1)), Pose((0.0, 0.0, -0.05))),)))
+    line = np.linspace(touching.robot.home, touching.robot.limits.upper, 50)
+    q = next(q for q in line if not touching.checker.state_is_free(q))
     pairs = [(c.a, c.b) for c in touching.checker.contacts(q)]
     report = CollisionReporter(touching).report(q, pairs)
-    assert report.free
-    assert [(c.a, c.b) for c in report.expected] == pairs
+    assert (report.free, [(c.a, c.b) for c in report.expected]) == (True, pairs)
     assert "expected contacts" in report_markdown(report)
-
-
-def _touches(service: PlannerService, q: Any) -> bool:
-    return not service.checker.state_is_free(q)
 
 
 # What a user does.
 
 
-def test_a_pose_by_hand_stays_within_the_limits(discs: PlannerService) -> None:
-    state = ViewState.of(discs).posed((100.0, -100.0))
-    assert state.q.tolist() == [discs.robot.limits.upper[0], discs.robot.limits.lower[1]]
-    assert state.seconds is None
-
-
-def test_what_is_no_number_moves_nothing(discs: PlannerService) -> None:
+def test_a_pose_by_hand_stays_within_the_limits_and_what_is_no_number_moves_nothing(discs: PlannerService) -> None:
     state = ViewState.of(discs, discs.plan(asked(discs))).at(0.7)
+    low, high = discs.robot.limits.lower, discs.robot.limits.upper
     assert state.at(math.nan) == state
+    assert state.posed((100.0, -100.0)).q.tolist() == [high[0], low[1]]
     posed = state.posed((math.nan, 0.1))
     assert posed.q.tolist() == [state.q[0], 0.1]
     assert posed.report.clearance is not None
 
 
-def test_start_and_goal_are_where_the_robot_stands(discs: PlannerService) -> None:
-    state = ViewState.of(discs).posed((0.1, 0.2)).with_start().posed((0.3, 0.4)).with_goal()
-    assert (state.start.tolist(), state.goal.tolist()) == ([0.1, 0.2], [0.3, 0.4])
-
-
 def test_a_plan_made_on_the_page_is_the_services_with_a_trace(discs: PlannerService) -> None:
-    state = ViewState.of(discs, discs.plan(asked(discs))).planned(Choice("rrt", seed=7))
+    choice = Choice("rrt", seed=7, timing="trapezoidal", velocity_scale=0.5, acceleration_scale=0.25)
+    state = ViewState.of(discs, discs.plan(asked(discs))).planned(choice)
     (segment,) = state.results
-    result = segment.result
+    result, request = segment.result, present(present(segment.result.origin).request)
     assert result.trace is not None
-    assert result.origin is not None
-    assert result.origin.request is not None
-    assert (result.origin.request.planner.name, result.origin.request.seed) == ("rrt", 7)
-    again = discs.plan(result.origin.request)
-    assert again.counts == result.counts
-    assert state.seconds == 0.0
-
-
-def test_a_plan_made_on_the_page_has_the_timing_that_was_chosen(discs: PlannerService) -> None:
-    state = ViewState.of(discs, discs.plan(asked(discs)))
-    choice = Choice(timing="trapezoidal", velocity_scale=0.5, acceleration_scale=0.25)
-    request = present(present(state.planned(choice).results[0].result.origin).request)
-    assert request.timing.name == "trapezoidal"
+    assert (request.planner.name, request.seed, request.timing.name) == ("rrt", 7, "trapezoidal")
     assert (request.velocity_scale, request.acceleration_scale) == (0.5, 0.25)
+    assert discs.plan(request).counts == result.counts
+    assert state.seconds == 0.0
 
 
 def test_a_goal_that_is_dragged_follows_the_handles(bin_: PlannerService) -> None:
@@ -321,7 +217,7 @@ def test_a_goal_out_of_reach_is_told_until_the_handles_are_let_go(bin_: PlannerS
     released = dragged.released()
     assert "not reached" not in released.goal_objection
     assert released.tool_of_goal.position[0] < 1.0
-    assert released.with_goal().aim is None
+    assert dragged.with_goal().aim is None
 
 
 def test_a_goal_in_collision_names_its_pair(discs: PlannerService) -> None:
@@ -352,32 +248,6 @@ def test_a_plan_that_fails_is_told_with_its_reason(discs: PlannerService) -> Non
     assert "| endpoints |" in words
 
 
-def test_an_unknown_planner_is_refused(discs: PlannerService) -> None:
-    with pytest.raises(UnknownName, match="rrtconnect"):
-        ViewState.of(discs).planned(Choice("rrtconect"))
-
-
-def test_a_result_is_shown_as_it_is(discs: PlannerService) -> None:
-    result = discs.plan(asked(discs))
-    (segment,) = ViewState.of(discs, result).results
-    assert segment.result is result
-
-
-def test_what_is_said_of_a_plan_adds_up(discs: PlannerService) -> None:
-    result = discs.plan(asked(discs))
-    words = result_markdown(ViewState.of(discs, result))
-    assert f"| **total** | {result.counts.states:,} | {result.counts.edges:,} | {result.counts.distances:,} |" in words
-    assert "**certified**: " in words
-
-
-def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerService, task: TaskResult) -> None:
-    state = ViewState.of(bin_, task)
-    lift = next(clip for clip in present(state.playback).clips if clip.name == "lift")
-    assert state_markdown(state.at(lift.begin + 0.1)).startswith("lift, ")
-    assert state_markdown(state.at(lift.begin + 0.1)).endswith("carrying blue\\_block")
-    assert state_markdown(state.posed(bin_.robot.home)) == "moved by hand"
-
-
 # Lines.
 
 
@@ -402,12 +272,6 @@ def test_lines_run_from_milestone_to_milestone(discs: PlannerService) -> None:
         np.testing.assert_allclose([one[0, 0], one[-1, 1]], milestones[edge], atol=1e-12)
 
 
-def test_a_curve_is_drawn_from_start_to_goal(discs: PlannerService) -> None:
-    path = present(discs.plan(asked(discs)).path)
-    drawn = curve_lines(discs.robot, path)
-    np.testing.assert_allclose(drawn[[0, -1], [0, 1]], tool_points(discs.robot, path.waypoints[[0, -1]]), atol=1e-12)
-
-
 def test_of_a_roadmap_what_is_known_to_be_free_is_drawn(discs: PlannerService) -> None:
     roadmap = discs.build_roadmap(PRM(milestones=40), progress=False)
     graph = free_graph(roadmap)
@@ -416,55 +280,7 @@ def test_of_a_roadmap_what_is_known_to_be_free_is_drawn(discs: PlannerService) -
     assert free_graph(judged).edges.tolist() == [[0, 1]]
 
 
-def test_of_a_huge_tree_some_edges_are_drawn(discs: PlannerService) -> None:
-    points = np.linspace((0.0, 0.0), (0.01, 0.01), 3 * MAX_EDGES, dtype=np.float64)
-    edges = np.stack([np.arange(len(points) - 1), np.arange(1, len(points))], axis=1)
-    assert len(graph_lines(discs.robot, SearchGraph(points, edges))) == MAX_EDGES
-
-
 # What is refused.
-
-
-@pytest.mark.parametrize(
-    ("given", "match"),
-    [
-        ({"port": 70_000}, "port: got 70000; expected a whole number from 0 to 65,535"),
-        ({"port": True}, "port: got True"),
-        ({"host": "", "port": 0}, "host: got ''; expected an address of this machine"),
-        ({"host": "203.0.113.7", "port": 0}, r"host: got '203\.0\.113\.7'; expected an address of this machine"),
-    ],
-)
-def test_an_address_that_is_none_is_refused(discs: PlannerService, given: dict[str, Any], match: str) -> None:
-    with pytest.raises(InvalidRequest, match=match):
-        open_viewer(discs, None, **given)
-
-
-def test_what_cannot_be_shown_is_refused(discs: PlannerService, bin_: PlannerService) -> None:
-    other = discs.plan(asked(discs))
-    with pytest.raises(InvalidRequest, match="a plan of 2 joints; expected one of wxai's 6"):
-        ViewState.of(bin_, other)
-    with pytest.raises(InvalidRequest, match="shown: got 3; expected a PlanResult"):
-        ViewState.of(bin_, 3)  # type: ignore[arg-type]
-
-
-def test_without_viser_the_extra_is_named(discs: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "viser", None)
-    monkeypatch.delitem(sys.modules, "planner_service.view.serving.server", raising=False)
-    with pytest.raises(MissingDependency, match=r"planner-service\[view\]"):
-        discs.view(port=0, block=False)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        (("view",), "give --scene, or the FILE of a plan or task"),
-        (("view", "--scene", "bni"), "did you mean 'bin'"),
-        (("view", "--scene", "discs", "--robot", "planar2", "--port", "-1"), "port: got -1"),
-        (("view", "nowhere.json"), "no such file"),
-    ],
-)
-def test_the_command_refuses_what_it_cannot_show(arguments: tuple[str, ...], match: str) -> None:
-    assert match in refused(*arguments)
 
 
 def test_a_plan_file_is_shown_in_its_scene_or_one_that_is_given(discs: PlannerService, tmp_path: Path) -> None:
@@ -480,12 +296,19 @@ def test_a_plan_file_is_shown_in_its_scene_or_one_that_is_given(discs: PlannerSe
     assert ViewState.of(other, shown).service.scene.name == "table"
 
 
-def test_a_task_from_a_file_is_shown_by_itself(
-    task: TaskResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("shown", "given", "match"),
+    [
+        (None, {"port": 70_000}, "port: got 70000; expected a whole number from 0 to 65,535"),
+        (None, {"port": True}, "port: got True"),
+        (None, {"host": "", "port": 0}, "host: got ''; expected an address of this machine"),
+        (None, {"host": "203.0.113.7", "port": 0}, r"host: got '203\.0\.113\.7'"),
+        (3, {"port": 0}, "shown: got 3; expected a PlanResult"),
+        (PlannerService("planar2", "empty").plan(PlanRequest((0.0, 0.0), (0.1, 0.1))), {"port": 0}, "2 joints; .* 6"),
+    ],
+)
+def test_what_cannot_be_shown_or_served_is_refused(
+    bin_: PlannerService, shown: Any, given: dict[str, Any], match: str
 ) -> None:
-    shown: list[tuple[str, object]] = []
-    monkeypatch.setattr("planner_service.view.show", lambda world, what, **_: shown.append((world.scene.name, what)))
-    save_plan(task, tmp_path / "task.json")
-    read = load_task(tmp_path / "task.json")
-    read.show()
-    assert shown == [("bin", read)]
+    with pytest.raises(InvalidRequest, match=match):
+        open_viewer(bin_, shown, **given)

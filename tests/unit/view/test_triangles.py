@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -43,7 +42,6 @@ VOLUMES: dict[str, tuple[Shape, float]] = {
     "cloud": (PointCloud.from_cells(CELLS, 0.1), 4 * 0.1**3),
     "heights": (HeightField(STEPS, 0.1), 0.01 * float(STEPS.sum())),
 }
-every_shape = pytest.mark.parametrize("kind", VOLUMES)
 
 
 def corners(solid: Solid) -> FloatArray:
@@ -70,33 +68,18 @@ def drawn(shape: Shape, pose: Pose = TURNED) -> Solid:
     return solid
 
 
-@every_shape
-def test_a_shape_is_closed_and_faces_outwards(kind: str) -> None:
-    require_closed(drawn(VOLUMES[kind][0]))
-
-
-@every_shape
-def test_a_shape_has_its_volume(kind: str) -> None:
+@pytest.mark.parametrize("kind", VOLUMES)
+def test_a_shape_is_closed_has_its_volume_and_reaches_as_far_where_its_pose_says(kind: str) -> None:
     shape, expected = VOLUMES[kind]
+    solid, plain = drawn(shape), drawn(shape, Pose()).vertices
+    require_closed(solid)
     flat = kind in ("box", "mesh", "cloud", "heights")  # polyhedra inscribed in what is round have less
-    assert volume(drawn(shape)) == pytest.approx(expected, rel=1e-12 if flat else 0.01)
-
-
-@every_shape
-def test_every_corner_is_on_the_shape_and_reaches_as_far(kind: str) -> None:
-    shape = VOLUMES[kind][0]
-    found = drawn(shape, Pose()).vertices
-    assert float(shape.distance(found).max()) < 1e-12
+    assert volume(solid) == pytest.approx(expected, rel=1e-12 if flat else 0.01)
+    assert float(shape.distance(plain).max()) < 1e-12
     for direction in np.vstack([np.eye(3), -np.eye(3)]):
         farthest = float(shape.support(direction) @ direction)
-        assert float((found @ direction).max()) == pytest.approx(farthest, abs=1e-12)
-
-
-@every_shape
-def test_a_shape_stands_where_its_pose_says(kind: str) -> None:
-    shape = VOLUMES[kind][0]
-    expected = drawn(shape, Pose()).vertices @ TURNED.rotation.T + np.array(TURNED.position)
-    assert drawn(shape).vertices == pytest.approx(expected, abs=1e-12)
+        assert float((plain @ direction).max()) == pytest.approx(farthest, abs=1e-12)
+    assert solid.vertices == pytest.approx(plain @ TURNED.rotation.T + np.array(TURNED.position), abs=1e-12)
 
 
 def test_a_large_cloud_is_drawn_in_coarser_cells_that_hold_its_own() -> None:
@@ -109,20 +92,7 @@ def test_a_large_cloud_is_drawn_in_coarser_cells_that_hold_its_own() -> None:
     assert {tuple(cell) for cell in np.floor(cloud.points / edge).astype(int)} == held
 
 
-@pytest.mark.slow
-def test_a_large_height_field_is_drawn_in_coarser_columns_that_hold_its_own() -> None:
-    heights = np.random.default_rng(4).uniform(0.0, 1.0, size=(101, 91))
-    field = HeightField(heights, 0.01)
-    solid = drawn(field, Pose())
-    assert len(solid.faces) / 12 <= MAX_BOXES < len(field.pieces.shapes)
-    tops = corners(solid).reshape(-1, 36, 3).max(axis=1)
-    for (i, j), top in np.ndenumerate(heights):
-        x, y = 0.01 * (i + 0.5), 0.01 * (j + 0.5)
-        here = (np.abs(tops[:, 0] - 0.01 - x) < 0.01) & (np.abs(tops[:, 1] - 0.01 - y) < 0.01)
-        assert float(tops[here, 2].max()) >= top
-
-
-@pytest.mark.parametrize("name", ["wxai", "wxai_dual", "panda", "planar2", "ur5"])
+@pytest.mark.parametrize("name", ["wxai_dual", "ur5"])
 def test_each_link_is_one_closed_solid_of_its_frame(name: str) -> None:
     robot = load_robot(name)
     solids = robot_solids(robot)
@@ -130,11 +100,6 @@ def test_each_link_is_one_closed_solid_of_its_frame(name: str) -> None:
     assert [solid.frame for solid in solids] == [solid.name for solid in solids]
     for solid in solids:
         require_closed(solid)
-
-
-def test_neighbouring_links_differ_in_colour() -> None:
-    solids = robot_solids(load_robot("wxai"))
-    assert all(a.colour != b.colour for a, b in pairwise(solids))
 
 
 def test_links_are_where_they_are_judged() -> None:
@@ -160,9 +125,3 @@ def test_what_is_carried_moves_with_the_tool() -> None:
     assert solid.frame == TOOL
     assert np.allclose(solid.vertices.mean(axis=0), (0.01, 0.02, 0.03), atol=1e-15)
     assert np.array_equal(placements(robot, robot.home)[TOOL], robot.tool_pose(robot.home))
-
-
-def test_a_solid_cannot_be_written_to() -> None:
-    solid = drawn(Sphere(0.1))
-    assert not solid.vertices.flags.writeable
-    assert not solid.faces.flags.writeable
