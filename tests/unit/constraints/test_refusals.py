@@ -28,7 +28,6 @@ from planner_service.constraints import KeepUpright
 from planner_service.datasets.bin_task import BinPickPlace
 from planner_service.datasets.episode import EpisodeWork
 from planner_service.parallel import Processes
-from planner_service.records.problem_set import Problem
 from planner_service.records.result import result_record
 from planner_service.tasks import best_of_seeds
 
@@ -69,14 +68,6 @@ def test_plans_of_many_requests_keep_them() -> None:
 def test_the_best_of_several_seeds_keeps_them() -> None:
     found = best_of_seeds(service(), request(), (7,))
     assert without_seconds(found) == without_seconds(planned())
-
-
-def test_a_problem_is_asked_with_them() -> None:
-    q = service().robot.home
-    asked = Problem("a", service().robot.joint_names, service().scene, q, (q,)).request(
-        service().robot, constraints=[UPRIGHT]
-    )
-    assert asked.constraints == (UPRIGHT,)
 
 
 # What refuses them.

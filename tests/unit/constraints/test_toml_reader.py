@@ -57,7 +57,6 @@ def test_a_file_gives_the_constraints_that_it_describes(tmp_path: Path) -> None:
     ("text", "problem"),
     [
         ("", "constraint: missing; expected tables, each headed [[constraint]]"),
-        ("constraint = []", "constraint: got []"),
         ("[[constraint]]\ntilt = 0.1", "constraint[0].kind: missing"),
         (
             "[[constraint]]\nkind = 'cone'",
@@ -68,12 +67,6 @@ def test_a_file_gives_the_constraints_that_it_describes(tmp_path: Path) -> None:
             REGION + "\ntilt = 4.0",
             "constraint[0].tilt: got 4.0; expected radians in [0.001, pi]",
         ),
-        (REGION + "\ntilt = nan", "constraint[0].tilt: got nan; expected a finite number"),
-        (
-            REGION + "\nupper = [inf, inf, nan]",
-            "constraint[0].upper[2]: got nan; expected metres, or inf",
-        ),
-        (REGION + "\nupper = [0.1]", "expected 3 numbers [x, y, z], inf for no bound"),
         (
             REGION,
             "upper: got (inf, inf, inf); expected a bound on a coordinate, or a tilt",
@@ -82,12 +75,7 @@ def test_a_file_gives_the_constraints_that_it_describes(tmp_path: Path) -> None:
             REGION + "\ntilt = 1.0\nframe = { quaternion_wxyz = [1, 1, 0, 0] }",
             "constraint[0].frame: quaternion: got (1.0, 1.0, 0.0, 0.0); expected a unit quaternion",
         ),
-        (RANGE + "joint = 'a'\nlower = 1.0\nupper = 0.0", "constraint[0].upper: got 0.0"),
         (RANGE + "joint = 'a'\nlower = 1.0", "constraint[0].upper: missing"),
-        (
-            RANGE + "joint = 3\nlower = 0\nupper = 1",
-            "constraint[0].joint: got 3; expected",
-        ),
         (GOOD * 6, "at most 16 entries; there are 18"),
     ],
 )

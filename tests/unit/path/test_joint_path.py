@@ -66,12 +66,6 @@ def test_the_tangent_at_a_corner_is_that_of_the_piece_after_it() -> None:
     assert path([0.0, 4.9, 5.0, 11.0], 1).tolist() == [[0.6, 0.8], [0.6, 0.8], [0.0, 1.0], [0.0, 1.0]]
 
 
-def test_higher_derivatives_of_a_polyline_are_zero() -> None:
-    path = JointPath(ELBOW)
-    assert not np.any(path([0.0, 5.0, 7.0], 2))
-    assert not np.any(path([0.0, 5.0, 7.0], 3))
-
-
 def test_arc_length_outside_the_path_is_refused() -> None:
     s: Any
     for s in [-1e-6, 11.0 + 1e-6, math.nan, [0.0, 12.0]]:
@@ -85,12 +79,6 @@ def test_an_overshoot_of_rounding_size_is_the_end() -> None:
     assert path(11.0 + 1e-10).tolist() == [3.0, 10.0]
     assert path(-1e-10).tolist() == [0.0, 0.0]
     assert path(-1e-10, 1).tolist() == [0.6, 0.8]
-
-
-def test_an_unknown_order_is_refused() -> None:
-    path = JointPath(ELBOW)
-    with pytest.raises(InvalidRequest, match="order: got 4; expected 0, 1, 2 or 3"):
-        path(0.0, 4)
 
 
 def test_wrong_waypoints_are_refused() -> None:
@@ -109,11 +97,6 @@ def test_wrong_waypoints_are_refused() -> None:
     ]:
         with pytest.raises(InvalidRequest, match="waypoints"):
             JointPath(waypoints)
-
-
-def test_a_waypoint_that_is_not_finite_is_named() -> None:
-    with pytest.raises(InvalidRequest, match=r"waypoints\[1\]\[0\]: got nan"):
-        JointPath(np.array([[0.0, 0.0], [math.nan, 1.0]]))
 
 
 def test_a_path_too_long_for_a_float_is_refused() -> None:
@@ -294,17 +277,6 @@ def test_joined_paths_keep_their_blends_and_meet_in_a_stop() -> None:
     assert both.corners == (4,)
 
 
-def test_reversed_runs_the_same_points_backwards() -> None:
-    path = JointPath(ELBOW)
-    assert path.reversed().waypoints.tolist() == ELBOW[::-1].tolist()
-    assert np.allclose(path.reversed()(3.0), path(8.0), rtol=0, atol=1e-15)
-
-
-def test_paths_are_joined_where_one_ends_and_the_other_starts() -> None:
-    path = JointPath(ELBOW[:2]) + JointPath(ELBOW[1:])
-    assert path.waypoints.tolist() == ELBOW.tolist()
-
-
 def test_paths_that_do_not_meet_are_not_joined() -> None:
     a, b = JointPath(ELBOW[:2]), JointPath(ELBOW[:2])
     with pytest.raises(InvalidRequest, match=r"expected a path from \[3.0, 4.0\]"):
@@ -312,7 +284,7 @@ def test_paths_that_do_not_meet_are_not_joined() -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=200, derandomize=True)
+@settings(deadline=None, max_examples=60, derandomize=True)
 @given(polylines, st.floats(0.0, 1.0))
 def test_every_configuration_lies_between_the_waypoints_around_it(points: list[list[float]], share: float) -> None:
     path = JointPath(np.array(points))
@@ -325,7 +297,7 @@ def test_every_configuration_lies_between_the_waypoints_around_it(points: list[l
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=200, derandomize=True)
+@settings(deadline=None, max_examples=60, derandomize=True)
 @given(polylines)
 def test_arc_length_grows_with_every_waypoint_and_tangents_are_unit(points: list[list[float]]) -> None:
     path = JointPath(np.array(points))
@@ -355,16 +327,6 @@ def test_a_trajectory_moves_along_its_path() -> None:
     assert np.allclose(trajectory(1.0, 1), [0.6, 0.8], rtol=0, atol=1e-15)
     assert np.allclose(trajectory([0.5, 1.5], 2), [[0.6, 0.8], [-0.6, -0.8]], rtol=0, atol=1e-15)
     assert not np.any(trajectory(0.5, 3))
-
-
-def test_derivatives_agree_with_finite_differences() -> None:
-    path = JointPath(np.array([[0.0, 0.0], [0.6, 0.8]]))
-    trajectory = Trajectory(path, np.array([1.0]), np.array([[0.0, 0.0, 3.0, -2.0]]))
-    t, h = np.array([0.2, 0.5, 0.7, 0.9]), 1e-5
-    for order in (0, 1, 2):
-        slope = (trajectory(t + h, order) - trajectory(t - h, order)) / (2 * h)
-        # the difference of a cubic is off by its third derivative x h^2 / 6, and by rounding / h
-        assert np.allclose(slope, trajectory(t, order + 1), rtol=0, atol=1e-9)
 
 
 def test_a_trajectory_is_exactly_at_rest_at_its_end() -> None:
@@ -451,30 +413,10 @@ def test_a_law_that_is_no_motion_from_rest_to_rest_is_refused() -> None:
             Trajectory(path, np.array(durations), c)
 
 
-def test_a_dilation_that_is_no_positive_number_is_refused() -> None:
-    dilation: Any
-    for dilation in [0.0, -1.0, math.nan, math.inf, "2", None, [[[1.0]]]]:
-        law = triangle(straight())
-        with pytest.raises(InvalidRequest, match="dilation: got"):
-            Trajectory(law.path, law.durations, law.coefficients, dilation)
-
-
 def test_a_corner_passed_at_speed_is_refused() -> None:
     bent = JointPath(np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]))
     with pytest.raises(InvalidRequest, match=r"a stop at the path's corner at s = 0\.5"):
         triangle(bent)
-
-
-def test_pieces_of_a_straight_line_are_passed_at_speed() -> None:
-    trajectory = triangle(JointPath(np.array([[0.0, 0.0], [0.3, 0.4], [0.6, 0.8]])))
-    assert np.allclose(trajectory(1.0, 1), [0.6, 0.8], rtol=0, atol=1e-15)
-
-
-def test_waypoints_that_are_no_real_numbers_are_refused() -> None:
-    waypoints: Any
-    for waypoints in [[[0], [10**400]], [["0"], ["1"]], [[False], [True]], [[1j]], None, [[0.0], None]]:
-        with pytest.raises(InvalidRequest, match="waypoints: got"):
-            JointPath(waypoints)
 
 
 def test_a_time_or_a_length_that_is_no_real_number_is_refused() -> None:
@@ -493,14 +435,6 @@ def test_an_order_that_is_no_whole_number_is_refused() -> None:
         path = straight()
         with pytest.raises(InvalidRequest, match="order: got"):
             path(0.5, order)
-
-
-def test_a_law_of_huge_integers_is_refused() -> None:
-    path = straight()
-    with pytest.raises(InvalidRequest, match="durations: got"):
-        Trajectory(path, [10**400], [[0.0] * 4])  # type: ignore[arg-type]
-    with pytest.raises(InvalidRequest, match="coefficients: got"):
-        Trajectory(path, [1.0], [[0, 0, 0, 10**400]])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("factor", [1e-9, 1e9])

@@ -32,7 +32,6 @@ from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.problem import SearchProblem
 from tests.reference.edges import ReferenceOracle
 from tests.reference.search import ReferenceSearch
-from tests.support.discs import GlancingWorld, across
 from tests.support.optional import present
 from tests.support.steps import InPython
 
@@ -145,7 +144,7 @@ def test_of_an_edge_only_what_is_near_a_tight_end_keeps_less() -> None:
     assert min(told[True], told[False]) > 10
 
 
-@pytest.mark.parametrize("states", [0, 1, 2, 17, 100, 333])
+@pytest.mark.parametrize("states", [0, 17, 333])
 def test_a_budget_of_states_ends_it_at_the_same_state(states: int) -> None:
     robot, scene = load_robot("wxai"), load_scene("clutter")
     points = ends(robot, scene, 3)
@@ -198,22 +197,8 @@ def test_edges_that_a_first_look_finds_free_are_judged_in_full_before_they_are_a
     assert refuted > 0
 
 
-def test_after_many_paths_over_edges_that_are_not_free_every_edge_is_judged_at_once() -> None:
-    worlds = [GlancingWorld() for _ in range(10)]
-    for seed, world in enumerate(worlds):
-        assert world.found_free(present(BalancedRRTConnect(range=2.0).search(across(world, seed=seed)).waypoints))
-    assert any(world.glances < len(world.edges) for world in worlds)
-
-
 def test_an_edge_of_too_many_samples_is_refused_by_its_step() -> None:
     robot, scene = load_robot("planar2"), load_scene("discs")
     checker = CollisionChecker(robot, scene, edge_step=JointStep(1e-7))
     with pytest.raises(InvalidRequest, match="edge_step"):
         BalancedRRTConnect().search(problem(checker, ends(robot, scene, 1)))
-
-
-def test_the_seed_is_any_number() -> None:
-    robot, scene = load_robot("planar2"), load_scene("discs")
-    points = ends(robot, scene, 1)
-    found = [outcome(CollisionChecker(robot, scene), points, seed)[1] for seed in (0, 2**64 - 1, 2**64, 2**127)]
-    assert len({str(trees) for trees in found}) == 4

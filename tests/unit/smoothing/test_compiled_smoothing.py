@@ -64,7 +64,7 @@ def plainly(checker: CollisionChecker, path: FloatArray, seed: int) -> tuple[Any
 
 
 @pytest.mark.parametrize(("name", "where"), [("planar2", "discs"), ("wxai", "clutter"), ("panda", "shelf")])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_it_finds_the_path_of_its_reference_at_the_same_counts(name: str, where: str, seed: int) -> None:
     robot, scene, rng = load_robot(name), load_world(where), np.random.default_rng([len(name), seed])
     path = free_path(CollisionChecker(robot, scene), rng)
@@ -72,7 +72,7 @@ def test_it_finds_the_path_of_its_reference_at_the_same_counts(name: str, where:
 
 
 @pytest.mark.parametrize(("name", "where"), [("planar2", "discs"), ("wxai", "clutter")])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_with_a_step_of_ones_own_path_and_counts_are_the_same_wherever_it_is_ended(
     name: str, where: str, seed: int
 ) -> None:

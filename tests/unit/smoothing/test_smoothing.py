@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
@@ -38,21 +37,6 @@ def test_the_laws_of_shortcutting(seed: int, n: int, step: float) -> None:
     assert len(set(asked)) == len(asked)
 
 
-def test_the_ends_of_cuts_between_vertices_are_known_to_be_free() -> None:
-    world = DiscWorld(NOTHING)
-    path = [[0.0, 0.0], [1.0, 1.0], [2.0, -1.0], [3.0, 0.0]]
-    shortcut(path, world, np.random.default_rng(0), tries=0)
-    assert world.judged
-    assert not {tuple(q) for q in path} & set(world.judged)
-
-
-def test_a_detour_in_the_open_becomes_the_straight_line_with_one_edge() -> None:
-    world = DiscWorld(NOTHING)
-    short = shortcut([[0, 0], [1, 1], [2, -1], [3, 0]], world, np.random.default_rng(0))
-    assert short.tolist() == [[0, 0], [3, 0]]
-    assert len(world.edges) == 1
-
-
 def test_random_cuts_shorten_what_skipping_vertices_cannot() -> None:
     world = DiscWorld(WALL[:1])
     path = [[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]]
@@ -72,53 +56,6 @@ def test_the_rest_of_a_piece_that_fails_on_its_own_undoes_the_cut() -> None:
             return not {tuple(path[0]), tuple(path[2])} & {tuple(q1), tuple(q2)}
 
     assert shortcut(path, Picky(NOTHING), np.random.default_rng(0)).tolist() == path.tolist()
-
-
-def test_shortcutting_is_far_cheaper_than_asking_about_random_pairs_again_and_again() -> None:
-    ours, naive = [], []
-    for seed in range(10):
-        world = DiscWorld()
-        path = found(world, seed=seed)
-        before = world.states
-        shortcut(path, world, np.random.default_rng(seed))
-        ours.append(world.states - before)
-        naive.append(by_300_random_pairs(path, np.random.default_rng(seed)))
-    assert sorted(ours)[5] * 4 < sorted(naive)[5]
-
-
-def by_300_random_pairs(path: FloatArray, rng: np.random.Generator) -> int:
-    """States the textbook loop judges, remembering nothing."""
-    world, points = DiscWorld(), list(path)
-    for _ in range(300):
-        i, j = sorted(rng.integers(0, len(points), 2).tolist())
-        if j - i >= 2 and world.edge_is_free(points[i], points[j]):
-            points = points[: i + 1] + points[j:]
-    return world.states
-
-
-def test_equal_generators_give_equal_paths_and_counts() -> None:
-    runs = []
-    for _ in range(2):
-        world = DiscWorld()
-        runs.append((shortcut(found(world, n=6), world, np.random.default_rng(7)).tolist(), world.states))
-    assert runs[0] == runs[1]
-
-
-def test_the_callers_array_stays_as_it_is() -> None:
-    path = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]])
-    copy = path.copy()
-    short = shortcut(path, DiscWorld(NOTHING), np.random.default_rng(0))
-    assert np.array_equal(path, copy)
-    assert not short.flags.writeable
-
-
-def test_repeated_waypoints_fall_away() -> None:
-    short = shortcut([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]], DiscWorld(NOTHING), np.random.default_rng(0))
-    assert short.tolist() == [[0.0, 0.0], [1.0, 0.0]]
-
-
-def test_a_single_configuration_is_its_own_shortcut() -> None:
-    assert shortcut([[0.5, 0.5]], DiscWorld(NOTHING), np.random.default_rng(0)).tolist() == [[0.5, 0.5]]
 
 
 def test_a_limit_comes_out_unchanged() -> None:
@@ -199,36 +136,11 @@ def test_a_joint_that_an_obstacle_holds_does_not_hold_the_others() -> None:
     assert short[1][2] == pytest.approx(0.0)
 
 
-def test_a_corner_whose_first_look_was_too_hopeful_goes_no_farther_than_is_free() -> None:
-    world = GlancingWorld(((0.5, 0.0, 0.06),))
-    short = pulled_in([[0.0, 0.0], [2.0, 0.8], [4.0, 0.0]], world)
-    assert world.found_free(short)
-    assert 0.0 < short[1][1] < 0.8
-
-
-def test_a_corner_that_nothing_new_can_pull_is_not_asked_about_again() -> None:
-    world = GlancingWorld(((1.0, 0.0, 0.99),))
-    points = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
-    assert pulled_in(points, world).tolist() == points
-    assert len(set(world.judged)) == len(world.judged)
-
-
 def test_corners_of_short_pieces_are_left_out_where_a_free_edge_can() -> None:
     world = DiscWorld(NOTHING)
     points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0], [3.0, 0.0]]
     assert without_short_pieces(points, world).tolist() == [points[0], points[2], points[3], points[4]]
     assert len(world.edges) == 1
-
-
-def test_corners_of_short_pieces_stay_where_no_edge_is_free() -> None:
-    world = DiscWorld(((0.9, 0.06, 0.05), (1.5, 0.46, 0.05)))
-    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0]]
-    assert without_short_pieces(points, world).tolist() == points
-
-
-def test_both_ends_of_a_short_path_stay() -> None:
-    points = [[0.0, 0.0], [0.05, 0.0]]
-    assert without_short_pieces(points, DiscWorld(NOTHING)).tolist() == points
 
 
 @pytest.mark.parametrize(
@@ -263,13 +175,6 @@ def test_a_pull_that_gains_less_than_half_a_percent_is_not_asked_about(height: f
     short = pulled_in([[0.0, 0.0], [1.0, height], [2.0, 0.0]], world)
     assert (world.glances > 0) == asked
     assert (short[1][1] == 0.0) == asked
-
-
-@pytest.mark.parametrize(("size", "left"), [(0.0999, 2), (0.1, 3)])
-def test_a_piece_is_short_below_a_tenth_of_a_radian(size: float, left: int) -> None:
-    points = [[0.0, 0.0], [size, 0.0], [size, 1.0]]
-    assert len(without_short_pieces(points, DiscWorld(NOTHING))) == left
-    assert len(without_short_pieces(points[::-1], DiscWorld(NOTHING))) == left
 
 
 def test_a_corner_is_looked_at_again_when_its_neighbour_was_left_out_and_no_other_is() -> None:
@@ -336,18 +241,3 @@ def test_cutting_ends_after_so_many_cuts_in_a_row_that_collide() -> None:
     shares = [share for k in range(60) for share in (0.125 + 0.001 * k, 0.5)]
     shortcut(STAIRS, world, Shares(*shares), misses=4)
     assert len(world.judged) == 1 + 4 + 1  # at last the rest of the piece that was cut
-
-
-def test_the_joint_that_is_farthest_off_is_pulled_first() -> None:
-    pulled: list[list[int]] = []
-    corner = np.array([1.0, 0.5, 0.9, 0.7])
-
-    class Closed(GlancingWorld):
-        def edge_is_free_coarse(self, q1: object, q2: object, *, known: Known = Known.NEITHER) -> bool:
-            pulled.append(np.flatnonzero(np.array(q2) != corner).tolist())
-            return False
-
-    assert (
-        pulled_in(np.array([np.zeros(4), corner, [2.0, 0.0, 0.0, 0.0]]), Closed(NOTHING))[1].tolist() == corner.tolist()
-    )
-    assert pulled == [[1, 2, 3], [2], [3], [1], [2], [3], [1]]
