@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from planner_service.geometry.arrays import FloatArray
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.roadmap.verdicts import Knowledge
-from planner_service.search.ompl import MAX_REPEATS, _RoadmapOracle
-from planner_service.search.problem import SearchProblem, SearchSpace
+from planner_service.search.problem import SearchProblem
 from tests.support.discs import DiscWorld, GlancingWorld, Stop
 from tests.support.roadmaps import nearest_places
 
@@ -130,11 +129,11 @@ class Honest:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("some", range(6))
+@pytest.mark.parametrize("some", range(2))
 @pytest.mark.parametrize("glances", [False, True])
 def test_a_path_is_found_if_and_only_if_there_is_one_and_what_is_learned_is_true(some: int, glances: bool) -> None:
     found = 0
-    for seed in range(60 * some, 60 * some + 60):
+    for seed in range(100 * some, 100 * some + 100):
         maze = Maze(seed)
         world = (GlancingWorld if glances else DiscWorld)(maze.discs, step=STEP)
         problem = maze.problem(world)
@@ -182,21 +181,3 @@ def test_an_edge_of_any_length_is_joined() -> None:
     world = DiscWorld((), step=1e9)
     found = far.search(SearchProblem(np.array([1e11, 1e6]), np.array([[9e11, 1e6]]), -wide, wide, world))
     assert found.waypoints is not None
-
-
-def test_a_no_that_is_no_verdict_is_not_noted_as_one() -> None:
-    wide = np.full(2, 5.0)
-    a, b, c = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
-    stopped = _RoadmapOracle(SearchSpace(-wide, wide, DiscWorld((), limit=3)))
-    assert not stopped.edge(a, b)
-    assert isinstance(stopped.held, Stop)
-    assert not stopped.edge(b, c)
-    assert stopped.blocked == {}
-    patient = _RoadmapOracle(SearchSpace(-wide, wide, DiscWorld(())))
-    assert not all(patient.edge(a, b) for _ in range(2 * MAX_REPEATS)), "to get OMPL out of a loop"
-    assert patient.blocked == {}
-    walled = _RoadmapOracle(SearchSpace(-wide, wide, DiscWorld([(0.5, 0.0, 0.1)])))
-    assert not walled.edge(a, b)
-    assert not walled.edge(b, a)
-    assert walled.edge(b, c)
-    assert walled.blocked == {(a, b): None}

@@ -61,15 +61,6 @@ def test_one_from_a_file_answers_as_the_one_in_memory(lazy: bool, tmp_path: Path
             assert answer(service, loaded, number) == answer(service, roadmap, number)
 
 
-@pytest.mark.slow
-def test_what_was_asked_before_changes_no_answer() -> None:
-    service, roadmaps = cell(), chain(True)
-    first = [answer(cell(), replace(roadmap), 9) for roadmap in roadmaps[::4]]
-    for roadmap in roadmaps[::-1]:
-        answer(service, roadmap, 3)
-    assert [answer(service, roadmap, 9) for roadmap in roadmaps[::4]] == first
-
-
 def test_roadmaps_of_which_nothing_was_asked_before_they_learned_answer_the_same() -> None:
     rng, service = np.random.default_rng(0), cell()
     roadmap = chain(False)[0]

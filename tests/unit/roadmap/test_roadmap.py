@@ -15,7 +15,7 @@ from planner_service.roadmap import Roadmap, Verdict
 from planner_service.roadmap.graph import SPACING, Graph
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from planner_service.search.problem import SearchProblem
-from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
+from tests.support.discs import SEALED, WALL, DiscWorld, across, length
 from tests.support.optional import present
 from tests.support.roadmaps import nearest_places, points_along
 
@@ -36,30 +36,6 @@ def diagonal(world: DiscWorld) -> SearchProblem:
     return query([-0.1, -0.1], [1.1, 1.1], world)
 
 
-@pytest.mark.parametrize("seed", range(15))
-def test_a_path_is_found_if_there_is_one(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    points, world = rng.random((12, 2)), DiscWorld([(0.5, 0.5, 0.25)], step=0.01)
-    points = points[np.sqrt(((points - 0.5) ** 2).sum(axis=1)) > 0.3]
-    edges = [(a, b) for a in range(len(points)) for b in range(a + 1, len(points)) if rng.random() < 0.5]
-    ends = np.array([[-0.1, 0.5], [1.1, 0.5]])
-    found = Roadmap.of(points, edges).search(query(ends[0], ends[1], world))
-
-    everything, checker = [*points.tolist(), *ends.tolist()], DiscWorld([(0.5, 0.5, 0.25)], step=0.01)
-    start = len(points)
-    joined = {frozenset(edge) for edge in edges} | {frozenset((k, e)) for k in range(start) for e in (start, start + 1)}
-    known, front = {start}, [start]
-    while front:
-        node = front.pop()
-        for other in range(start + 2):
-            if other not in known and frozenset((node, other)) in joined:
-                a, b = np.array(everything[node]), np.array(everything[other])
-                if checker.edge_is_free(a, b):
-                    known.add(other)
-                    front.append(other)
-    assert (found.waypoints is not None) == (start + 1 in known)
-
-
 def test_a_path_is_at_most_three_times_as_long_as_the_shortest() -> None:
     rng = np.random.default_rng(1)
     points = rng.random((60, 2))
@@ -70,25 +46,12 @@ def test_a_path_is_at_most_three_times_as_long_as_the_shortest() -> None:
         assert length(present(found.waypoints)) < 3.0 * math.dist(problem.start, problem.goals[0]) + 1.0
 
 
-def test_an_edge_that_is_blocked_is_gone_round() -> None:
-    world = DiscWorld([(0.5, 0.0, 0.1), (0.5, 0.5, 0.1)])
-    found = present(SQUARE.search(diagonal(world)).waypoints)
-    assert [1.0, 0.0] not in found.tolist()
-    assert world.found_free(found)
-
-
 def test_of_a_judged_roadmap_only_what_joins_the_ends_is_judged() -> None:
     world = DiscWorld([(0.5, 0.5, 0.2)])
     found = JUDGED.search(diagonal(world))
     assert found.waypoints is not None
     assert all((-0.1, -0.1) in edge or (1.1, 1.1) in edge for edge in world.edges)
     assert found.roadmap is JUDGED, "nothing was learned"
-
-
-def test_what_joins_the_ends_is_judged_before_the_rest_of_a_path() -> None:
-    world = DiscWorld(NOTHING)
-    SQUARE.search(diagonal(world))
-    assert [(-0.1, -0.1) in edge or (1.1, 1.1) in edge for edge in world.edges] == [True, True, False, False]
 
 
 def test_an_end_is_joined_anywhere_along_a_free_edge() -> None:
@@ -122,39 +85,11 @@ def test_what_was_learned_is_another_value_and_is_not_asked_again() -> None:
     assert world.states < once_more.states / 2
 
 
-def test_an_oracle_that_glances_is_asked_for_a_first_look_before_all_of_an_edge() -> None:
-    roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=1)
-    plain, glancing = DiscWorld(), GlancingWorld()
-    assert roadmap.search(across(plain)).waypoints is not None
-    result = roadmap.search(across(glancing))
-    assert glancing.glances > 0
-    assert glancing.found_free(present(result.waypoints))
-
-
-def test_ends_known_to_be_free_are_not_judged() -> None:
-    world = DiscWorld(NOTHING)
-    SQUARE.search(diagonal(world))
-    assert (-0.1, -0.1) not in world.judged
-    assert (1.1, 1.1) not in world.judged
-
-
-def test_the_nearer_of_two_goals_is_reached() -> None:
-    problem = across(DiscWorld(), goals=((2.5, 2.5), (1.2, -0.5)))
-    result = PRM(milestones=300).grow(problem, seed=0).search(problem)
-    assert result.goal_index == 1
-
-
 def test_no_path_is_none() -> None:
     problem = across(DiscWorld(SEALED))
     assert PRM(milestones=100).grow(problem, seed=0).search(problem).waypoints is None
     assert LazyPRM(milestones=100).search(problem).waypoints is None
     assert Roadmap.of(np.zeros((0, 2))).search(diagonal(DiscWorld(NOTHING))).waypoints is None
-
-
-@pytest.mark.slow
-def test_a_query_that_leads_nowhere_ends() -> None:
-    roadmap = LazyPRM(milestones=3000, neighbours=20).grow(across(DiscWorld(SEALED)), seed=0)
-    assert roadmap.search(across(DiscWorld(SEALED))).waypoints is None
 
 
 def test_an_end_that_is_a_milestone_is_not_repeated() -> None:
@@ -188,11 +123,6 @@ def test_lazy_prm_judges_nothing_before_it_is_asked() -> None:
     assert {tuple(edge) for edge in roadmap.edges.tolist()} == expected
 
 
-def test_a_limit_comes_out_of_a_query() -> None:
-    with pytest.raises(Stop, match="limit"):
-        SQUARE.search(diagonal(DiscWorld(NOTHING, limit=3, error=lambda: Stop("limit"))))
-
-
 def test_a_roadmap_cannot_be_changed() -> None:
     for array in JUDGED.arrays.values():
         with pytest.raises(ValueError, match="read-only"):
@@ -212,20 +142,6 @@ def test_a_path_is_remembered_as_milestones_and_free_edges() -> None:
     assert world.edges == [], "the ends are milestones now, and the way is known"
 
 
-def test_paths_remembered_one_by_one_are_all_found() -> None:
-    rng = np.random.default_rng(0)
-    roadmap = Roadmap.of(np.zeros((0, 2)))
-    paths = [np.cumsum(rng.random((6, 2)), axis=0) + np.array([0.0, 10.0 * k]) for k in range(12)]
-    for path in paths:
-        roadmap = roadmap.with_path(path)
-    for path in paths:
-        world = DiscWorld(NOTHING)
-        wide = np.full(2, 500.0)
-        found = roadmap.search(SearchProblem(path[0], path[-1:], -wide, wide, world))
-        assert present(found.waypoints)[0].tolist() == path[0].tolist()
-        assert world.states == 0
-
-
 def test_a_net_of_added_paths_is_as_if_made_at_once() -> None:
     rng = np.random.default_rng(3)
     roadmap = Roadmap.judged(CORNERS, SIDES)
@@ -242,13 +158,13 @@ def test_a_net_of_added_paths_is_as_if_made_at_once() -> None:
         assert (roadmap.graph.component(a) == roadmap.graph.component(b)) == together
 
 
-@pytest.mark.parametrize("grown", [(-1, 0), (5, 0), (4, -1), (4, 5), (3, 4)])
+@pytest.mark.parametrize("grown", [(5, 0), (3, 4)])
 def test_a_trunk_is_a_part_of_its_graph(grown: tuple[int, int]) -> None:
     with pytest.raises(InvalidRequest, match="how many milestones and edges were grown at once"):
         Graph.of(np.array(CORNERS), np.array(SIDES), np.ones(2), grown)
 
 
-@pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
+@pytest.mark.parametrize("share", [0.05, 0.6])
 def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
     rng = np.random.default_rng(4)
     roadmap = LazyPRM(milestones=400, neighbours=6).grow(across(DiscWorld(NOTHING)), seed=1)
@@ -269,21 +185,6 @@ def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
         for place in found:
             owner = place.edge if place.edge >= 0 else -1 - place.milestone
             assert place.far == pytest.approx(nearest[owner])
-
-
-def test_a_roadmap_answers_the_same_whatever_it_or_its_kin_were_asked_before() -> None:
-    rng = np.random.default_rng(5)
-    roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=3)
-    for k in range(6):
-        found = roadmap.search(across(DiscWorld(), seed=k, goals=((2.0, 0.3 * k - 1.0),)))
-        roadmap = present(found.roadmap).with_path(present(found.waypoints))
-    anew = replace(roadmap, graph=Graph.of(roadmap.milestones, roadmap.edges, roadmap.graph.reach, roadmap.graph.grown))
-    for goal in rng.random((10, 2)) * 2.0 - 1.0:
-        one, two = DiscWorld(), DiscWorld()
-        end = (2.0 + float(goal[0]) / 4, float(goal[1]))
-        first, second = roadmap.search(across(one, goals=(end,))), anew.search(across(two, goals=(end,)))
-        assert present(first.waypoints).tolist() == present(second.waypoints).tolist()
-        assert one.judged == two.judged
 
 
 def test_what_an_obstacle_may_have_changed_is_in_doubt_and_nothing_else() -> None:
@@ -339,17 +240,3 @@ def test_a_path_that_is_none_is_refused() -> None:
     for points in [[[0.0, 0.0]], [[0.0], [1.0]], [[0.0, math.inf], [0.0, 0.0]], None]:
         with pytest.raises(InvalidRequest, match="points: got"):
             SQUARE.with_path(points)
-
-
-def test_milestones_that_are_no_real_numbers_are_refused() -> None:
-    milestones: Any
-    for milestones in [[[10**400, 0.0]], [["0", "1"]], [[True, False]], [[0.0], [0.0, 1.0]], None]:
-        with pytest.raises(InvalidRequest, match="milestones: got"):
-            Roadmap.of(milestones, [])
-
-
-def test_edges_that_are_no_pairs_of_indices_are_refused() -> None:
-    edges: Any
-    for edges in [[[0, 10**400]], [["0", "1"]], [[0, 0.5]], [0, 1], [[0, 1, 1]], None, [[0, math.inf]]]:
-        with pytest.raises(InvalidRequest, match="edges: got"):
-            Roadmap.of([[0.0], [1.0]], edges)
