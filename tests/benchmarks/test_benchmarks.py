@@ -22,7 +22,6 @@ from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.versions import HERE, THEN, version_here, version_then
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, show, write_json
 from benchmarks.studies import (
-    agreement,
     differential,
     latency,
     panda,
@@ -234,7 +233,7 @@ def test_the_command_refuses_what_it_cannot_do_before_it_measures(
         (["toy", "--seed", "3"], "argument --seed: toy has none; it takes none"),
         (["proven", "--seed", "3"], "argument --seed: proven has none; it takes --queries"),
         (["serve", "--part", "warm"], "argument --part: serve has load, memory"),
-        (["agreement", "--states", "0"], "argument --states: got '0'; expected a whole number from 1"),
+        (["differential", "--states", "0"], "argument --states: got '0'; expected a whole number from 1"),
     ):
         with pytest.raises(SystemExit, match="2"):
             command.main(arguments)
@@ -260,10 +259,6 @@ def test_without_an_argument_everything_there_is_is_listed_as_in_the_docs(capsys
     text = (Path(__file__).parents[2] / "docs" / "figures" / "measured.md").read_text("utf-8")
     assert command.listed() in text
     assert set(command.LONG) < set(command.STUDIES)
-
-
-def test_few_states_are_compared_in_the_kinds_there_are() -> None:
-    assert [promise for promise in agreement.run("planar2", 1).promises if not promise.kept] == []
 
 
 # --- the curves themselves

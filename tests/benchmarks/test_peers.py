@@ -8,25 +8,21 @@ import os
 import re
 import sys
 import time
-import xml.etree.ElementTree as ElementTree
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from benchmarks.baselines.peers import running
 from benchmarks.baselines.peers.adapter_protocol import matrix_of
-from benchmarks.baselines.peers.catalogue import PEERS, peer_named
+from benchmarks.baselines.peers.catalogue import PEERS
 from benchmarks.baselines.peers.child import Child, Reply
 from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.jobs import Task, job_of, placed_robot
 from benchmarks.baselines.peers.running import Run, row_of, tasks_of
-from benchmarks.harness.sources import Motion
+from benchmarks.harness.suite import Motion
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
-from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Shape
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +54,7 @@ class Fake:
                 file.write(str(os.getpid()))
             time.sleep(600)
         with answer.stage("search"):
-            answer.raw = [problem["start"], problem["start"], problem["goals"][0]]
+            pass
         answer.checks["search"] = 7
         answer.seconds["setup"] = begun
         answer.waypoints = [problem["start"], problem["goals"][0]]
@@ -161,7 +157,7 @@ def run_of(*motions: Motion) -> Run:
 def replied(problem: Motion, **answer: Any) -> Reply:
     said = {"cpu_seconds": 0.5, "seconds": {"setup": 9.0, "search": 0.25, "shortcut": 0.5}, "checks": {"search": 7}}
     path = [problem.start.tolist(), problem.goals[0].tolist()]
-    told = {"problem": problem.id, "seed": 0, "waypoints": path, "raw": path, **said, **answer}
+    told = {"problem": problem.id, "seed": 0, "waypoints": path, **said, **answer}
     return Reply({"problem": problem.id, "seed": 0}, told, {"ompl": "2.0.1"})
 
 
@@ -170,7 +166,7 @@ def test_a_free_path_is_a_row() -> None:
     row = row_of(run_of(problem), replied(problem), problem)
     assert (row["ok"], row["failure"], row["total_seconds"], row["cpu_seconds"]) == (True, None, 0.75, 0.5)
     assert row["checks"] == {"search": {"states": 7, "edges": 0, "distances": 0}}
-    assert row["length"] == row["raw_length"] == pytest.approx(0.1 * 7**0.5)
+    assert row["length"] == pytest.approx(0.1 * 7**0.5)
     assert row["audit"] == {"step": 0.005, "verdict": "free", "depth": None, "pair": None}
 
 
@@ -181,19 +177,6 @@ def test_a_path_into_something_is_refused_with_who_and_how_deep() -> None:
     assert row["audit"]["verdict"] == "colliding"
     assert "cloud" in row["audit"]["pair"]
     assert row["audit"]["depth"] > 0.01
-
-
-def test_a_motion_that_leaves_its_free_path_is_refused() -> None:
-    problem = motion()
-    away = problem.start + np.array([0.0, 0.0, 0.0, 2.6, 0.0, 0.0, 0.0])  # the elbow past its end
-    samples = [problem.start.tolist(), away.tolist(), problem.goals[0].tolist()]
-    answer = {"times": [0.0, 1.0, 2.0], "samples": samples, "velocities": [[0.0] * 7, [4.35] * 7, [0.0] * 7]}
-    row = row_of(run_of(problem), replied(problem, **answer), problem)
-    assert row["audits"]["path"]["verdict"] == "free"
-    assert row["audits"]["motion"]["verdict"] == row["audit"]["verdict"] == "outside_limits"
-    assert row["audit"]["pair"] == ["panda_joint4", "limit"]
-    assert row["duration"] == 2.0
-    assert row["peaks"] == {"velocity": 2.0, "acceleration": None, "jerk": None}
 
 
 @pytest.mark.parametrize(("end", "failure"), [(0, "wrong_start"), (-1, "wrong_goal")])
@@ -229,19 +212,6 @@ def installed(environment: Environment, **changes: Any) -> None:
 # --- jobs
 
 
-def test_a_job_has_the_robots_files_with_its_own_limits_and_pairs(panda: Robot, tmp_path: Path) -> None:
-    placed = placed_robot(panda, tmp_path)
-    limit = ElementTree.parse(placed["urdf"]).find("./joint[@name='panda_joint1']/limit")
-    assert limit is not None
-    assert float(limit.get("velocity", "0")) == panda.limits.velocity[0] == placed["velocity"][0]
-    disabled = ElementTree.parse(placed["srdf"]).findall("disable_collisions")
-    pairs = {frozenset((each.get("link1"), each.get("link2"))) for each in disabled}
-    assert pairs == {frozenset(contact.links) for contact in panda.allowed_contacts}
-    assert pairs == {frozenset(pair) for pair in placed["disabled_pairs"]}
-    meshes = {mesh.get("filename") for mesh in ElementTree.parse(placed["urdf"]).iter("mesh")}
-    assert all((tmp_path / str(mesh)).is_file() for mesh in meshes)
-
-
 def test_a_job_is_json_with_every_shape_a_peer_may_know(tmp_path: Path) -> None:
     shapes: tuple[Shape, ...] = (Box((1.0, 2.0, 3.0)), Sphere(0.1), Cylinder(0.1, 0.5), Capsule(0.2, 0.6))
     turned = Pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
@@ -262,16 +232,12 @@ def test_what_no_job_can_hold_is_refused_by_name() -> None:
         job_of(PEERS["ompl-coal"], "rrtconnect", {}, [Task(problem, 0)], 5.0)
 
 
-def test_robots_with_joints_that_stand_still_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidRequest, match="all of whose joints are planned with"):
-        placed_robot(load_robot("wxai"), tmp_path)
+def test_robots_out_of_other_packages_are_refused() -> None:
     with pytest.raises(InvalidRequest, match="in its own folder"):
-        placed_robot(load_robot("ur5"), tmp_path)
+        placed_robot(load_robot("ur5"))
 
 
 def test_unknown_names_are_refused() -> None:
-    with pytest.raises(UnknownName, match="did you mean 'ompl-coal'"):
-        peer_named("ompl_coal")
     with pytest.raises(InvalidRequest, match="one of rrtconnect of ompl-coal"):
         job_of(PEERS["ompl-coal"], "prm", {}, [], 1.0)
     with pytest.raises(InvalidRequest, match="motions of one robot"):
@@ -357,25 +323,3 @@ def test_nothing_of_ours_is_seen_in_a_peers_environment(tmp_path: Path, monkeypa
     monkeypatch.setenv("PYTHONPATH", "/ours")
     environment = Environment.of(PEERS["ompl-coal"], tmp_path)
     assert "PYTHONPATH" not in environment.surroundings()
-
-
-@pytest.fixture
-def peers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Environments are made in the test's folder."""
-    monkeypatch.setenv("PLANNER_SERVICE_PEERS", str(tmp_path / "peers"))
-
-
-@pytest.mark.usefixtures("peers")
-def test_the_command_lists_what_there_is() -> None:
-    said = StringIO()
-    assert running.main(["list"], Console(file=said, width=200)) == 0
-    assert all(name in said.getvalue() for name in PEERS)
-    assert said.getvalue().count("not installed") == len(PEERS)
-
-
-@pytest.mark.usefixtures("peers")
-def test_the_command_fails_where_an_installation_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken, said = script(tmp_path / "python", "echo 'error: nothing works' >&2; exit 1"), StringIO()
-    monkeypatch.setattr(sys, "executable", str(broken))
-    assert running.main(["install", "ompl-coal"], Console(file=said, width=200)) == 1
-    assert "error: nothing works" in said.getvalue()
