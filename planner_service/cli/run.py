@@ -13,6 +13,7 @@ import typer
 
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import BAD_INPUT, NO_PLAN, bad_input_exits, finish, report_error
+from planner_service.cli.options import argument, option
 from planner_service.cli.output import show, wrapped
 from planner_service.errors import InvalidRequest
 from planner_service.execute import (
@@ -55,30 +56,19 @@ PLANNING_OPTIONS = {"target": "--object", "onto": "--onto", "seed": "--seed"}
 def run(
     context: typer.Context,
     plan_file: Annotated[
-        str | None, typer.Argument(metavar="FILE", help="A plan or task saved with --out; without it, one is planned.")
+        str | None, argument("FILE", "A plan or task saved with --out; without it, one is planned.")
     ] = None,
-    sim: Annotated[bool, typer.Option("--sim", help="Execute on the simulated arm.")] = False,
-    arm: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Execute on the arm at this address; needs FILE.")
-    ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Move the real arm; without it, only say what would happen.")
-    ] = False,
+    sim: Annotated[bool, option("--sim", "Execute on the simulated arm.")] = False,
+    arm: Annotated[str | None, option("ADDRESS", "Execute on the arm at this address; needs FILE.")] = None,
+    yes: Annotated[bool, option("--yes", "Move the real arm; without it, only say what would happen.")] = False,
     speed: Annotated[
-        float | None,
-        typer.Option(metavar="X", help="Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]"),
+        float | None, option("X", "Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]")
     ] = None,
     robot: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]"
-        ),
+        str | None, option("NAME", "Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]")
     ] = None,
     scene: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]"
-        ),
+        str | None, option("NAME", "Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]")
     ] = None,
     allow: options.Allow = None,
     target: options.Target = "blue_block",
