@@ -99,7 +99,7 @@ def test_errors_come_back_from_another_process_as_they_were() -> None:
         InvalidRequest("seed", -1, "at least 0"),
         UnknownName("scene", "tabel", ["table"]),
         InvalidFile("a.toml", ["one", "two"]),
-        MissingDependency("coacd", "decompose"),
+        MissingDependency("xacro", "xacro"),
         PlanningFailed(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, "none")),
     ]:
         again = pickle.loads(pickle.dumps(error))
