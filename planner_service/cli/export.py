@@ -75,7 +75,7 @@ def export(
         if out is not None:
             require_writable(out, _file_kind(form))
         saved = load_plan_or_task(plan_file)
-        if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
+        if saved.failure is not None:
             raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
         arguments.require_proven(saved, allow)
         content = _exported(saved, form, dt, as_yaml, model)

@@ -106,7 +106,7 @@ def run(
             opened = _opened(plan_file, robot, scene, allow, streaming)
             plan, done = opened.plan, _rehearsed(opened, streaming)
     if done is None:
-        finish(plan.document(), None, (), plan.failure if isinstance(plan, SavedTask) else None, as_json=as_json)
+        finish(plan.document(), None, (), plan.failure, as_json=as_json)
     else:
         if plan_file is not None and scene is None:
             report_error(f"note: {arguments.from_file(plan)}")
@@ -167,8 +167,7 @@ def _planned(
 
 
 def _require_plan(plan: SavedPlan | SavedTask) -> None:
-    failure = plan.failure if isinstance(plan, SavedTask) else plan.result.failure
-    if failure is not None or (isinstance(plan, SavedTask) and not plan.segments):
+    if plan.failure is not None or not plan.segments:
         raise InvalidRequest("FILE", "a failure", "a file that holds a plan")
 
 
