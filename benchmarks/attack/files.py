@@ -22,10 +22,13 @@ from planner_service.constraints import load_constraints
 from planner_service.files.disk_cache import DiskCache
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
-from planner_service.records import plan_file, read_problems
+from planner_service.records import plan_file
+from planner_service.records.problem_set import read_problems
 from planner_service.records.request import RequestRecord
-from planner_service.scene import read_moveit_scene, read_urdf_scene
-from planner_service.tasks import plan_pick_place
+from planner_service.roadmap import Roadmap
+from planner_service.scene.moveit_scene import read_moveit_scene
+from planner_service.scene.urdf_scene import read_urdf_scene
+from planner_service.tasks.pick_place import plan_pick_place
 
 __all__ = ["Attack"]
 
@@ -66,6 +69,13 @@ WRITTEN = {
     "obj": "mesh.obj",
     "stl": "mesh.stl",
     "stl text": "mesh_text.stl",
+    "glb": "mesh.glb",
+    "sdf": "world.sdf",
+    "pcd": "scan.pcd",
+    "packed pcd": "packed.pcd",
+    "xyz": "scan.xyz",
+    "bt": "map.bt",
+    "ot": "map.ot",
 }
 """Files that are stored."""
 
@@ -120,7 +130,7 @@ class _Stock:
         out: dict[str, tuple[str, Callable[[Path], Any]]] = {
             "plan": ("f.json", plan_file.load_plan_or_task),
             "task": ("f.json", plan_file.load_plan_or_task),
-            "roadmap": ("f.npz", ps.Roadmap.load),
+            "roadmap": ("f.npz", Roadmap.load),
             "npy": ("f.npy", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "npz": ("f.npz", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "heights": ("f.npy", lambda path: ps.HeightField.from_file(path, 0.1)),
@@ -135,8 +145,10 @@ class _Stock:
             "cache": (f"cache/{KEY}.bin", lambda path: cache.get(KEY)),
             "constraints": ("f.toml", load_constraints),
         }
-        for kind in ("ply", "obj", "stl", "stl text", "dae"):
+        for kind in ("ply", "obj", "stl", "stl text", "dae", "glb"):
             out[kind] = (f"f.{kind.split()[0]}", ps.Mesh.from_file)
+        for kind in ("sdf", "pcd", "packed pcd", "xyz", "bt", "ot"):
+            out[kind] = (f"f.{kind.split()[-1]}", ps.load_scene)
         return out
 
 
@@ -144,13 +156,27 @@ WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, 
 """How often kinds that take more time are drawn; the others 1."""
 
 TEXTS = frozenset(
-    {"plan", "task", "obj", "stl text", "dae", "scene", "robot", "world", "moveit", "constraints", *TABLES}
+    {
+        "plan",
+        "task",
+        "obj",
+        "stl text",
+        "dae",
+        "scene",
+        "robot",
+        "world",
+        "sdf",
+        "xyz",
+        "moveit",
+        "constraints",
+        *TABLES,
+    }
 )
 
 
 class Attack(Part):
     name = "files"
-    what = "files of 21 kinds, bytes, words, lines and structure mutated"
+    what = "files of 28 kinds, bytes, words, lines and structure mutated"
     lists = ("data",)
 
     @cached_property

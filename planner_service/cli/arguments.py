@@ -27,8 +27,8 @@ from planner_service.roadmap.validity import Terms
 from planner_service.robot.inertia import Dynamics, Payload
 from planner_service.robot.model import Robot, joint_vector, robot_names
 from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
-from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.timing.laws import Timing, ToppRa
 from planner_service.view.still import motion_plot
@@ -237,7 +237,7 @@ def service_for(robot: str, scene: str) -> PlannerService:
     Raises:
         InvalidRequest: there is no such robot or scene.
     """
-    return PlannerService(load_robot(robot), load_world(scene))
+    return PlannerService(load_robot(robot), load_scene(scene))
 
 
 def require_obstacles(scene: Scene, names: Mapping[str, str]) -> None:
@@ -290,7 +290,7 @@ def reopened(
         notes += [] if arm.hash == before.hash else [f"made for another robot: {before.name}, {before.hash[:12]}"]
         begin = replace(begin, robot=arm)
     if scene is not None:
-        world = load_world(scene)
+        world = load_scene(scene)
         notes[0] = f"using --scene {scene} instead of the scene in this file"
         if world.hash != begin.scene.hash:
             notes.append(f"made for another scene: {saved.scene.name}, {saved.scene.hash[:12]}")
@@ -360,7 +360,7 @@ def service_of_terms(terms: Terms, robot: str | None, scene: str | None) -> tupl
         InvalidRequest: robot or scene, loaded by the name in the roadmap, are missing or not those it was built for.
     """
     arm = load_robot(robot) if robot is not None else _load_named("--robot", terms.robot, load_robot)
-    world = load_world(scene) if scene is not None else _load_named("--scene", terms.scene, load_world)
+    world = load_scene(scene) if scene is not None else _load_named("--scene", terms.scene, load_scene)
     notes = []
     rows = (
         ("--robot", robot, terms.robot, terms.robot_hash, arm.hash),

@@ -13,7 +13,6 @@ import typer
 
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import BAD_INPUT, NO_PLAN, bad_input_exits, finish, report_error
-from planner_service.cli.options import argument, option
 from planner_service.cli.output import show, wrapped
 from planner_service.errors import InvalidRequest
 from planner_service.execute import (
@@ -36,7 +35,7 @@ from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.worlds import load_world
+from planner_service.scene.loading import load_scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
 
@@ -56,19 +55,30 @@ PLANNING_OPTIONS = {"target": "--object", "onto": "--onto", "seed": "--seed"}
 def run(
     context: typer.Context,
     plan_file: Annotated[
-        str | None, argument("FILE", "A plan or task saved with --out; without it, one is planned.")
+        str | None, typer.Argument(metavar="FILE", help="A plan or task saved with --out; without it, one is planned.")
     ] = None,
-    sim: Annotated[bool, option("--sim", "Execute on the simulated arm.")] = False,
-    arm: Annotated[str | None, option("ADDRESS", "Execute on the arm at this address; needs FILE.")] = None,
-    yes: Annotated[bool, option("--yes", "Move the real arm; without it, only say what would happen.")] = False,
+    sim: Annotated[bool, typer.Option("--sim", help="Execute on the simulated arm.")] = False,
+    arm: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Execute on the arm at this address; needs FILE.")
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Move the real arm; without it, only say what would happen.")
+    ] = False,
     speed: Annotated[
-        float | None, option("X", "Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]")
+        float | None,
+        typer.Option(metavar="X", help="Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]"),
     ] = None,
     robot: Annotated[
-        str | None, option("NAME", "Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]"
+        ),
     ] = None,
     scene: Annotated[
-        str | None, option("NAME", "Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]"
+        ),
     ] = None,
     allow: options.Allow = None,
     target: options.Target = "blue_block",
@@ -106,7 +116,7 @@ def run(
             opened = _opened(plan_file, robot, scene, allow, streaming)
             plan, done = opened.plan, _rehearsed(opened, streaming)
     if done is None:
-        finish(plan.document(), None, (), plan.failure, as_json=as_json)
+        finish(plan.document(), None, (), plan.failure if isinstance(plan, SavedTask) else None, as_json=as_json)
     else:
         if plan_file is not None and scene is None:
             report_error(f"note: {arguments.from_file(plan)}")
@@ -156,7 +166,7 @@ def _planned(
     robot: Robot, scene: str, *, target: str, onto: str, seed: int, streaming: Streaming
 ) -> tuple[SavedPlan | SavedTask, Rehearsal | None]:
     """A pick-and-place for the scene seen in simulation, and how it went; None if there is no plan."""
-    world = load_world(scene)
+    world = load_scene(scene)
     arguments.require_obstacles(world, {"--object": target, "--onto": onto})
     with SimulatedArm(robot, world, loose=(target,)) as arm:
         service = PlannerService(robot, arm.seen())
@@ -167,7 +177,8 @@ def _planned(
 
 
 def _require_plan(plan: SavedPlan | SavedTask) -> None:
-    if plan.failure is not None or not plan.segments:
+    failure = plan.failure if isinstance(plan, SavedTask) else plan.result.failure
+    if failure is not None or (isinstance(plan, SavedTask) and not plan.segments):
         raise InvalidRequest("FILE", "a failure", "a file that holds a plan")
 
 

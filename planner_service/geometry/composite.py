@@ -8,6 +8,7 @@ neighbours in space: a check of thousands of them can look at runs of them first
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks, frozen, read_only, set_fields
 from planner_service.geometry.decomposition import pieces_of_file
-from planner_service.geometry.point_files import MAX_POINTS, read_array
+from planner_service.geometry.point_files import MAX_POINTS, Scan, read_array, read_scan
 from planner_service.geometry.shapes import Box, Pose, Shape
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, items, number, numbers, points_of, vectors
 
@@ -36,6 +37,11 @@ MAX_CELLS = 500_000
 
 LEAST_CELL = 1e-4
 """Metres; a finer resolution than a tenth of a millimetre is a unit mistake."""
+
+RESOLUTION = 0.01
+"""Metres; of a cloud for which none is given."""
+
+logger = logging.getLogger(__name__)
 
 MAX_COMPOUND = 1_000
 """Pieces of a compound, made by hand or by a decomposition."""
@@ -83,9 +89,10 @@ class Compound:
     def of_mesh(
         cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16
     ) -> Compound:
-        """The mesh in an STL, OBJ, PLY or COLLADA file cut into convex pieces: for a hull that fills too much.
+        """The mesh in an STL, OBJ or PLY file cut into convex pieces, for when its hull (``Mesh``) fills too much.
 
-        ``decomposition.pieces_of_file`` says what the pieces are sure to contain.
+        Needs the extra ``decompose`` unless the hull is good enough; ``decomposition.pieces_of_file`` says what the
+        pieces are sure to contain.
 
         Args:
             scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
@@ -94,6 +101,7 @@ class Compound:
         Raises:
             InvalidFile: no such file, or one from which pieces cannot be made.
             InvalidRequest: ``scale`` or ``most`` out of range.
+            MissingDependency: more than the hull is needed, and coacd is not installed.
         """
         return cls.of_pieces(pieces_of_file(path, scale, most=most))
 
@@ -193,17 +201,56 @@ class PointCloud:
         _check_count("resolution", resolution, len(self._boxes.low))
 
     @classmethod
-    def from_file(cls, path: str | os.PathLike[str], resolution: float) -> PointCloud:
-        """The points in a PLY file (its vertices), or in an NPY or NPZ file: an array (n, 3), called ``points`` if
-        the file has several.
+    def from_file(cls, path: str | os.PathLike[str], resolution: float | None = None, scale: float = 1.0) -> PointCloud:
+        """The points in a PLY (its vertices), PCD, XYZ, LAS or LAZ file, or in an NPY or NPZ file: an array (n, 3),
+        called ``points`` if the file has several; or the occupied cells of an OctoMap tree, ``.bt`` or ``.ot``.
+
+        What the file says that is not used is logged as a warning.
+
+        Args:
+            resolution: Metres, for points 0.01 if not given. For a tree 1, 2, 4, ... times the edge of its smallest
+                cells, which it is if not given.
+            scale: Factor that turns the numbers of the file into metres; 1 for a tree, which has metres.
 
         Raises:
             InvalidFile: not such a file, larger than 50 MB, malformed, or with numbers that make no cloud.
-            InvalidRequest: a resolution outside [0.0001, 1000] m.
+            InvalidRequest: a resolution outside [0.0001, 1000] m, or a scale that is not positive.
+            MissingDependency: a LAS or LAZ file, and laspy is not installed.
         """
-        file, cell = as_path("path", path), _checked_cell("resolution", resolution)
-        points = read_array(file, "points", (".ply", ".npz", ".npy"))
-        return in_file(file, lambda: cls(points, cell))
+        file = as_path("path", path)
+        edge = None if resolution is None else _checked_cell("resolution", resolution)
+        factor = number("scale", scale, "a positive factor up to 1,000,000", 1e-9, 1e6)
+        scan = read_scan(file, edge)
+        for note in scan.notes:
+            logger.warning("%s: %s", file, note)
+        return in_file(file, lambda: cls._of_scan(scan, RESOLUTION if edge is None else edge, factor))
+
+    @classmethod
+    def _of_scan(cls, scan: Scan, resolution: float, scale: float) -> PointCloud:
+        if scan.cells is not None and scan.edge is not None:
+            if scale != 1.0:
+                raise InvalidRequest("scale", scale, "1: a tree of cells is in metres")
+            return cls.from_cells(scan.cells, scan.edge)
+        expected = f"finite points (n, 3), at most {MAX_LENGTH:g} m from 0 along each axis"
+        points = scan.points
+        if points.ndim != 2 or points.shape[1:] != (3,) or len(points) == 0:
+            message = f"points: got an array of shape {points.shape}; expected {expected}"
+            raise InvalidRequest("points", points, expected, message=message)
+        with np.errstate(over="ignore", invalid="ignore"):
+            points = points * scale
+        bad = np.flatnonzero(~(np.abs(points) <= MAX_LENGTH).all(axis=1))
+        if len(bad):
+            hint = "; are they in millimetres (scale 0.001), or do they count from an origin far away?"
+            row = scan.points[bad[0]].tolist()
+            raise InvalidRequest(
+                f"points[{bad[0]}]", row, expected, message=f"points[{bad[0]}]: got {row}; expected {expected}{hint}"
+            )
+        cells = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
+        if len(cells) > MAX_CELLS:
+            expected = f"a coarser one, with at most {MAX_CELLS:,} cells"
+            message = f"resolution: {resolution:g} m makes {len(cells):,} cells; expected {expected}"
+            raise InvalidRequest("resolution", resolution, expected, message=message)
+        return cls.from_cells(cells, resolution)
 
     @classmethod
     def from_cells(cls, cells: ArrayLike, resolution: float) -> PointCloud:
@@ -297,7 +344,7 @@ class HeightField:
             InvalidRequest: a cell outside [0.0001, 1000] m.
         """
         file, edge = as_path("path", path), _checked_cell("cell", cell)
-        heights = read_array(file, "heights", (".npz", ".npy"))
+        heights = read_array(file, "heights")
         return in_file(file, lambda: cls(heights, edge, floor))
 
     @cached_property

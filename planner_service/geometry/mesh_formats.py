@@ -1,4 +1,4 @@
-"""Reading mesh files: vertices and triangles of STL, OBJ, PLY and COLLADA.
+"""Reading mesh files: vertices and triangles of STL, OBJ, PLY, COLLADA and binary glTF.
 
 A file gives all of its vertices or is refused: a lost vertex would be a hole in an obstacle. Materials, textures and
 other files that it names are never opened. ``docs/design/libraries.md`` says why no library does this.
@@ -18,9 +18,18 @@ from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.collada import dae_surface
+from planner_service.geometry.gltf import glb_surface
 from planner_service.geometry.validation import MAX_LENGTH, in_file
 
-__all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "read_triangles", "read_vertices"]
+__all__ = [
+    "MAX_BYTES",
+    "MAX_TRIANGLES",
+    "MAX_VERTICES",
+    "MESH_SUFFIXES",
+    "has_faces",
+    "read_triangles",
+    "read_vertices",
+]
 
 
 MAX_BYTES = 50_000_000
@@ -51,7 +60,7 @@ _Parsed = tuple[FloatArray, Callable[[], IntArray]]
 def read_vertices(
     path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0), *, on_faces: bool = False
 ) -> FloatArray:
-    """The vertices (n, 3) in an STL, OBJ, PLY or COLLADA file, each once, times ``scale``; the suffix says which.
+    """The vertices (n, 3) in a file, each once, times ``scale``; the suffix says which of the formats it has.
 
     Args:
         on_faces: Leave out vertices that no face uses: they are no part of the surface, and other readers drop them
@@ -90,6 +99,16 @@ def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.
             that is no vertex.
     """
     return in_file(path, lambda: _triangles(path, scale))
+
+
+def has_faces(path: Path) -> bool:
+    """Whether a PLY file says that it has faces; one without is a cloud of points.
+
+    Raises:
+        InvalidFile: unreadable or larger than 50 MB.
+    """
+    count = re.search(rb"^element[ \t]+face[ \t]+([0-9]+)", read_bytes(path, MAX_BYTES)[:MAX_HEADER], re.MULTILINE)
+    return count is not None and int(count.group(1)) > 0
 
 
 def _triangles(path: Path, scale: tuple[float, float, float]) -> tuple[FloatArray, IntArray]:
@@ -310,7 +329,18 @@ def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
     return np.array(values, dtype=np.float64).reshape(-1, 3)
 
 
-_PARSERS: dict[str, Callable[[bytes], _Parsed]] = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".dae": dae_surface}
+def _glb(data: bytes) -> _Parsed:
+    vertices, corners = glb_surface(data, MAX_VERTICES)
+    return vertices, lambda: corners
+
+
+_PARSERS: dict[str, Callable[[bytes], _Parsed]] = {
+    ".stl": _stl,
+    ".obj": _obj,
+    ".ply": _ply,
+    ".dae": dae_surface,
+    ".glb": _glb,
+}
 
 MESH_SUFFIXES = tuple(_PARSERS)
 """Suffixes of the formats that are read."""

@@ -43,9 +43,9 @@ class Surface:
 class MeshLoader:
     """Loads meshes, clouds and height fields by the names that a robot or scene file gives them.
 
-    ``package://name/rest`` is looked for as ``name/rest`` and as ``rest`` in each folder, and as ``rest`` in a folder
-    above that is called ``name``; anything relative in each folder. A path that leaves all of them, even through a
-    symbolic link, is refused.
+    ``package://name/rest`` and ``model://name/rest`` are looked for as ``name/rest`` and as ``rest`` in each folder,
+    and as ``rest`` in a folder above that is called ``name``; anything relative in each folder. A path that leaves all
+    of them, even through a symbolic link, is refused.
 
     Args:
         folders: Resolved folders that may be read; the file's own first.
@@ -81,7 +81,8 @@ class MeshLoader:
         """The mesh that the file calls ``filename``, in at most ``most`` pieces (``decomposition.pieces_of_file``).
 
         Raises:
-            InvalidRequest: as for ``mesh``.
+            InvalidRequest: as for ``mesh``, or it cannot be cut into pieces.
+            MissingDependency: coacd is needed and not installed.
         """
         path, factors = self.path(filename), checked_scale("scale", scale)
         return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most))
@@ -96,14 +97,14 @@ class MeshLoader:
         vertices, triangles = self._opened(filename, path, lambda: read_triangles(path, factors))
         return Surface(frozen(vertices), frozen(triangles))
 
-    def cloud(self, filename: str, resolution: float) -> PointCloud:
+    def cloud(self, filename: str, resolution: float | None, scale: float = 1.0) -> PointCloud:
         """The point cloud that the file calls ``filename``.
 
         Raises:
             InvalidRequest: it may not be read, does not exist or is no cloud.
         """
         path = self._path(filename)
-        return self._opened(filename, path, lambda: PointCloud.from_file(path, resolution))
+        return self._opened(filename, path, lambda: PointCloud.from_file(path, resolution, scale))
 
     def heights(self, filename: str, cell: float, floor: float) -> HeightField:
         """The height field that the file calls ``filename``.
@@ -156,7 +157,7 @@ class MeshLoader:
             return [(folder / filename).resolve() for folder in self._folders]
         if scheme == "file":
             return [Path(unquote(rest)).resolve()]
-        if scheme == "package":
+        if scheme in ("package", "model"):
             if "/" in rest[1:]:
                 rest = rest.lstrip("/")  # package:///name/rest is written, too
             package, _, tail = rest.partition("/")

@@ -12,8 +12,9 @@ import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.composite import Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
 from planner_service.presentation.measures import outside_text
 from planner_service.robot.end_effector.finger_loading import (
@@ -274,7 +275,7 @@ def unit_notes(urdf: Urdf) -> list[str]:
     return notes
 
 
-def extent(shape: Shape) -> FloatArray:
+def extent(shape: Solid) -> FloatArray:
     """Sizes along x, y and z, in metres, of a shape in its own frame, (3,)."""
     axes = np.eye(3)
     return np.diagonal(shape.support(axes) - shape.support(-axes)).copy()

@@ -1,11 +1,13 @@
-"""Scenes by name or file, and written to files."""
+"""Scenes by name or from a file of any format that is read, and written to files."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from planner_service.concurrency.library_import import loaded
-from planner_service.errors import UnknownName
+from planner_service.errors import InvalidFile, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.validation import instance
@@ -18,25 +20,90 @@ def _files() -> None:
     import planner_service.scene.toml_reader  # noqa: F401  pydantic takes 0.1 s
 
 
-def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
-    """The scene that comes with the package under that name, or the one in a file.
-
-    A text without a folder and without ``.toml`` is a name, everything else a path.
-
-    Raises:
-        UnknownName: no scene of that name comes with the package.
-        InvalidFile: the file cannot be used; it lists all problems found, not the first.
-    """
+def _toml(path: Path) -> Scene:
     loaded(_files)
     from planner_service.scene.toml_reader import read_scene
 
+    return read_scene(path)
+
+
+def _moveit(path: Path) -> Scene:
+    from planner_service.scene.moveit_scene import read_moveit_scene
+
+    return read_moveit_scene(path)
+
+
+def _urdf(path: Path) -> Scene:
+    from planner_service.scene.urdf_scene import read_urdf_scene
+
+    return read_urdf_scene(path)
+
+
+def _sdf(path: Path) -> Scene:
+    from planner_service.scene.sdf_scene import read_sdf_scene
+
+    return read_sdf_scene(path)
+
+
+def _solid(path: Path) -> Scene:
+    from planner_service.scene.solid_scene import read_solid_scene
+
+    return read_solid_scene(path)
+
+
+SOLIDS = (".stl", ".obj", ".glb", ".dae", ".ply", ".pcd", ".xyz", ".las", ".laz", ".npy", ".npz", ".bt", ".ot")
+"""Files of one obstacle: a mesh, measured points or a tree of cells."""
+
+READERS: Mapping[str, Callable[[Path], Scene]] = {
+    ".toml": _toml,
+    "": _toml,
+    ".scene": _moveit,
+    ".urdf": _urdf,
+    ".xacro": _urdf,
+    ".sdf": _sdf,
+    ".world": _sdf,
+    **dict.fromkeys(SOLIDS, _solid),
+}
+"""Who reads a file, by its suffix in any case."""
+
+
+def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
+    """The scene that comes with the package under that name, or the one in a file.
+
+    The suffix says what the file is: our own (``.toml``, or none), MoveIt's ``.scene``, a URDF or xacro world, an
+    SDFormat world (``.sdf``, ``.world``), or one obstacle: a mesh (``.stl``, ``.obj``, ``.glb``, ``.dae``, ``.ply``),
+    measured points (``.ply`` without faces, ``.pcd``, ``.xyz``, ``.las``, ``.laz``, ``.npy``, ``.npz``) or OctoMap's
+    trees (``.bt``, ``.ot``). Its frame is taken as the robot's base frame, and its numbers as metres; a scene file
+    that names a mesh or points says otherwise (``mesh = { file = ..., scale = ... }``, ``cloud = { file = ...,
+    resolution = ... }``).
+
+    A text without a folder that is the name of a scene of the package is that scene; any other text is a path.
+
+    Raises:
+        UnknownName: neither a scene of that name nor such a file.
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+        MissingDependency: an extra is needed: laspy for LAS, xacro for xacro, coacd for a mesh that is far from convex.
+    """
     instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
     path = as_path("scene", name_or_path)
-    if isinstance(name_or_path, str) and path.name == name_or_path and path.suffix != ".toml":
-        if name_or_path not in scene_names():
+    if isinstance(name_or_path, str) and path.name == name_or_path:
+        if name_or_path in scene_names():
+            return _toml(data_folder("scenes") / f"{name_or_path}.toml")
+        if (not path.suffix or path.suffix.lower() not in READERS) and not _exists(path):
             raise UnknownName("scene", name_or_path, scene_names())
-        return read_scene(data_folder("scenes") / f"{name_or_path}.toml")
-    return read_scene(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InvalidFile(
+            path, [f"suffix {path.suffix!r}; expected a scene, one of {', '.join(filter(None, READERS))}"]
+        )
+    return reader(path)
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long, or a NUL in it
+        return False
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:

@@ -32,14 +32,13 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.errors import InvalidFile
 from planner_service.files.reading import as_path, read_bytes
-from planner_service.geometry.arrays import dot
+from planner_service.geometry.around import Plane, around_cone
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Shape, Sphere
 from planner_service.scene.obstacle_list import ObstacleList
@@ -55,12 +54,6 @@ MAX_LINE = 10_000
 
 UNNAMED = "(noname)"
 """What MoveIt calls a scene that was given no name; each copy of a scene adds a +."""
-
-CONE_SIDES = 64
-"""Sides of the pyramid around a cone: its corners are 0.12 % farther out."""
-
-PLANE_WIDTH, PLANE_DEPTH = 200.0, 10.0
-"""Metres of the box below a plane: an arm reaches no farther, and FCL still judges such a box to a micrometre."""
 
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}
 _KINDS = ", ".join((*_SIZES, "mesh"))
@@ -201,7 +194,7 @@ class _Reader:
             pose = self.pose("shape")
             self.numbers(4, "colour")
             place = None if stands is None or pose is None else stands @ pose
-            if isinstance(shape, _Plane):
+            if isinstance(shape, Plane):
                 shape, place = shape.below(place)
             self.found.add(where, name if k == 0 else f"{name}#{k + 1}", shape, place)
         for _ in range(self.count("subframes") if self.newer else 0):
@@ -210,7 +203,7 @@ class _Reader:
             self.words.take("the name of a subframe")
             self.pose("subframe")
 
-    def shape(self) -> Shape | _Plane | None:
+    def shape(self) -> Shape | Plane | None:
         kind = self.words.take(_KINDS)
         where = self.at()
         if kind == "mesh":
@@ -259,50 +252,11 @@ class _Reader:
         return f"line {self.words.line}, {self.where}"
 
 
-@dataclass(frozen=True)
-class _Plane:
-    """All points x with ``normal . x = height``, the normal of unit length."""
-
-    normal: tuple[float, float, float]
-    height: float
-
-    def below(self, there: Pose | None) -> tuple[Box, Pose | None]:
-        """The box below the plane, which stands at ``there``, and where that is."""
-        box = Box((PLANE_WIDTH, PLANE_WIDTH, PLANE_DEPTH))
-        if there is None:
-            return box, None
-        x, y, z = (dot(row, self.normal) for row in there.rotation.tolist())
-        height = self.height + dot((x, y, z), there.position)
-        middle = height - PLANE_DEPTH / 2
-        w = 1.0 + z if z >= 0.0 else (x * x + y * y) / (1.0 - z)  # the shortest turn of z onto the normal
-        turn = (w, -y, x, 0.0) if w > 0.0 else (0.0, 1.0, 0.0, 0.0)
-        length = math.hypot(*turn)
-        a, b, c, d = (value / length for value in turn)
-        return box, Pose((x * middle, y * middle, z * middle), (a, b, c, d))
-
-
-def _shape(kind: str, sizes: list[float]) -> Shape | _Plane:
+def _shape(kind: str, sizes: list[float]) -> Shape | Plane:
     if kind == "box":
         return Box((sizes[0], sizes[1], sizes[2]))
     if kind == "sphere":
         return Sphere(sizes[0])
     if kind == "plane":
-        return _plane(sizes)
-    around = Cylinder(sizes[0], sizes[1])
-    return _pyramid(around) if kind == "cone" else around
-
-
-def _plane(numbers: list[float]) -> _Plane:
-    a, b, c, d = numbers
-    length = math.hypot(a, b, c)
-    if not (0.0 < length < math.inf and abs(d / length) < math.inf):
-        raise InvalidRequest("plane", tuple(numbers), "a, b, c and d, with a, b and c a vector that is not 0")
-    return _Plane((a / length, b / length, c / length), -d / length)
-
-
-def _pyramid(around: Cylinder) -> Mesh:
-    """Around a cone in a cylinder, the tip at +z: each side touches it along a line."""
-    radius, half = around.radius / math.cos(math.pi / CONE_SIDES), around.length / 2
-    angles = [2.0 * math.pi * k / CONE_SIDES for k in range(CONE_SIDES)]
-    rim = [(radius * math.cos(a), radius * math.sin(a), -half) for a in angles]
-    return Mesh(np.array([*rim, (0.0, 0.0, half)]))
+        return Plane.of(*sizes)
+    return around_cone(*sizes) if kind == "cone" else Cylinder(*sizes)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.composite import Solid
+from planner_service.geometry.shapes import Pose
 from planner_service.scene.scene import MAX_OBJECTS, Obstacle, Scene
 
 __all__ = ["MAX_FOUND", "ObstacleList"]
@@ -40,7 +41,7 @@ class ObstacleList:
             self.problems.append(f"{where}: {error}" if where else str(error))
             return None
 
-    def add(self, where: str, name: str, shape: Shape | None, pose: Pose | None) -> None:
+    def add(self, where: str, name: str, shape: Solid | None, pose: Pose | None) -> None:
         """Take an obstacle; one without shape or pose, whose problems are noted already, only for its name."""
         if name in self._first:
             self.problems.append(f"{where}: the name {reprlib.repr(name)} is taken ({self._first[name]})")

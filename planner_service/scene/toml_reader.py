@@ -94,7 +94,7 @@ CONSTRAINTS = '[{ kind = "tool region", ... }, ...]'
 PARTS = "[{ box = [...], position = [...] }, ...]"
 ROUND = "{ radius = ..., length = ... }"
 MESH = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
-CLOUD = "{ file = ..., resolution = ... } or { cells = [...], resolution = ... }"
+CLOUD = "{ file = ..., resolution = ..., scale = ... } or { cells = [...], resolution = ... }"
 HEIGHTS = "{ file = ..., cell = ... } or { values = [...], cell = ... }"
 
 
@@ -184,18 +184,21 @@ class MeshTable(HullTable):
 
 
 class CloudTable(FileTable):
-    """``cloud = { file = "scan.ply", resolution = ... }`` or ``{ cells = [[i, j, k], ...], resolution = ... }``."""
+    """``cloud = { file = "scan.ply", resolution = ..., scale = ... }`` or ``{ cells = [[i, j, k], ...],
+    resolution = ... }``; ``PointCloud.from_file`` says what a file is read with if it is named alone.
+    """
 
-    resolution: Edge
+    resolution: Edge | None = None
+    scale: float = 1.0
     file: str | None = None
     cells: Any = None
 
     @cached_property
     def value(self) -> PointCloud:
-        if (self.file is None) == (self.cells is None):
+        if self.file is not None and self.cells is None:
+            return self._meshes.cloud(self.file, self.resolution, self.scale)
+        if self.file is not None or self.cells is None or self.resolution is None or "scale" in self.model_fields_set:
             raise ValueError(CLOUD)
-        if self.file is not None:
-            return self._meshes.cloud(self.file, self.resolution)
         return PointCloud.from_cells(self.cells, self.resolution)
 
 

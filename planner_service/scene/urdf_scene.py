@@ -1,4 +1,4 @@
-"""Worlds described in URDF: links that are fixed to each other, as simulators take them."""
+"""Worlds described in URDF, as simulators take them: nothing moves, and joints that could stand at zero."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 
 from planner_service.files.reading import as_path
 from planner_service.geometry.shapes import Pose
+from planner_service.robot.loading import tell_notes
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.scene.obstacle_list import ObstacleList
@@ -15,23 +16,26 @@ __all__ = ["read_urdf_scene"]
 
 
 def read_urdf_scene(path: str | os.PathLike[str]) -> Scene:
-    """The collision shapes of a URDF file whose joints are all fixed, in the file's order.
+    """The collision shapes of a URDF or xacro file, in the file's order.
 
     The frame of the root link is taken as the robot's base frame. A link of several shapes becomes the obstacles
-    ``link``, ``link#2``, ...; masses and visual shapes are left out.
+    ``link``, ``link#2``, ...; masses and visual shapes are left out. A joint that can move stands at zero, with a
+    warning.
 
     Raises:
-        InvalidFile: with every problem found, those of the file itself before those of its use as a world: a joint
-            that can move, a name that is taken.
+        InvalidFile: with every problem found, those of the file itself before those of its use as a world: a name that
+            is taken.
+        MissingDependency: a xacro file, and xacro is not installed.
     """
     path = as_path("path", path)
     urdf = read_urdf(path)
     obstacles = ObstacleList()
-    obstacles.problems += [
-        f"joint {joint.name!r}: it can move ({joint.kind}); expected fixed, as nothing in a scene moves"
+    moving = [
+        f"joint {joint.name!r}: it can move ({joint.kind}), and stands at zero here: nothing in a scene moves"
         for joint in urdf.joints
         if joint.kind != "fixed"
     ]
+    tell_notes(path, [*urdf.notes, *moving])
     stands = _link_poses(urdf)
     for link in urdf.links:
         for k, item in enumerate(link.collisions):

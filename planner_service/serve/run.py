@@ -17,8 +17,8 @@ from planner_service.files.reading import read_bytes
 from planner_service.parallel import Processes, Ray
 from planner_service.planning.request import World
 from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
-from planner_service.scene.worlds import load_world
 from planner_service.serve.app import create_app
 from planner_service.serve.connection import Connection
 from planner_service.serve.guard import LOOPBACK, Guard
@@ -64,7 +64,7 @@ def new_server(settings: Settings) -> PlanningServer:
         InvalidRequest: There is no such robot, scene, folder or cluster.
     """
     robot = load_robot(settings.robot)
-    scenes: list[Scene] = [load_world(name) for name in settings.scenes]
+    scenes: list[Scene] = [load_scene(name) for name in settings.scenes]
     world = World(robot, scenes[0] if scenes else Scene())
     own = None if settings.state is not None else Path(tempfile.mkdtemp(prefix="planner-service-"))
     store = Store(settings.state or own or Path())

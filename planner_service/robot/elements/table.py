@@ -64,7 +64,7 @@ class Rule:
 
 @lru_cache
 def words_of(kind: str) -> Rule:
-    """The rule of the outermost element of a format: ``urdf``, ``srdf`` or ``mjcf``.
+    """The rule of the outermost element of a format: ``urdf``, ``srdf``, ``mjcf`` or ``sdf``.
 
     Its words are in the TOML file of that name, the outermost element first. There a table is an element: its
     ``effect`` (``read`` if not given) and ``why``, its ``attributes``, and the elements inside, ``elements`` of which

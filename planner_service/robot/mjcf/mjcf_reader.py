@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from planner_service.concurrency.confined import ScriptFailed, run_confined
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import MAX_XML_BYTES, Malformed, parse_xml, read_xml
+from planner_service.geometry.around import around_ellipsoid
 from planner_service.geometry.arrays import FloatArray, Vector, rpy_of, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
@@ -50,8 +50,6 @@ PLACES = ("meshdir", "texturedir", "assetdir")
 INCLUDING = ("include", "model")
 """Elements whose file is MJCF, too."""
 MAX_INCLUDED = 100
-BALL_POINTS = 400
-"""Points on the unit ball whose hull, scaled, encloses an ellipsoid: it grows by less than 1 %."""
 
 
 def read_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf]:
@@ -334,22 +332,11 @@ class _Reader:
         if kind == "mesh":
             return Mesh(np.array(self.told["meshes"][mesh]))
         if kind == "ellipsoid":
-            ball = _around_ball()
-            growth = (float(np.linalg.norm(ball, axis=1).max()) - 1.0) * max(size)
+            around, growth = around_ellipsoid(size)
             larger = f"up to {growth * 1e3:.2g} mm larger"
             self.notes.append(f"geom {name!r}: an ellipsoid is checked as a polytope around it, {larger}")
-            return Mesh(ball * np.array(size))
+            return around
         return None
-
-
-@lru_cache(maxsize=1)
-def _around_ball() -> FloatArray:
-    """Corners (k, 3) whose hull contains the unit ball: points along a spiral, scaled by what their hull lacks."""
-    k = np.arange(BALL_POINTS) + 0.5
-    z, angle = 1.0 - 2.0 * k / BALL_POINTS, math.pi * (1.0 + math.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - z * z)
-    points = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
-    return points * ((1.0 + 1e-9) / float(Mesh(points).offsets.min()))
 
 
 def _fixed(name: str, parent: str, T: FloatArray) -> UrdfJoint:

@@ -404,7 +404,7 @@ def test_our_own_errors_keep_their_traceback(
     def broken(name: str) -> None:
         raise BrokenInvariant("a promise")
 
-    monkeypatch.setattr("planner_service.cli.commands.load_world", broken)
+    monkeypatch.setattr("planner_service.cli.commands.load_scene", broken)
     monkeypatch.setattr(sys, "argv", ["planner-service", "scenes", "bin"])
     with pytest.raises(SystemExit) as stopped:
         main()

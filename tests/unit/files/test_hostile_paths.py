@@ -40,7 +40,6 @@ from planner_service.records.problem_set import read_problems
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
-from planner_service.scene.worlds import load_world
 from planner_service.view.still import pictures
 from planner_service.view.still.motion_plot import write_plot
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
@@ -114,9 +113,8 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "Robot.from_urdf, srdf": (".srdf", lambda path: Robot.from_urdf(ARM, srdf=path)),
     "import_robot": (".urdf", lambda path: import_robot(Source(path), path.parent / "imported")),
     "load_scene": (".toml", load_scene),
-    "load_world": (".toml", load_world),
-    "load_world, MoveIt": (".scene", load_world),
-    "load_world, URDF": (".urdf", load_world),
+    "load_scene, MoveIt": (".scene", load_scene),
+    "load_scene, URDF": (".urdf", load_scene),
     "read_moveit_scene": (".scene", read_moveit_scene),
     "read_urdf_scene": (".urdf", read_urdf_scene),
     "read_problems": (".json", read_problems),

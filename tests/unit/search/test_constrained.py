@@ -16,7 +16,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.kinematics.projection import projector_of
 from planner_service.native._core import Projector
-from planner_service.scene.worlds import load_world
+from planner_service.scene.loading import load_scene
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
@@ -34,7 +34,7 @@ SCENES = {"upright": "bin", "narrow": "shelf", "plane": "post", "line": "empty",
 def outcome(name: str, seed: int, *, step: InPython | None = None, states: int = 20_000) -> tuple[Any, ...]:
     """What a search and each step of smoothing make, and all that is counted."""
     robot, constraints, projector = case(name)
-    scene = load_world(SCENES.get(name, "empty"))
+    scene = load_scene(SCENES.get(name, "empty"))
     checker = CollisionChecker(robot, scene, padding=0.001, edge_step=step)
     start, goal = map(
         np.array, kept_configurations(constraints, projector, CollisionChecker(robot, scene, padding=0.001), seed)
@@ -61,7 +61,7 @@ def outcome(name: str, seed: int, *, step: InPython | None = None, states: int =
 @pytest.mark.parametrize("name", [name for name in CASES if name not in {"orientation in a box", "both hands"}])
 def test_a_search_gives_the_bits_and_counts_of_its_reference(name: str) -> None:
     robot, constraints, projector = case(name)
-    scene = load_world(SCENES.get(name, "empty"))
+    scene = load_scene(SCENES.get(name, "empty"))
     for seed in range(2):
         checkers = [CollisionChecker(robot, scene, padding=0.001) for _ in range(3)]
         start, goal = map(np.array, kept_configurations(constraints, projector, checkers[2], seed))
@@ -117,7 +117,7 @@ def test_a_search_of_which_constraints_leave_nothing_gives_up(step: InPython | N
     robot = load_robot("planar2")
     at = robot.tool_pose([0.4, 1.0])[:3, 3]
     projector = projector_of(ConstraintSet(robot, [InBox(Pose(tuple(at)), (2e-4, 2e-4, 1.0))]))
-    limits, checker = robot.limits, CollisionChecker(robot, load_world("empty"), edge_step=step)
+    limits, checker = robot.limits, CollisionChecker(robot, load_scene("empty"), edge_step=step)
     other = projector.project((1.4, -1.0))
     assert other is not None
     problem = SearchProblem(

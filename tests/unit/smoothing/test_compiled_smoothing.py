@@ -10,7 +10,7 @@ import pytest
 from planner_service import CollisionChecker, JointPath, load_robot
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.geometry.arrays import FloatArray
-from planner_service.scene.worlds import load_world
+from planner_service.scene.loading import load_scene
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.smoothing.smoothing import MIN_BLEND, blended, pulled_in, shortcut, without_short_pieces
 from tests.reference import smoothing as reference
@@ -66,7 +66,7 @@ def plainly(checker: CollisionChecker, path: FloatArray, seed: int) -> tuple[Any
 @pytest.mark.parametrize(("name", "where"), [("planar2", "discs"), ("wxai", "clutter"), ("panda", "shelf")])
 @pytest.mark.parametrize("seed", range(3))
 def test_it_finds_the_path_of_its_reference_at_the_same_counts(name: str, where: str, seed: int) -> None:
-    robot, scene, rng = load_robot(name), load_world(where), np.random.default_rng([len(name), seed])
+    robot, scene, rng = load_robot(name), load_scene(where), np.random.default_rng([len(name), seed])
     path = free_path(CollisionChecker(robot, scene), rng)
     assert smoothed(CollisionChecker(robot, scene), path, seed) == plainly(CollisionChecker(robot, scene), path, seed)
 
@@ -76,7 +76,7 @@ def test_it_finds_the_path_of_its_reference_at_the_same_counts(name: str, where:
 def test_with_a_step_of_ones_own_path_and_counts_are_the_same_wherever_it_is_ended(
     name: str, where: str, seed: int
 ) -> None:
-    robot, scene, rng = load_robot(name), load_world(where), np.random.default_rng([len(name), seed])
+    robot, scene, rng = load_robot(name), load_scene(where), np.random.default_rng([len(name), seed])
     path = free_path(CollisionChecker(robot, scene), rng)
     whole: int | None = None
     for share in (None, 0.0, 0.1, 0.5, 0.9):
@@ -89,7 +89,7 @@ def test_with_a_step_of_ones_own_path_and_counts_are_the_same_wherever_it_is_end
 
 @pytest.mark.parametrize(("size", "left"), [(0.0999, 2), (0.1, 3)])
 def test_a_piece_is_short_below_a_length(size: float, left: int) -> None:
-    oracle = SearchOracle(CollisionChecker(load_robot("planar2"), load_world("empty")))
+    oracle = SearchOracle(CollisionChecker(load_robot("planar2"), load_scene("empty")))
     assert len(without_short_pieces([[0.0, 0.0], [size, 0.0], [size, 1.0]], oracle)) == left
 
 

@@ -1,0 +1,76 @@
+"""Scenes of one obstacle, from a file of a mesh, of measured points or of a tree of cells."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from planner_service.errors import InvalidFile, MissingDependency
+from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud, Solid
+from planner_service.geometry.decomposition import pieces_of_file
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.mesh_formats import MESH_SUFFIXES, has_faces
+from planner_service.geometry.point_files import TREES
+from planner_service.geometry.shapes import Pose
+from planner_service.robot.loading import extent, tell_notes
+from planner_service.scene.scene import Obstacle, Scene
+
+__all__ = ["read_solid_scene"]
+
+MAX_PIECES = 32
+"""Convex pieces of a mesh whose hull fills much more than it does."""
+
+FINEST, COARSE = 0.01, 0.01
+"""Tolerance of the cut: metres, and as a share of the mesh's length; the larger counts."""
+
+LARGE, SMALL = 20.0, 0.005
+"""Metres: more, or less, than what stands in the reach of an arm measures if its unit is the metre."""
+
+
+def read_solid_scene(path: Path) -> Scene:
+    """The scene of the mesh, cloud or tree in a file; the obstacle is called as the file without its suffix.
+
+    A mesh is cut into convex pieces where its hull fills much more than it does; without coacd it is its hull, with a
+    warning. A size that looks like another unit gets a warning with the scene file that sets it right, and no cut.
+
+    Raises:
+        InvalidFile: the file cannot be used.
+        MissingDependency: a LAS or LAZ file, and laspy is not installed.
+    """
+    mesh = path.suffix.lower() in MESH_SUFFIXES and (path.suffix.lower() != ".ply" or has_faces(path))
+    notes: list[str] = []
+    try:
+        solid: Solid = Mesh.from_file(path) if mesh else PointCloud.from_file(path)
+        size = extent(solid)
+        if not SMALL <= float(size.max()) <= LARGE and path.suffix.lower() not in TREES:
+            factor = 0.001 if float(size.max()) > LARGE else 1000.0
+            measures = " x ".join(f"{edge:.3g}" for edge in size.tolist())
+            notes.append(f"it measures {measures} m; if that is another unit: {_instead(path, mesh, factor)}")
+        elif mesh:
+            solid = _cut(path, solid, max(FINEST, COARSE * float(size.max())), notes)
+        scene = Scene((Obstacle(path.stem, solid, Pose()),), name=path.stem)
+    except InvalidFile as error:
+        raise InvalidFile(path, [*error.problems, f"to choose scale or place: {_instead(path, mesh, 0.001)}"]) from None
+    tell_notes(path, notes)
+    return scene
+
+
+def _cut(path: Path, hull: Solid, tolerance: float, notes: list[str]) -> Solid:
+    try:
+        pieces = pieces_of_file(path, most=MAX_PIECES, tolerance=tolerance)
+    except MissingDependency as missing:
+        notes.append(f"its hull stands for it, hollows filled: {missing}")
+        return hull
+    return pieces[0] if len(pieces) == 1 else Compound.of_pieces(pieces)
+
+
+def _instead(path: Path, mesh: bool, factor: float) -> str:
+    """A scene file that says what the file alone cannot."""
+    scale = (
+        f"scale = [{factor:g}, {factor:g}, {factor:g}]" if mesh else f"resolution = {RESOLUTION:g}, scale = {factor:g}"
+    )
+    kind = "mesh" if mesh else "cloud"
+    file = path.name.replace("\\", "\\\\").replace('"', '\\"')
+    return (
+        f'write a scene file beside it: [[obstacle]] / name = "{path.stem[:40]}" / '
+        f'{kind} = {{ file = "{file}", {scale} }} / position = [0, 0, 0]'
+    )

@@ -1,0 +1,129 @@
+"""Which file is read by whom, and what a file of one obstacle becomes."""
+
+from __future__ import annotations
+
+import builtins
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidFile, UnknownName
+from planner_service.geometry.composite import Compound, PointCloud
+from planner_service.geometry.mesh import Mesh
+from planner_service.scene.loading import READERS, load_scene
+from planner_service.scene.scene import Scene
+
+CUBE = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+PLY = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+FACES = "element face 1\nproperty list uchar int vertex_indices\n"
+
+
+def rows(points: np.ndarray[Any, Any]) -> str:
+    return "".join(f"{x} {y} {z}\n" for x, y, z in points.tolist())
+
+
+def test_a_plain_file_name_is_a_file_and_a_name_of_the_package_a_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("post").write_text("no scene")
+    assert load_scene("post").name == "post"
+    Path("cell.xyz").write_text(rows(CUBE))
+    assert load_scene("cell.xyz") == load_scene(tmp_path / "cell.xyz")
+    Path("cell.step").write_text("")
+    with pytest.raises(InvalidFile) as refused:
+        load_scene("cell.step")
+    assert [suffix for suffix in READERS if suffix not in str(refused.value)] == []
+    with pytest.raises(UnknownName):
+        load_scene("cel")
+    with pytest.raises(InvalidFile, match="no such file"):
+        load_scene("missing.pcd")
+
+
+def test_a_ply_file_is_a_mesh_if_it_has_faces_and_a_cloud_if_not(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text(f"{PLY}end_header\n{rows(CUBE)}")
+    (tmp_path / "b.ply").write_text(f"{PLY}{FACES}end_header\n{rows(CUBE)}4 0 3 5 6\n")
+    clouds = [isinstance(load_scene(tmp_path / path).obstacles[0].shape, PointCloud) for path in ("a.ply", "b.ply")]
+    assert clouds == [True, False]
+
+
+def ell(path: Path) -> Path:
+    """An L of two boxes, 1 m by 1 m by 0.2 m."""
+    outline = [(0, 0), (1, 0), (1, 0.2), (0.2, 0.2), (0.2, 1), (0, 1)]
+    vertices = [(*corner, z) for z in (0.0, 0.2) for corner in outline]
+    low = [(1, 3, 2), (1, 4, 3), (1, 5, 4), (1, 6, 5)]
+    high = [(a + 6, c + 6, b + 6) for a, b, c in low]
+    sides = [(k, k % 6 + 1, k % 6 + 7) for k in range(1, 7)] + [(k, k % 6 + 7, k + 6) for k in range(1, 7)]
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a} {b} {c}" for a, b, c in [*low, *high, *sides]]
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_mesh_is_cut_where_its_hull_fills_much_more(tmp_path: Path) -> None:
+    pytest.importorskip("coacd")
+    scene = load_scene(ell(tmp_path / "ell.obj"))
+    shape = scene.obstacles[0].shape
+    assert isinstance(shape, Compound)
+    assert float(shape.distance(np.array([(0.7, 0.7, 0.1)]))[0]) > 0.3
+    assert float(shape.distance(np.array([(0.9, 0.1, 0.1), (0.1, 0.9, 0.1)])).max()) == 0.0
+
+
+def test_without_a_cutter_a_mesh_is_its_hull_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    from importlib import metadata
+
+    def missing(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", missing)
+    with caplog.at_level(logging.WARNING):
+        scene = load_scene(ell(tmp_path / "ell.obj"))
+    assert isinstance(scene.obstacles[0].shape, Mesh)
+    assert "hollows filled" in caplog.text
+
+
+@pytest.mark.parametrize(("name", "factor"), [("mm.xyz", 25.0), ("mm.obj", 300.0), ("far.xyz", 4000.0)])
+def test_a_size_of_another_unit_gets_the_scene_file_that_helps(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, factor: float
+) -> None:
+    """The step that the message names is taken, and gives an obstacle of the right size."""
+    path = ell(tmp_path / name) if name.endswith(".obj") else tmp_path / name
+    corners = CUBE if name.endswith(".xyz") else None
+    if corners is not None:
+        path.write_text(rows(factor * corners))
+    else:
+        path.write_text("\n".join(_scaled(line, factor) for line in path.read_text().splitlines()))
+    with caplog.at_level(logging.WARNING):
+        try:
+            load_scene(path)
+            told = caplog.text
+        except InvalidFile as refused:
+            told = str(refused)
+    step = told.split("write a scene file beside it: ")[1].splitlines()[0]
+    (tmp_path / "cell.toml").write_text(step.replace(" / ", "\n"))
+    scene: Scene = load_scene(tmp_path / "cell.toml")
+    shape = scene.obstacles[0].shape
+    size = (shape.support(np.eye(3)) - shape.support(-np.eye(3))).diagonal()
+    assert float(size.max()) == pytest.approx(factor / 1000.0, abs=0.011)
+
+
+def _scaled(line: str, factor: float) -> str:
+    word, *numbers = line.split()
+    return line if word == "f" else " ".join([word, *(str(factor * float(number)) for number in numbers)])
+
+
+def test_reading_a_scene_imports_no_reader_of_another_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    imported: list[str] = []
+    real = builtins.__import__
+
+    def noted(name: str, *rest: Any, **more: Any) -> Any:
+        imported.append(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", noted)
+    load_scene("post")
+    assert [name for name in imported if name.endswith(("sdf_scene", "solid_scene", "urdf_scene"))] == []
