@@ -12,14 +12,13 @@ from typing import Any
 
 from rich.console import Console
 
+import planner_service as ps
 from benchmarks.harness.arguments import whole
 from benchmarks.harness.report import Report, show, table, write_json
-from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.writing import require_writable
 
 COMMANDS = {
     "check": ("harness.gate", "the gate: counts and paths of the smoke suite and of all else that is pinned"),
-    "peers": ("baselines.peers.running", "other planners: the environments in which panda runs them"),
     "attack": ("attack.running", "hostile inputs of every kind"),
     "mutants": ("studies.mutants", "whether the tests notice small faults in a package"),
     "lines": ("studies.lines", "lines of code by folder, now and at commits"),
@@ -32,7 +31,6 @@ STUDIES = {
     "solved": "random queries and the public Panda problems are solved, and Coal rejects no plan",
     "proven": "whole curves are free and within limits to an independent checker; planted sheets are refused",
     "starts": "starts that overlap by a little have a plan, whose way out grows no depth",
-    "agreement": "no verdict differs from Coal's more than a micrometre from contact",
     "walk": "README's first plan is a short walk through the files of the package",
     "latency": "whole plans take at most 0.35 of 0.1.0's CPU time, straight lines at most a millisecond",
     "panda": "the public Panda problems next to 0.1.0 and to other planners, in turn, by one auditor",
@@ -123,7 +121,7 @@ def main(given: Sequence[str]) -> int:
         if name in COMMANDS:
             return int(importlib.import_module(f"benchmarks.{COMMANDS[name][0]}").main(given[1:], console))
         return _measured(_arguments(given), console)
-    except (InvalidRequest, MissingDependency) as error:
+    except (ps.InvalidRequest, ps.MissingDependency) as error:
         console.print(f"{name}: {error}", markup=False, highlight=False, soft_wrap=True)
         return 2
     except KeyboardInterrupt:

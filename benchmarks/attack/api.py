@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.attack import callables
 from benchmarks.attack.callables import Call
 from benchmarks.attack.harness import Case, Part, Wrong
-from planner_service import Box, PlannerService, PlanRequest, PlanResult, Pose, Scene
 from planner_service.certify import certify
-from planner_service.records.evidence import save_plan
+from planner_service.records import save_plan
 
 __all__ = ["HOSTILE", "Attack"]
 
@@ -44,7 +44,9 @@ HOSTILE: Mapping[str, Callable[[], Any]] = {
     **callables.of_values(0, 5, 0.5, -math.inf, 5e-324, 2**63, Decimal("0.1"), Decimal("sNaN"), Fraction(1, 3), "0.1"),
     **callables.of_values(np.float16(0.1), np.longdouble("1e4000"), np.datetime64("2020-01-01"), "\x1b[2J\r\n\t\x07"),
     **callables.of_values("a\0b", "\ud800", "x" * 100_000, "link_1", "tray", "universe", (0.1, 0.1, 0.1), math),
-    **callables.of_values(Path("/nonexistent/file"), Path("/"), "/dev/zero", b"abcdef", Box((0.1, 0.1, 0.1)), Pose()),
+    **callables.of_values(
+        Path("/nonexistent/file"), Path("/"), "/dev/zero", b"abcdef", ps.Box((0.1, 0.1, 0.1)), ps.Pose()
+    ),
     "texts": lambda: ["a", "b"],
     "nans": lambda: [math.nan] * 6,
     "infs": lambda: np.full(6, np.inf),
@@ -58,8 +60,8 @@ HOSTILE: Mapping[str, Callable[[], Any]] = {
     "generator": lambda: (0.0 for _ in range(6)),
     "hater": _Hater,
     "weak": lambda: weakref.WeakSet(),
-    "scene": Scene,
-    "request": lambda: PlanRequest([0.0] * 6, [0.1] * 6),
+    "scene": ps.Scene,
+    "request": lambda: ps.PlanRequest([0.0] * 6, [0.1] * 6),
     "error": lambda: ValueError("a value"),
 }
 """Values that no argument, or hardly any, is meant to take."""
@@ -70,8 +72,8 @@ RARE = {"no end", "range(0, 1000000000000)", "deep list"}
 
 def _calls(folder: Path) -> dict[str, Call]:
     """Every public callable, with arguments that are right."""
-    service = PlannerService("planar2", "discs")
-    result = service.plan(PlanRequest([0.0, 0.5], [0.5, 0.5], time_limit=None))
+    service = ps.PlannerService("planar2", "discs")
+    result = service.plan(ps.PlanRequest([0.0, 0.5], [0.5, 0.5], time_limit=None))
     proof = {"robot": service.robot, "scene": service.scene, "path": result.path, "padding": 0.0}
     return {
         **callables.calls(folder),
@@ -161,10 +163,10 @@ def _require_sane(name: str, answer: Any) -> None:
         array = np.asarray(answer)
         if array.dtype.kind == "f" and np.isnan(array).any():
             raise Wrong(f"{name} answers no NaN")
-    elif isinstance(answer, PlanResult) and answer.path is not None:
+    elif isinstance(answer, ps.PlanResult) and answer.path is not None:
         if answer.certificate is None or not answer.certificate.certified:
             raise Wrong(f"{name}: a plan is proven")
     elif isinstance(answer, (list, tuple)):
         for part in answer:
-            if isinstance(part, PlanResult):
+            if isinstance(part, ps.PlanResult):
                 _require_sane(name, part)

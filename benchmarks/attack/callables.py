@@ -29,25 +29,28 @@ from planner_service.constraints import (
 )
 from planner_service.datasets import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
+from planner_service.geometry import Shape
 from planner_service.geometry.composite import Solid
-from planner_service.geometry.shapes import Shape
 from planner_service.kinematics import straight_tool_line
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
-from planner_service.records.evidence import save_plan
-from planner_service.records.exports.trajectory_export import csv_text, joint_trajectory, robot_trajectory, write_csv
-from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task
-from planner_service.records.problem_set import read_problems
+from planner_service.records import (
+    csv_text,
+    joint_trajectory,
+    load_plan,
+    load_plan_or_task,
+    load_task,
+    read_problems,
+    robot_trajectory,
+    save_plan,
+    write_csv,
+)
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
-from planner_service.scene.loading import load_scene
-from planner_service.scene.moveit_scene import read_moveit_scene
-from planner_service.scene.urdf_scene import read_urdf_scene
+from planner_service.scene import load_scene, read_moveit_scene, read_urdf_scene
 from planner_service.search import SearchGraph
-from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
-from planner_service.tasks.seeds import best_of_seeds, plan_seeds
-from planner_service.tasks.tool_motions import move_circular
+from planner_service.tasks import best_of_seeds, move_circular, places_on, plan_pick_place, plan_seeds, standing_on
 from planner_service.view.still.pictures import draw_check
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]

@@ -14,15 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+import planner_service as ps
 from auditor.checker import IndependentChecker
 from benchmarks.attack.domain import GAPS, LONGEST, SPEEDS
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.kept import constraints_of, draw_constraints, judge_constraints, judge_projector
 from benchmarks.attack.worlds import World, draw_world
-from benchmarks.studies.agreement import random_states
-from planner_service import CollisionChecker, JointPath, SCurve, ToppRa, Trapezoidal
+from benchmarks.worlds.contacts import random_states
 from planner_service.certify import Certifier, EdgeVerdict
-from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["Attack"]
@@ -96,7 +95,7 @@ class Attack(Part):
         case["obstacles"] = original
         return max(count, 1)
 
-    def _judge(self, world: World, certifier: Certifier, second: IndependentChecker, curve: JointPath) -> float:
+    def _judge(self, world: World, certifier: Certifier, second: IndependentChecker, curve: ps.JointPath) -> float:
         """Compare, and say where on the curve the least gap was found."""
         proof = certifier.certify(curve)
         least, at = _least(second, curve)
@@ -121,7 +120,7 @@ class Attack(Part):
         points = curve.waypoints
         for a, b in pairwise(points):
             edge = certifier.certify_edge(a, b)
-            straight = JointPath(np.array([a, b]))
+            straight = ps.JointPath(np.array([a, b]))
             self.counted["edges"] += 1
             if edge.verdict is EdgeVerdict.COLLIDING and _gap(second, straight(edge.s)) > COAL:
                 raise Wrong("an edge that is proven to collide does", f"at {edge.s}: {edge}")
@@ -135,7 +134,7 @@ class Attack(Part):
             raise Wrong("a clearance is a lower bound", f"{claimed:.6g} m claimed at {q.tolist()}")
         return at
 
-    def _constrained(self, world: World, second: IndependentChecker, curve: JointPath, case: Case) -> None:
+    def _constrained(self, world: World, second: IndependentChecker, curve: ps.JointPath, case: Case) -> None:
         """Constraints of a part of a curve, and projections onto them."""
         given, (begin, end) = constraints_of(case["constraints"]), case["span"]
         if end <= curve.length:  # of a smaller input there may be less
@@ -144,15 +143,15 @@ class Attack(Part):
         if rng.random() < PROJECTED and judge_projector(world.robot, second, given, rng):
             self.counted["projectors"] += 1
 
-    def _timed(self, world: World, curve: JointPath, rng: np.random.Generator) -> None:
+    def _timed(self, world: World, curve: ps.JointPath, rng: np.random.Generator) -> None:
         """The time law keeps the limits it was given."""
         scale = float(rng.uniform(*SPEEDS))
         limits = replace(world.robot.limits, velocity=scale * world.robot.limits.velocity)
-        law = (ToppRa(), Trapezoidal(), SCurve())[int(rng.integers(3))]
+        law = (ps.ToppRa(), ps.Trapezoidal(), ps.SCurve())[int(rng.integers(3))]
         try:
             motion = law.time_path(curve, limits)
-        except PlannerServiceError as error:
-            if isinstance(error, InvalidRequest):
+        except ps.PlannerServiceError as error:
+            if isinstance(error, ps.InvalidRequest):
                 return
             raise Wrong("a curve can be timed", f"{type(law).__name__}: {error}") from None
         t = np.linspace(0.0, motion.duration, KINKS)
@@ -166,7 +165,7 @@ class Attack(Part):
 
 def _points(world: World, rng: np.random.Generator) -> FloatArray | None:
     """Waypoints of a polyline, each free, or None where nothing is."""
-    robot, checker = world.robot, CollisionChecker(world.robot, world.scene)
+    robot, checker = world.robot, ps.CollisionChecker(world.robot, world.scene)
     Q = random_states(robot, 100, rng)
     Q = Q[checker.states_are_free(Q)]
     if not len(Q):
@@ -182,20 +181,20 @@ def _points(world: World, rng: np.random.Generator) -> FloatArray | None:
     return np.array(points if len(points) > 1 else [Q[0], 0.99 * Q[0] + 0.01 * robot.home])
 
 
-def _curve(points: FloatArray, share: float) -> JointPath:
+def _curve(points: FloatArray, share: float) -> ps.JointPath:
     """A polyline, every corner rounded as far as the share says, but where it all but turns back."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if len(points) < 3 or not share or lengths.min() < 1e-6:
-        return JointPath(points)
+        return ps.JointPath(points)
     widths = [0.0, *(share * 0.5 * np.minimum(lengths[:-1], lengths[1:])).tolist(), 0.0]
     ways = np.diff(points, axis=0) / lengths[:, None]
     for k in range(1, len(points) - 1):
         if np.abs(ways[k - 1] + ways[k]).max() < 0.3:
             widths[k] = 0.0
-    return JointPath(points).with_blends(widths)
+    return ps.JointPath(points).with_blends(widths)
 
 
-def _span(curve: JointPath, rng: np.random.Generator) -> tuple[float, float]:
+def _span(curve: ps.JointPath, rng: np.random.Generator) -> tuple[float, float]:
     """The whole curve, a part of it or a point."""
     if rng.random() < 0.5:
         return 0.0, curve.length
@@ -208,7 +207,7 @@ def _gap(second: IndependentChecker, q: FloatArray) -> float:
     return min(second.gaps(q).values(), default=math.inf)
 
 
-def _least(second: IndependentChecker, curve: JointPath) -> tuple[float, float]:
+def _least(second: IndependentChecker, curve: ps.JointPath) -> tuple[float, float]:
     """The least gap that is found along a curve, and where: samples, then the lowest of them followed down."""
     places = np.union1d(np.linspace(0.0, curve.length, SAMPLES), curve.length * np.arange(1, 8) / 8)
     step = curve.length / SAMPLES

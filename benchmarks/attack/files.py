@@ -22,13 +22,10 @@ from planner_service.constraints import load_constraints
 from planner_service.files.disk_cache import DiskCache
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
-from planner_service.records import plan_file
-from planner_service.records.problem_set import read_problems
+from planner_service.records import plan_file, read_problems
 from planner_service.records.request import RequestRecord
-from planner_service.roadmap import Roadmap
-from planner_service.scene.moveit_scene import read_moveit_scene
-from planner_service.scene.urdf_scene import read_urdf_scene
-from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.scene import read_moveit_scene, read_urdf_scene
+from planner_service.tasks import plan_pick_place
 
 __all__ = ["Attack"]
 
@@ -130,7 +127,7 @@ class _Stock:
         out: dict[str, tuple[str, Callable[[Path], Any]]] = {
             "plan": ("f.json", plan_file.load_plan_or_task),
             "task": ("f.json", plan_file.load_plan_or_task),
-            "roadmap": ("f.npz", Roadmap.load),
+            "roadmap": ("f.npz", ps.Roadmap.load),
             "npy": ("f.npy", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "npz": ("f.npz", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "heights": ("f.npy", lambda path: ps.HeightField.from_file(path, 0.1)),

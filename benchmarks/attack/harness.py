@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from planner_service.errors import BrokenInvariant, PlannerServiceError
+import planner_service as ps
 
 __all__ = ["Case", "Finding", "Part", "Wrong", "further", "judged", "packed", "read_finding", "rng_of", "unpacked"]
 
@@ -182,9 +182,9 @@ def judged(part: Part, case: Case) -> Outcome:
         out = Outcome("passed", 1 if count is None else count)
     except Wrong as error:
         out = Outcome("wrong", 1, f"wrong: {error.law}", str(error))
-    except BrokenInvariant as error:
+    except ps.BrokenInvariant as error:
         out = Outcome("invariant", 1, f"BrokenInvariant at {_where(error)}", str(error))
-    except PlannerServiceError:
+    except ps.PlannerServiceError:
         out = Outcome("refused")
     except MemoryError as error:
         out = Outcome("memory", 1, f"MemoryError at {_where(error)}", "no memory within the cap")

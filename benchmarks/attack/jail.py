@@ -284,8 +284,3 @@ def _group(group: int) -> list[int]:
                 if os.getpgid(int(entry.name)) == group:
                     out.append(int(entry.name))
     return out
-
-
-def rss() -> int:
-    """Bytes of memory that this process has in use."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

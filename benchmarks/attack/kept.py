@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from auditor.checker import IndependentChecker
 from auditor.constraints import Deviation, deviations
 from benchmarks.attack.harness import Wrong
 from benchmarks.harness.audit import audited
-from planner_service import JointPath, Pose, Robot
 from planner_service.certify import Kept, KeptRefusal, prove_kept
 from planner_service.constraints import Constraint, JointRange, ToolRegion
 from planner_service.constraints.values import MIN_ANGLE, MIN_LENGTH
-from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.kinematics.projection import projector_of
@@ -50,9 +49,9 @@ CLEARLY = 0.98
 INF = math.inf
 
 
-def _pose(rng: np.random.Generator, near: float = 1.0) -> Pose:
+def _pose(rng: np.random.Generator, near: float = 1.0) -> ps.Pose:
     turned = near * rng.uniform(-math.pi, math.pi, 3)
-    return Pose.from_rpy(vector((near * rng.uniform(-0.3, 0.3, 3)).tolist()), vector(turned.tolist()))
+    return ps.Pose.from_rpy(vector((near * rng.uniform(-0.3, 0.3, 3)).tolist()), vector(turned.tolist()))
 
 
 def _plain(constraint: Constraint) -> Plain:
@@ -71,13 +70,17 @@ def constraints_of(plain: Sequence[Mapping[str, Any]]) -> tuple[Constraint, ...]
         if "joint" in one:
             out.append(JointRange(**one))
         else:
-            poses = {key: Pose(tuple(one[key][:3]), tuple(one[key][3:])) for key in ("frame", "tool")}
+            poses = {key: ps.Pose(tuple(one[key][:3]), tuple(one[key][3:])) for key in ("frame", "tool")}
             out.append(ToolRegion(**{**one, **poses}))
     return tuple(out)
 
 
 def draw_constraints(
-    robot: Robot, second: IndependentChecker, curve: JointPath, span: tuple[float, float], rng: np.random.Generator
+    robot: ps.Robot,
+    second: IndependentChecker,
+    curve: ps.JointPath,
+    span: tuple[float, float],
+    rng: np.random.Generator,
 ) -> list[Plain]:
     """Constraints that a part of a curve just keeps, or just breaks, or keeps with room."""
     samples = curve(np.linspace(*span, SAMPLES))
@@ -87,7 +90,7 @@ def draw_constraints(
     ]
 
 
-def _range(robot: Robot, samples: FloatArray, rng: np.random.Generator) -> JointRange:
+def _range(robot: ps.Robot, samples: FloatArray, rng: np.random.Generator) -> JointRange:
     k = int(rng.integers(robot.n))
     low, high = float(samples[:, k].min()), float(samples[:, k].max())
     room = _room(rng) * max(high - low, MIN_ANGLE)
@@ -100,15 +103,15 @@ def _room(rng: np.random.Generator) -> float:
     return float(rng.choice(MARGINS)) * (-0.1 if rng.random() < 0.33 else 1.0)
 
 
-def _region(robot: Robot, second: IndependentChecker, samples: FloatArray, rng: np.random.Generator) -> ToolRegion:
+def _region(robot: ps.Robot, second: IndependentChecker, samples: FloatArray, rng: np.random.Generator) -> ToolRegion:
     links = [frame.link for frame in robot.link_frames]
     link = None if rng.random() < 0.4 else str(rng.choice(links))
     relative = None if rng.random() < 0.5 else str(rng.choice(links))
-    tool = _pose(rng) if rng.random() < 0.7 else Pose()
+    tool = _pose(rng) if rng.random() < 0.7 else ps.Pose()
     free = ToolRegion(tilt=math.pi, tool=tool, link=link, relative_to=relative)
     middle = samples[len(samples) // 2]
     near = _pose(rng, float(rng.choice((0.0, 0.02, 0.3, 1.0))))
-    region = replace(free, frame=Pose.from_matrix(_seen(robot, second, free, middle)) @ near)
+    region = replace(free, frame=ps.Pose.from_matrix(_seen(robot, second, free, middle)) @ near)
     low, high = _extent(robot, second, region, samples)
     bounds: list[tuple[float, float]] = []
     for a, b in zip(low, high, strict=True):
@@ -128,7 +131,7 @@ def _region(robot: Robot, second: IndependentChecker, samples: FloatArray, rng: 
     return replace(region, turn=turn) if tilt <= math.pi / 2 and rng.random() < 0.7 else region
 
 
-def _seen(robot: Robot, second: IndependentChecker, region: ToolRegion, q: FloatArray) -> FloatArray:
+def _seen(robot: ps.Robot, second: IndependentChecker, region: ToolRegion, q: FloatArray) -> FloatArray:
     """Where the constrained frame is in the link that carries the region, 4 x 4."""
     outer = second.link_poses(q, [region.link or robot.tool_frame])[0] @ region.tool.matrix
     inner = np.eye(4) if region.relative_to is None else second.link_poses(q, [region.relative_to])[0]
@@ -136,7 +139,7 @@ def _seen(robot: Robot, second: IndependentChecker, region: ToolRegion, q: Float
 
 
 def _extent(
-    robot: Robot, second: IndependentChecker, region: ToolRegion, samples: FloatArray
+    robot: ps.Robot, second: IndependentChecker, region: ToolRegion, samples: FloatArray
 ) -> tuple[list[float], list[float]]:
     """The least and the largest coordinates at samples."""
     none = (INF, INF, INF)
@@ -146,9 +149,9 @@ def _extent(
 
 
 def judge_constraints(
-    robot: Robot,
+    robot: ps.Robot,
     second: IndependentChecker,
-    curve: JointPath,
+    curve: ps.JointPath,
     given: Sequence[Constraint],
     span: tuple[float, float],
     counted: Counter[str],
@@ -174,9 +177,9 @@ def judge_constraints(
 
 
 def _kept(
-    robot: Robot,
+    robot: ps.Robot,
     second: IndependentChecker,
-    curve: JointPath,
+    curve: ps.JointPath,
     constraint: Constraint,
     span: tuple[float, float],
     kept: Kept,
@@ -200,9 +203,9 @@ def _kept(
 
 
 def _refused(
-    robot: Robot,
+    robot: ps.Robot,
     second: IndependentChecker,
-    curve: JointPath,
+    curve: ps.JointPath,
     constraint: Constraint,
     span: tuple[float, float],
     refusal: KeptRefusal,
@@ -224,7 +227,7 @@ def _refused(
         raise Wrong("a refusal names a deviation that is there", f"{refusal}: {item}")
 
 
-def _is_angle(robot: Robot, quantity: str) -> bool:
+def _is_angle(robot: ps.Robot, quantity: str) -> bool:
     turning = {robot.joint_names[body.q_index] for body in robot.bodies[1:] if not body.prismatic}
     return quantity in ("tilt", "turn") or quantity in turning
 
@@ -236,7 +239,7 @@ def _share(item: Deviation) -> float:
 
 
 def _largest(
-    robot: Robot, second: IndependentChecker, curve: JointPath, constraint: Constraint, span: tuple[float, float]
+    robot: ps.Robot, second: IndependentChecker, curve: ps.JointPath, constraint: Constraint, span: tuple[float, float]
 ) -> list[Deviation]:
     """The largest deviations on a part of a curve: samples, and finer ones beside the largest of them."""
     asked = [audited(robot, constraint)]
@@ -257,7 +260,7 @@ def _largest(
 
 
 def judge_projector(
-    robot: Robot, second: IndependentChecker, given: Sequence[Constraint], rng: np.random.Generator
+    robot: ps.Robot, second: IndependentChecker, given: Sequence[Constraint], rng: np.random.Generator
 ) -> bool:
     """Compare the compiled projector with its reference, and what it finds with the auditor; False if there is none.
 
@@ -266,7 +269,7 @@ def judge_projector(
     """
     try:
         constraints = ConstraintSet(robot, given)
-    except InvalidRequest:  # links that do not move against each other, or no room in a joint
+    except ps.InvalidRequest:  # links that do not move against each other, or no room in a joint
         return False
     compiled, reference = projector_of(constraints), ReferenceProjector(constraints)
     asked = [audited(robot, constraint) for constraint in given]

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.threads import Reference, digest
-from planner_service import PlannerService, PlanRequest, Roadmap, load_scene, planners, save_scene
 from planner_service.parallel import Processes
-from planner_service.records.plan_file import load_plan
+from planner_service.records import load_plan
 
 __all__ = ["Attack"]
 
@@ -49,10 +49,10 @@ ps.PlannerService("planar2", "discs").plan(ps.PlanRequest((-2.5, 2.0), (2.2, -2.
 def _planners() -> dict[str, Any]:
     """Every planner whose settings have defaults, by its name, small."""
     made = {}
-    for name in planners.__all__:
-        kind = getattr(planners, name)
+    for name in ps.planners.__all__:
+        kind = getattr(ps.planners, name)
         if is_dataclass(kind) and all(one.default is not MISSING for one in fields(kind)):
-            made[name] = getattr(planners, name)(
+            made[name] = getattr(ps.planners, name)(
                 **{one.name: SMALL[one.name] for one in fields(kind) if one.name in SMALL}
             )
     return made
@@ -72,11 +72,11 @@ class Attack(Part):
         return known, time.perf_counter() - clock
 
     @cached_property
-    def _asked(self) -> tuple[PlannerService, dict[str, tuple[PlanRequest, Any, float]]]:
+    def _asked(self) -> tuple[ps.PlannerService, dict[str, tuple[ps.PlanRequest, Any, float]]]:
         """A service, and by planner a request, what its plan is to be, and the seconds that it takes."""
-        service, asked = PlannerService("planar2", "discs"), {}
+        service, asked = ps.PlannerService("planar2", "discs"), {}
         for name, planner in _planners().items():
-            request = PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=planner, time_limit=None, max_checks=20_000)
+            request = ps.PlanRequest((-2.5, 2.0), (2.2, -2.2), planner=planner, time_limit=None, max_checks=20_000)
             service.plan(request)
             clock = time.perf_counter()
             asked[name] = request, digest(service.plan(request)), time.perf_counter() - clock
@@ -124,7 +124,7 @@ class Attack(Part):
         if child == 0:
             code = len(ENDS) - 1
             try:
-                code = _struck(PlannerService(service.robot, service.scene), request, same, 2.0 * seconds * when)
+                code = _struck(ps.PlannerService(service.robot, service.scene), request, same, 2.0 * seconds * when)
             finally:
                 os._exit(code)
         _, status = os.waitpid(child, 0)
@@ -161,7 +161,7 @@ class Attack(Part):
             if child == 0:
                 try:
                     while True:
-                        save_scene(service.scene, folder / "scene.toml")
+                        ps.save_scene(service.scene, folder / "scene.toml")
                         memory.save(folder / "memory.npz")
                         result.save(folder / "plan.json")
                 finally:
@@ -170,7 +170,11 @@ class Attack(Part):
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
             self.counted["writers killed"] += 1
-            for file, read in (("scene.toml", load_scene), ("memory.npz", Roadmap.load), ("plan.json", load_plan)):
+            for file, read in (
+                ("scene.toml", ps.load_scene),
+                ("memory.npz", ps.Roadmap.load),
+                ("plan.json", load_plan),
+            ):
                 if (folder / file).exists():
                     try:
                         read(folder / file)
@@ -196,7 +200,7 @@ class Attack(Part):
             raise Wrong("a batch whose worker was killed is the same")
 
 
-def _struck(service: PlannerService, request: PlanRequest, same: Any, after: float) -> int:
+def _struck(service: ps.PlannerService, request: ps.PlanRequest, same: Any, after: float) -> int:
     """Plan until a signal raises KeyboardInterrupt, as Ctrl-C would; the exit code of this process, see ``ENDS``."""
     came = []
 

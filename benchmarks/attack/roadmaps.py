@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.attack.domain import HISTORY
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.worlds import World, draw_obstacle, draw_robot, draw_scene, scene_of
-from benchmarks.studies.agreement import random_states
-from planner_service import PRM, CollisionChecker, LazyPRM, PlannerService, PlanRequest, Roadmap
-from planner_service.errors import InvalidRequest
+from benchmarks.worlds.contacts import random_states
 from planner_service.roadmap import Verdict
 
 __all__ = ["Attack"]
@@ -45,13 +44,13 @@ class Attack(Part):
 
     def _run(self, case: Case, folder: Path) -> None:
         world = World(case, folder)
-        grower = LazyPRM(case["milestones"], 6) if case["lazy"] else PRM(case["milestones"], 6, 20_000)
+        grower = ps.LazyPRM(case["milestones"], 6) if case["lazy"] else ps.PRM(case["milestones"], 6, 20_000)
         obstacles = [dict(obstacle) for obstacle in case["obstacles"]]
         old = obstacles
-        service = PlannerService(world.robot, scene_of(obstacles))
+        service = ps.PlannerService(world.robot, scene_of(obstacles))
         try:
             roadmap = service.build_roadmap(grower, seed=1, padding=PADDING, progress=False)
-        except InvalidRequest:  # nothing is free
+        except ps.InvalidRequest:  # nothing is free
             return
         for what, drawn, number in case["history"]:
             if drawn is not None:
@@ -61,7 +60,7 @@ class Attack(Part):
                 continue
             if what == "save":
                 roadmap.save(folder / "r.npz")
-                again = Roadmap.load(folder / "r.npz")
+                again = ps.Roadmap.load(folder / "r.npz")
                 if not np.array_equal(again.verdicts, roadmap.verdicts) or again.terms != roadmap.terms:
                     raise Wrong("a roadmap is saved and loaded as it was")
                 roadmap = again
@@ -72,13 +71,13 @@ class Attack(Part):
                 roadmap = self._planned(roadmap, service, number)
         self.counted["histories"] += 1
 
-    def _planned(self, roadmap: Roadmap, service: PlannerService, number: int) -> Roadmap:
+    def _planned(self, roadmap: ps.Roadmap, service: ps.PlannerService, number: int) -> ps.Roadmap:
         rng = np.random.default_rng(number)
         Q = random_states(service.robot, 40, rng)
         Q = Q[service.checker.states_are_free(Q)]
         if len(Q) < 2:
             return roadmap
-        request = PlanRequest(Q[0], Q[1], planner=roadmap, padding=PADDING, time_limit=2.0, retries=0)
+        request = ps.PlanRequest(Q[0], Q[1], planner=roadmap, padding=PADDING, time_limit=2.0, retries=0)
         found = service.plan(request)
         self.counted["plans"] += 1
         if found.path is not None and (found.certificate is None or not found.certificate.certified):
@@ -88,12 +87,14 @@ class Attack(Part):
         self._judge(found.roadmap, service)
         return found.roadmap
 
-    def _judge(self, roadmap: Roadmap, service: PlannerService) -> None:
+    def _judge(self, roadmap: ps.Roadmap, service: ps.PlannerService) -> None:
         """A verdict that holds now is that of a checker that knows nothing but the scene."""
         terms = roadmap.terms
         if terms is None or terms.scene_hash != service.scene.hash:  # a straight line was free: it was not asked
             return
-        checker = CollisionChecker(service.robot, service.scene, padding=terms.padding)  # near an end a plan keeps less
+        checker = ps.CollisionChecker(
+            service.robot, service.scene, padding=terms.padding
+        )  # near an end a plan keeps less
         verdicts, ends, points = roadmap.verdicts, roadmap.edges, roadmap.milestones
         held = np.flatnonzero((verdicts == Verdict.FREE) | (verdicts == Verdict.BLOCKED))
         for edge in held[:: max(1, len(held) // EDGES)].tolist():

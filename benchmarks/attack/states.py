@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.worlds import World, draw_world
-from benchmarks.studies.agreement import JITTERS, WITHIN, first_contacts, random_states
+from benchmarks.worlds.contacts import JITTERS, WITHIN, first_contacts, random_states
 from planner_service import CollisionChecker
 from planner_service.geometry.arrays import FloatArray
 

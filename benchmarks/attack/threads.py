@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.attack.harness import Case, Part, Wrong
-from benchmarks.studies.agreement import random_states
-from planner_service import CancelToken, PlannerService, PlanRequest, PlanResult
+from benchmarks.worlds.contacts import random_states
 
 __all__ = ["Attack", "Reference", "digest"]
 
@@ -19,26 +19,26 @@ SCENES = ("table", "post", "bin")
 WHAT = ("plan", "check", "certify", "limit", "cancel")
 
 
-def requests(service: PlannerService, count: int = 8) -> list[PlanRequest]:
+def requests(service: ps.PlannerService, count: int = 8) -> list[ps.PlanRequest]:
     """Requests whose answers the clock has no say in."""
     rng, robot = np.random.default_rng(5), service.robot
     Q = random_states(robot, 400, rng)
     goals = Q[service.checker.states_are_free(Q)][:count]
-    return [PlanRequest(robot.home, goal, seed=k, time_limit=None, max_checks=6_000) for k, goal in enumerate(goals)]
+    return [ps.PlanRequest(robot.home, goal, seed=k, time_limit=None, max_checks=6_000) for k, goal in enumerate(goals)]
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
     """A service, requests, and the digests of their plans made one after another."""
 
-    service: PlannerService
-    requests: list[PlanRequest]
+    service: ps.PlannerService
+    requests: list[ps.PlanRequest]
     digests: list[tuple[Any, ...]]
 
     @classmethod
     def of(cls, scene: str) -> Reference:
         """In a scene of the WidowX AI."""
-        service = PlannerService("wxai", scene)
+        service = ps.PlannerService("wxai", scene)
         asked = requests(service)
         return cls(service, asked, [digest(service.plan(request)) for request in asked])
 
@@ -48,7 +48,7 @@ class Reference:
             raise Wrong(law)
 
 
-def digest(result: PlanResult) -> tuple[Any, ...]:
+def digest(result: ps.PlanResult) -> tuple[Any, ...]:
     """What of a plan has to be the same whenever it is made."""
     path = b"" if result.path is None else result.path.waypoints.tobytes() + result.path.blends.tobytes()
     times = b"" if result.trajectory is None else result.trajectory.coefficients.tobytes()
@@ -97,7 +97,7 @@ class Attack(Part):
         if what == "plan":
             known.require_same(number, "among threads a plan is the same")
         elif what == "cancel":
-            token = CancelToken()
+            token = ps.CancelToken()
             timer = threading.Timer(0.005, token.cancel)
             timer.start()
             found = service.plan(request, cancel=token)

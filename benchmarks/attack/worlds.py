@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from auditor.checker import IndependentChecker, tables_of
 from benchmarks.attack.domain import JOINTS, LENGTHS, OBSTACLES, ROBOTS
-from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
 from planner_service.files.package_data import data_folder
+from planner_service.geometry import Shape
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Shape
 
 __all__ = ["World", "draw_obstacle", "draw_robot", "draw_scene", "draw_world", "scene_of", "written"]
 
@@ -130,12 +130,12 @@ def written(robot: Plain, folder: Path) -> Path:
 
 def _solid(shape: Plain) -> Shape:
     if "box" in shape:
-        return Box(tuple(shape["box"]))
+        return ps.Box(tuple(shape["box"]))
     if "sphere" in shape:
-        return Sphere(shape["sphere"])
+        return ps.Sphere(shape["sphere"])
     if "mesh" in shape:
-        return Mesh(np.array(shape["mesh"]))
-    kind = Cylinder if "cylinder" in shape else Capsule
+        return ps.Mesh(np.array(shape["mesh"]))
+    kind = ps.Cylinder if "cylinder" in shape else ps.Capsule
     return kind(*next(shape[key] for key in ("cylinder", "capsule") if key in shape))
 
 
@@ -149,11 +149,11 @@ class World:
     def __init__(self, plain: Plain, folder: Path) -> None:
         drawn = plain["robot"]
         if "name" in drawn:
-            self.robot: Robot = load_robot(drawn["name"])
+            self.robot: ps.Robot = ps.load_robot(drawn["name"])
             self._table: Any = data_folder("robots") / drawn["name"]
         else:
             urdf = written(drawn, folder)
-            self.robot = Robot.from_urdf(urdf)
+            self.robot = ps.Robot.from_urdf(urdf)
             allowed = [{"links": list(contact.links)} for contact in self.robot.allowed_contacts]
             limits = {"lower": self.robot.limits.lower, "upper": self.robot.limits.upper}
             velocity = {"values": self.robot.limits.velocity}
@@ -165,17 +165,17 @@ class World:
     def moved(self, name: str, position: FloatArray) -> World:
         """The same with one obstacle elsewhere."""
         out = copy.copy(self)
-        pose = Pose(tuple(position.tolist()), self.scene.obstacle(name).pose.quaternion)
+        pose = ps.Pose(tuple(position.tolist()), self.scene.obstacle(name).pose.quaternion)
         out.scene = self.scene.moved(name, pose)
         return out
 
-    def independent(self, scene: Scene | None = None) -> IndependentChecker:
+    def independent(self, scene: ps.Scene | None = None) -> IndependentChecker:
         """The judge that shares no code with the package."""
         return IndependentChecker(self._table, tables_of(self.scene if scene is None else scene))
 
 
-def scene_of(obstacles: Sequence[Plain]) -> Scene:
+def scene_of(obstacles: Sequence[Plain]) -> ps.Scene:
     """Drawn obstacles as a scene."""
-    return Scene(
-        tuple(Obstacle(o["name"], _solid(o), Pose(tuple(o["xyz"]), tuple(o["quaternion"]))) for o in obstacles)
+    return ps.Scene(
+        tuple(ps.Obstacle(o["name"], _solid(o), ps.Pose(tuple(o["xyz"]), tuple(o["quaternion"]))) for o in obstacles)
     )

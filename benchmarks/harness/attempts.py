@@ -8,40 +8,40 @@ import time
 from dataclasses import dataclass
 from functools import lru_cache
 
+import planner_service as ps
 from benchmarks.harness.audit import NOT_ASKED, Auditor, along, inside, stretches, worst
 from benchmarks.harness.report import Row
-from benchmarks.harness.sources import Motion
-from benchmarks.harness.suite import planner_of
-from planner_service import PlannerService, PlanRequest, PlanResult, Scene, Stage
+from benchmarks.harness.suite import Motion
+from planner_service.planners import Planner
 
-__all__ = ["Ask", "attempt", "blank_row", "states_of", "warm"]
+__all__ = ["Ask", "attempt", "blank_row", "states_of"]
 
 KINDS = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
 class Ask:
-    """Who plans: a planner with its settings as text, a seed, and the states it may judge."""
+    """Who plans, by which name in rows, with which seed, and the states it may judge."""
 
-    planner: str
+    name: str
+    planner: Planner
     seed: int
     max_checks: int
 
-    def request(self, problem: Motion) -> PlanRequest:
+    def request(self, problem: Motion) -> ps.PlanRequest:
         """What to ask a service: no clock has a say."""
-        goal, planner = problem.goals[0] if len(problem.goals) == 1 else problem.goals, planner_of(self.planner)
-        return PlanRequest(problem.start, goal, planner, seed=self.seed, max_checks=self.max_checks, time_limit=None)
+        goal, most = problem.goals[0] if len(problem.goals) == 1 else problem.goals, self.max_checks
+        return ps.PlanRequest(problem.start, goal, self.planner, seed=self.seed, max_checks=most, time_limit=None)
 
 
 def attempt(problem: Motion, ask: Ask) -> Row:
     """The row of a plan, without its suite."""
-    return blank_row(problem, "planner_service", ask.planner, ask.seed) | _planned(problem, ask)
+    return blank_row(problem, "planner_service", ask.name, ask.seed) | _planned(problem, ask)
 
 
-def states_of(row: Row, stage: str | None = None) -> int:
-    """Configurations judged in a stage, in all stages if None."""
-    counted = row["checks"].values() if stage is None else [row["checks"].get(stage, {})]
-    return sum(counts.get("states", 0) for counts in counted)
+def states_of(row: Row) -> int:
+    """Configurations judged in all stages."""
+    return sum(counts["states"] for counts in row["checks"].values())
 
 
 def blank_row(problem: Motion, tool: str, planner: str, seed: int) -> Row:
@@ -53,16 +53,11 @@ def blank_row(problem: Motion, tool: str, planner: str, seed: int) -> Row:
 
 
 @lru_cache(maxsize=2)
-def _service(robot: str, scene: Scene) -> PlannerService:
+def _service(robot: str, scene: ps.Scene) -> ps.PlannerService:
     """A service that has made what it makes once."""
-    service = PlannerService(robot, scene)
-    service.plan(PlanRequest(service.robot.home, service.robot.home, time_limit=None))
+    service = ps.PlannerService(robot, scene)
+    service.plan(ps.PlanRequest(service.robot.home, service.robot.home, time_limit=None))
     return service
-
-
-def warm(problem: Motion, ask: Ask) -> None:
-    """Plan once for nobody: what is imported and built once in a process is not charged to the first row."""
-    _planned(problem, ask)
 
 
 def _planned(problem: Motion, ask: Ask) -> Row:
@@ -75,7 +70,7 @@ def _planned(problem: Motion, ask: Ask) -> Row:
     return told | {"audit": _audit(problem.robot, service.scene, result)}
 
 
-def _told(result: PlanResult) -> Row:
+def _told(result: ps.PlanResult) -> Row:
     """Costs of a plan, and its figures if it was made."""
     failure = result.failure
     told: Row = {
@@ -88,10 +83,10 @@ def _told(result: PlanResult) -> Row:
     return told if failure is not None else told | _figures(result)
 
 
-def _figures(result: PlanResult) -> Row:
+def _figures(result: ps.PlanResult) -> Row:
     """Length, clearance, duration and peaks of a plan."""
     path, _ = result.unwrap()
-    searched, proof, motion = result.stage(Stage.SEARCH).length, result.certificate, result.motion
+    searched, proof, motion = result.stage(ps.Stage.SEARCH).length, result.certificate, result.motion
     peaks = {kind: getattr(motion.peaks, kind).ratio for kind in KINDS} if motion is not None else {}
     return {
         "raw_length": path.length if searched is None else searched,
@@ -108,7 +103,7 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _audit(robot: str, scene: Scene, result: PlanResult) -> Row:
+def _audit(robot: str, scene: ps.Scene, result: ps.PlanResult) -> Row:
     """Coal's word on the curve of a plan; on a stretch where contact is meant, the named pairs may touch."""
     path = result.path
     if path is None:
@@ -122,5 +117,5 @@ def _audit(robot: str, scene: Scene, result: PlanResult) -> Row:
 
 
 @lru_cache(maxsize=32)
-def _auditor(robot: str, scene: Scene, allowed: tuple[tuple[str, str], ...]) -> Auditor:
+def _auditor(robot: str, scene: ps.Scene, allowed: tuple[tuple[str, str], ...]) -> Auditor:
     return Auditor(robot, scene, allowed=allowed)

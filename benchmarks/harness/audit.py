@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+import planner_service as ps
 from auditor.checker import IndependentChecker, Touch, tables_of
 from auditor.constraints import Range, Region
 from planner_service.constraints import Constraint, JointRange
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
-from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
-from planner_service.robot.model import Robot
-from planner_service.scene.scene import Scene
 
 __all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "Pair", "along", "audited", "between", "independent", "inside"]
 __all__ += ["instants", "stretches", "touch_in_time", "touch_on_curve", "worst"]
@@ -46,7 +43,12 @@ class Auditor:
     """
 
     def __init__(
-        self, robot: str, scene: Scene, *, gripper_width: float | None = None, allowed: Sequence[tuple[str, str]] = ()
+        self,
+        robot: str,
+        scene: ps.Scene,
+        *,
+        gripper_width: float | None = None,
+        allowed: Sequence[tuple[str, str]] = (),
     ) -> None:
         folder = Path(robot).parent if robot.endswith(".toml") else data_folder("robots") / robot
         self._scene = tables_of(scene)
@@ -108,7 +110,7 @@ def between(waypoints: ArrayLike, step: float = JOINT_STEP) -> FloatArray:
     return np.concatenate(parts)
 
 
-def audited(robot: Robot, constraint: Constraint) -> Region | Range:
+def audited(robot: ps.Robot, constraint: Constraint) -> Region | Range:
     """The same constraint for the checker that is not ours."""
     if isinstance(constraint, JointRange):
         return Range(constraint.joint, constraint.lower, constraint.upper)
@@ -125,22 +127,22 @@ def audited(robot: Robot, constraint: Constraint) -> Region | Range:
     )
 
 
-def independent(robot: str, scene: Scene) -> IndependentChecker:
+def independent(robot: str, scene: ps.Scene) -> IndependentChecker:
     """The checker that is not ours, for a robot that comes with the package."""
     return IndependentChecker(data_folder("robots") / robot, tables_of(scene))
 
 
-def instants(trajectory: Trajectory, step: float = JOINT_STEP) -> FloatArray:
+def instants(trajectory: ps.Trajectory, step: float = JOINT_STEP) -> FloatArray:
     """Configurations (m, n) of a motion, no joint turning more than ``step`` (rad) from one to the next."""
     return along(trajectory, 0.0, trajectory.duration, step, trajectory.path.length)
 
 
-def touch_in_time(second: IndependentChecker, trajectory: Trajectory, step: float = JOINT_STEP) -> str | None:
+def touch_in_time(second: IndependentChecker, trajectory: ps.Trajectory, step: float = JOINT_STEP) -> str | None:
     """What touches first in the course of a motion, as ``a x b``; None if nothing does."""
     return _in_words(next((second.touch(q) for q in instants(trajectory, step) if not second.free(q)), None))
 
 
-def touch_on_curve(second: IndependentChecker, path: JointPath, motion_step: float) -> str | None:
+def touch_on_curve(second: IndependentChecker, path: ps.JointPath, motion_step: float) -> str | None:
     """The same of a curve, no point of the robot moving farther than ``motion_step`` (m) between two looks."""
     return _in_words(second.curve_touch(path, path.length, motion_step))
 

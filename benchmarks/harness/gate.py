@@ -20,7 +20,7 @@ from benchmarks.harness.environment import unpinned
 from benchmarks.harness.pins import REGENERATE, Difference, Pins, differences, load_pins, store_pins
 from benchmarks.harness.report import Row, p95, table
 from benchmarks.harness.runner import jobs_of, made
-from benchmarks.harness.suite import Suite, load_suite
+from benchmarks.harness.suite import Suite, suite_named
 from planner_service.files.writing import require_writable
 
 __all__ = ["main", "pins_of", "verdicts"]
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser.add_argument("--write", action="store_true", help="store the counts as they are now")
     given = parser.parse_args(arguments)
     name = given.suite or "smoke"
-    suite, file = load_suite(name), pins.FOLDER / f"{Path(name).stem}.json"
+    suite, file = suite_named(name), pins.FOLDER / f"{name}.json"
     made_of = {"queries": pinned_queries.made, "roadmaps": pinned_roadmaps.made, "cases": pinned_cases.made}
     others = {} if given.suite else made_of
     if given.write:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import planner_service as ps
 from benchmarks.harness.pins import fingerprint
 from benchmarks.harness.report import Row
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
-from planner_service import PlannerService, Trapezoidal
 
 __all__ = ["made", "planned"]
 
 
 def planned(step: str, scene: str, chosen: Iterable[Query]) -> dict[str, Row]:
     """What some queries of a scene cost. The timing law touches neither counts nor geometry: the quickest will do."""
-    service = PlannerService(queries.ROBOT, scene, edge_step=STEPS[step])
-    return {f"{query.name} {step}": fingerprint(plan(service, query, timing=Trapezoidal())) for query in chosen}
+    service = ps.PlannerService(queries.ROBOT, scene, edge_step=STEPS[step])
+    return {f"{query.name} {step}": fingerprint(plan(service, query, timing=ps.Trapezoidal())) for query in chosen}
 
 
 def made() -> dict[str, Row]:

@@ -7,11 +7,11 @@ from dataclasses import replace
 from itertools import islice
 from types import MappingProxyType
 
+import planner_service as ps
 from benchmarks.harness.pins import fingerprint
 from benchmarks.harness.report import Row
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
-from planner_service import PRM, LazyPRM, PlannerService, PlanResult, Pose, Roadmap, Scene, Trapezoidal
 from planner_service.planners import PRMstar
 from planner_service.planning import RoadmapUpdate
 from planner_service.roadmap import Verdict
@@ -34,9 +34,9 @@ MOVED = MappingProxyType(
 """For each scene an obstacle, and by how many metres it moves."""
 
 
-LARGE = PRM(milestones=1000, neighbours=10)
-GROWERS: Mapping[str, PRM | PRMstar | LazyPRM] = MappingProxyType(
-    {"bin": LARGE, "shelf": LARGE, "post": LazyPRM(milestones=200, neighbours=8), "window": PRMstar(milestones=80)}
+LARGE = ps.PRM(milestones=1000, neighbours=10)
+GROWERS: Mapping[str, ps.PRM | PRMstar | ps.LazyPRM] = MappingProxyType(
+    {"bin": LARGE, "shelf": LARGE, "post": ps.LazyPRM(milestones=200, neighbours=8), "window": PRMstar(milestones=80)}
 )
 
 
@@ -46,7 +46,7 @@ def made(scenes: Iterable[str] = tuple(GROWERS)) -> dict[str, Row]:
 
 
 def _of(scene: str) -> Iterator[tuple[str, Row]]:
-    service = PlannerService(queries.ROBOT, scene, edge_step=STEPS[STEP])
+    service = ps.PlannerService(queries.ROBOT, scene, edge_step=STEPS[STEP])
     roadmap = service.build_roadmap(GROWERS[scene], seed=SEED, progress=False)
     elsewhere = service.with_scene(_moved(service.scene))
     yield "build", _build(roadmap)
@@ -57,14 +57,14 @@ def _of(scene: str) -> Iterator[tuple[str, Row]]:
         yield f"moved {name}", row
 
 
-def _moved(scene: Scene) -> Scene:
+def _moved(scene: ps.Scene) -> ps.Scene:
     name, by = MOVED[scene.name]
     pose = scene.obstacle(name).pose
     x, y, z = (at + metres for at, metres in zip(pose.position, by, strict=True))
-    return scene.moved(name, Pose((x, y, z), pose.quaternion))
+    return scene.moved(name, ps.Pose((x, y, z), pose.quaternion))
 
 
-def _build(roadmap: Roadmap) -> Row:
+def _build(roadmap: ps.Roadmap) -> Row:
     counts = None if roadmap.built is None else roadmap.built.counts.named
     return {
         "checks": {} if counts is None else {"roadmap": list(counts.values())},
@@ -75,9 +75,9 @@ def _build(roadmap: Roadmap) -> Row:
     }
 
 
-def _planned(service: PlannerService, roadmap: Roadmap, count: int) -> Iterator[tuple[str, Row]]:
+def _planned(service: ps.PlannerService, roadmap: ps.Roadmap, count: int) -> Iterator[tuple[str, Row]]:
     for query in islice(queries.load(service.scene.name), count):
-        result: PlanResult = plan(service, query, planner=replace(roadmap, remember=True), timing=Trapezoidal())
+        result: ps.PlanResult = plan(service, query, planner=replace(roadmap, remember=True), timing=ps.Trapezoidal())
         learned = None if result.roadmap is None else result.roadmap.hash
         yield query.name, fingerprint(result) | {"learned": learned}
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import planner_service as ps
 from benchmarks.harness.report import Row
-from planner_service import PlanResult
-from planner_service.errors import InvalidFile
 from planner_service.files.json_reader import read_json
 from planner_service.files.writing import write_whole
 
@@ -43,7 +42,7 @@ class Difference:
         return f"{self.run}: {self.what} {self.then} -> {self.now}"
 
 
-def fingerprint(result: PlanResult) -> Row:
+def fingerprint(result: ps.PlanResult) -> Row:
     """Outcome, checks by stage as [states, edges, distances], and a hash of every bit of the path."""
     bits = None
     if result.path is not None:
@@ -91,10 +90,10 @@ def load_pins(file: Path) -> Pins:
         InvalidFile: there is none, or it holds something else.
     """
     if not file.exists():
-        raise InvalidFile(file, [f"there are no pins; store some: {REGENERATE}"])
+        raise ps.InvalidFile(file, [f"there are no pins; store some: {REGENERATE}"])
     content = read_json(file)
     if not isinstance(content, dict) or not all(isinstance(row, dict) for row in content.values()):
-        raise InvalidFile(file, ["expected an object that holds one for each run"])
+        raise ps.InvalidFile(file, ["expected an object that holds one for each run"])
     return content
 
 

@@ -1,55 +1,41 @@
-"""Suites: which problems, by which planners, with which seeds. TOML files in ``suites/``, or your own.
-
-::
-
-    about = "one sentence"
-    planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon
-    seeds = "0:5"                                        # when a run names none: 0, 1, 2, 3, 4
-    max_checks = 50000                                   # optional: states a plan may judge
-    ceilings = { rrtconnect = 8000 }                     # optional: p95 of a planner's states that the gate allows
-
-    [[queries]]                                          # the stored queries of the WidowX AI
-    scenes = ["bin", "shelf"]
-    numbers = [0, 1]                                     # optional: all 20 if not given
-
-    [[problems]]                                         # a JSON problem set beside this package
-    file = "mbm_panda.json"
-    robot = "panda_mbm"
-    ids = ["cage/0057"]                                  # optional: all if not given
-
-    [[drawn]]                                            # free ends that no straight line joins
-    robots = ["planar:2", "planar:4", "wxai_dual"]       # planar:N is an arm of N joints in a plane
-    scene = "discs"
-    count = 3
-"""
+"""Suites: which problems, by which planners, with which seeds."""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+import planner_service as ps
+from benchmarks.worlds import queries
+from planner_service.geometry.arrays import FloatArray
+from planner_service.planners import AORRTC, BKPIECE1, LBKPIECE1, BITstar, Planner
+from planner_service.records import read_problems
 
-from benchmarks.harness.sources import Motion, Sources
-from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.files.schema import Reading, Text, at_most, read_record
-from planner_service.files.toml_reader import read_tables
-from planner_service.planners import PLANNERS
-from planner_service.scene.toml_reader import MAX_BYTES
-from planner_service.search.problem import Planner
+__all__ = ["SUITES", "Motion", "Suite", "stored", "suite_named"]
 
-__all__ = ["MAX_CHECKS", "SUITES", "Suite", "load_suite", "planner_of", "seeds_of", "suite_names"]
+PUBLIC = Path(__file__).parents[1] / "problems" / "mbm_panda.json"
 
-SUITES = Path(__file__).parents[1] / "suites"
-MAX_SEEDS = 10_000
 
-MAX_CHECKS = 50_000
-"""States a plan may judge where a suite says nothing: the budget of a default request."""
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """From a configuration to one of several, in a scene.
+
+    Attributes:
+        id: Once in a suite, such as ``bin/3``.
+        kind: What it is one of, such as ``bin``.
+        robot: The name of a robot.
+        start: Shape (n,).
+        goals: Shape (n,) each; any of them will do.
+    """
+
+    id: str
+    kind: str
+    robot: str
+    scene: ps.Scene
+    start: FloatArray
+    goals: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,102 +49,70 @@ class Suite:
 
     name: str
     about: str
-    problems: tuple[Motion, ...]
-    planners: tuple[str, ...]
+    planners: Mapping[str, Planner]
     seeds: range
-    max_checks: int
-    ceilings: Mapping[str, int]
+    sources: tuple[Callable[[], Iterator[Motion]], ...]
+    ceilings: Mapping[str, int] = field(default_factory=dict)
+    max_checks: int = 50_000
+
+    @cached_property
+    def problems(self) -> tuple[Motion, ...]:
+        """The problems of all sources."""
+        return tuple(problem for source in self.sources for problem in source())
 
 
-def suite_names() -> tuple[str, ...]:
-    """The suites that come with the benchmarks."""
-    return tuple(sorted(path.stem for path in SUITES.glob("*.toml")))
+def stored(scenes: Sequence[str], numbers: Sequence[int] = range(queries.PER_SCENE)) -> Iterator[Motion]:
+    """The stored queries of the WidowX AI."""
+    for name in scenes:
+        scene, asked = ps.load_scene(name), queries.load(name)
+        for query in (asked[k] for k in numbers):
+            yield Motion(f"{name}/{query.number}", name, queries.ROBOT, scene, query.start, (query.goal,))
 
 
-def load_suite(name_or_path: str) -> Suite:
-    """A suite by name, or by the path of its TOML file, with its problems drawn.
+def public(ids: Sequence[str] = ()) -> Iterator[Motion]:
+    """The public Panda problems, or some of them."""
+    for problem in read_problems(PUBLIC).problems:
+        if not ids or problem.id in ids:
+            kind = problem.id.partition("/")[0]
+            yield Motion(problem.id, kind, "panda_mbm", problem.scene, problem.start, problem.goals)
+
+
+TABLETOP, NARROW = ("bin", "shelf", "post", "clutter"), ("narrow", "window")
+TREES: Mapping[str, Planner] = {planner.name: planner for planner in (ps.BalancedRRTConnect(), ps.RRTConnect())}
+WIDELY: Mapping[str, Planner] = {
+    **TREES,
+    **{planner.name: planner for planner in (ps.RRT(), LBKPIECE1())},
+    **{f"{planner.name}:checks=4000": planner for planner in (BITstar(checks=4000), AORRTC(checks=4000))},
+    "prm:milestones=200": ps.PRM(milestones=200),
+}
+INTO: Mapping[str, Planner] = {**TREES, "lbkpiece1": LBKPIECE1(), "bkpiece1": BKPIECE1()}
+SMOKE: Mapping[str, Planner] = {**TREES, "lbkpiece1": LBKPIECE1(), "prm:milestones=100": ps.PRM(milestones=100)}
+SMOKE_PUBLIC = ("bookshelf_thin/0087", "cage/0057", "table_under_pick/0037")
+
+_ALL = (
+    Suite(
+        "smoke",
+        "A few queries of each kind: what CI plans at every change",
+        SMOKE,
+        range(2),
+        (partial(stored, (*TABLETOP, *NARROW), (0, 1)), partial(public, SMOKE_PUBLIC)),
+        dict(zip(SMOKE, (8_000, 8_000, 14_000, 500_000), strict=True)),
+    ),
+    Suite("tabletop", "The WidowX AI in its four table-top scenes", WIDELY, range(5), (partial(stored, TABLETOP),)),
+    Suite("seeds", "One query of each with many seeds", WIDELY, range(20), (partial(stored, TABLETOP, (0,)),)),
+    Suite("narrow", "The WidowX AI in narrow passages", INTO, range(5), (partial(stored, NARROW),)),
+    Suite("panda", "The 70 public problems of MotionBenchMaker for the Panda", TREES, range(3), (public,)),
+)
+
+SUITES: Mapping[str, Suite] = {suite.name: suite for suite in _ALL}
+
+
+def suite_named(name: str) -> Suite:
+    """A suite by its name.
 
     Raises:
         UnknownName: no such suite.
-        InvalidFile: with all problems found.
     """
-    path = Path(name_or_path)
-    if not name_or_path.endswith(".toml"):
-        if name_or_path not in suite_names():
-            raise UnknownName("suite", name_or_path, suite_names())
-        path = SUITES / f"{name_or_path}.toml"
-    file = read_record(_SuiteFile, read_tables(path, MAX_BYTES), path, Reading())
-    problems = tuple(problem for make in file.makers for problem in make())
-    twice = [id for id, count in Counter(problem.id for problem in problems).items() if count > 1]
-    if twice:
-        raise InvalidFile(path, [f"problem {id!r} is there twice" for id in twice])
-    planners, seeds = tuple(file.planners), seeds_of(file.seeds)
-    return Suite(path.stem, file.about, problems, planners, seeds, file.max_checks, file.ceilings)
-
-
-def planner_of(text: str) -> Planner:
-    """The planner that ``name`` or ``name:setting=value,setting=value`` says.
-
-    Raises:
-        UnknownName: no such planner.
-        InvalidRequest: it has no such setting, or the value is none.
-    """
-    name, _, rest = text.partition(":")
-    if name not in PLANNERS:
-        raise UnknownName("planner", name, PLANNERS)
-    known = {item.name for item in fields(PLANNERS[name])}
-    settings: dict[str, Any] = {}
-    for part in filter(None, rest.split(",")):
-        key, _, value = part.partition("=")
-        if key not in known or not re.fullmatch(r"\d{1,12}(\.\d{1,12})?", value):
-            raise InvalidRequest("planner", text, f"{name}:setting=number, settings being {', '.join(sorted(known))}")
-        settings[key] = float(value) if "." in value else int(value)
-    planner: Planner = PLANNERS[name](**settings)
-    return planner
-
-
-def seeds_of(text: str) -> range:
-    """``A:B`` is A to B - 1, ``N`` is one seed.
-
-    Raises:
-        InvalidRequest: neither, or more than ``MAX_SEEDS``.
-    """
-    match = re.fullmatch(r"(\d{1,9})(?::(\d{1,9}))?", text)
-    if match:
-        first, end = int(match[1]), int(match[2]) if match[2] else int(match[1]) + 1
-        if first < end <= first + MAX_SEEDS:
-            return range(first, end)
-    raise InvalidRequest("seeds", text, f"N, or A:B for A to B - 1, at most {MAX_SEEDS:,} of them")
-
-
-# The file, declared.
-
-
-def _known_planner(text: str) -> str:
-    planner_of(text)
-    return text
-
-
-def _known_seeds(text: str) -> str:
-    seeds_of(text)
-    return text
-
-
-Limit = Annotated[int, Field(ge=1, le=10**9)]
-
-
-class _SuiteFile(Sources):
-    about: Text
-    planners: Annotated[list[Annotated[Text, AfterValidator(_known_planner)]], Field(min_length=1), at_most(1000)]
-    seeds: Annotated[Text, AfterValidator(_known_seeds)]
-    max_checks: Limit = MAX_CHECKS
-    ceilings: dict[Text, Limit] = Field({}, description="a table of planners of this suite")
-
-    @cached_property
-    def value(self) -> None:
-        """Nothing; it refuses a suite without problems."""
-        if not set(self.ceilings) <= set(self.planners):
-            raise InvalidRequest("ceilings", self.ceilings, f"planners of this suite: {', '.join(self.planners)}")
-        if not self.makers:
-            expected = f"at least one of {', '.join(f'[[{kind}]]' for kind in Sources.model_fields)}"
-            raise InvalidRequest("problems", None, expected, message=f"no problems; expected {expected}")
+    if name not in SUITES:
+        raise ps.UnknownName("suite", name, tuple(SUITES))
+    return SUITES[name]

@@ -10,15 +10,12 @@ from functools import cache, lru_cache
 
 from rich.table import Table
 
+import planner_service as ps
 from auditor.checker import IndependentChecker
 from auditor.constraints import MOTION_STEP, Deviation, deviations
 from benchmarks.harness.audit import audited, independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
 from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, load
-from planner_service import PlannerService, PlanRequest, PlanResult, SCurve
-from planner_service.path.joint_path import JointPath
-from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.scene import Scene
 
 __all__ = ["CASES", "PARTS", "Case", "measured", "run"]
 
@@ -80,21 +77,21 @@ def measured(case: Case, query: ConstrainedQuery) -> Row:
 
 
 @lru_cache(maxsize=4)
-def _service(robot: str, scene: Scene) -> PlannerService:
-    return PlannerService(load_robot(robot), scene)
+def _service(robot: str, scene: ps.Scene) -> ps.PlannerService:
+    return ps.PlannerService(ps.load_robot(robot), scene)
 
 
 @cache
-def _second(robot: str, scene: Scene) -> IndependentChecker:
+def _second(robot: str, scene: ps.Scene) -> IndependentChecker:
     return independent(robot, scene)
 
 
-def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result: PlanResult) -> Row:
+def _judged(query: ConstrainedQuery, case: Case, service: ps.PlannerService, result: ps.PlanResult) -> Row:
     path, trajectory = result.path, result.trajectory
     if path is None or trajectory is None:
         return {}
     seen, found = _seen(query, case, path)
-    free = service.plan(PlanRequest(query.start, path.waypoints[-1]))
+    free = service.plan(ps.PlanRequest(query.start, path.waypoints[-1]))
     row: Row = {
         "waypoints": len(path.waypoints),
         "length": path.length,
@@ -109,9 +106,9 @@ def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result
     return row
 
 
-def _seen(query: ConstrainedQuery, case: Case, path: JointPath) -> tuple[Row, list[Deviation]]:
+def _seen(query: ConstrainedQuery, case: Case, path: ps.JointPath) -> tuple[Row, list[Deviation]]:
     """What the second checker finds along a path: part of a row, and the largest deviations."""
-    second, robot = _second(ROBOTS[query.set], query.scene), load_robot(ROBOTS[query.set])
+    second, robot = _second(ROBOTS[query.set], query.scene), ps.load_robot(ROBOTS[query.set])
     samples = second.along(path, path.length, MOTION_STEP)
     found = deviations(second, samples, [audited(robot, each) for each in query.constraints(case.tolerance)])
     share, touch = max(_share(item) for item in found), touch_on_curve(second, path, MOTION_STEP)
@@ -125,16 +122,16 @@ def _share(item: Deviation) -> float:
     return item.amount / item.tolerance
 
 
-def _bounds(result: PlanResult, found: Sequence[Deviation]) -> list[tuple[float, float, float]]:
+def _bounds(result: ps.PlanResult, found: Sequence[Deviation]) -> list[tuple[float, float, float]]:
     """Of all that is proven the bound, the largest deviation among the samples, and the tolerance."""
     kept = () if result.certificate is None else result.certificate.kept
     bounds = [bound for each in kept for bound in each.bounds]
     return [(bound.bound, item.amount, item.tolerance) for bound, item in zip(bounds, found, strict=True)]
 
 
-def _pace(service: PlannerService, path: JointPath) -> float:
+def _pace(service: ps.PlannerService, path: ps.JointPath) -> float:
     """Seconds per radian by the jerk-limited law."""
-    return SCurve().time_path(path, service.robot.limits).duration / path.length
+    return ps.SCurve().time_path(path, service.robot.limits).duration / path.length
 
 
 def _rows(cases: Sequence[Case], queries: int | None) -> Iterator[Row]:
@@ -146,9 +143,9 @@ def _rows(cases: Sequence[Case], queries: int | None) -> Iterator[Row]:
             yield measured(case, query)
 
 
-def _request(case: Case, query: ConstrainedQuery) -> PlanRequest:
+def _request(case: Case, query: ConstrainedQuery) -> ps.PlanRequest:
     """The default one."""
-    return PlanRequest(query.start, query.goals, constraints=query.constraints(case.tolerance))
+    return ps.PlanRequest(query.start, query.goals, constraints=query.constraints(case.tolerance))
 
 
 def run(part: str | None = None, queries: int | None = None) -> Report:

@@ -18,19 +18,15 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, table_of
-from benchmarks.studies.agreement import around_contacts, random_states
-from planner_service import CollisionChecker, JointStep, Robot, RRTConnect, Scene, load_robot, load_scene
+from benchmarks.worlds.contacts import around_contacts, random_states
 from planner_service.collision import Known
 from planner_service.collision.backends import NativeBackend
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.native_kernel import MARGIN, build_kernel, instruction_sets
-from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.composite import PointCloud
-from planner_service.geometry.shapes import Cylinder, Pose
 from planner_service.parallel import Lost, Processes, Sequential
-from planner_service.scene.scene import Obstacle
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
 
@@ -131,28 +127,28 @@ class Tally:
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
-def case(name: str) -> tuple[Robot, Scene]:
+def case(name: str) -> tuple[ps.Robot, ps.Scene]:
     """A robot and a scene by their names, of which ``pins`` and ``cloud`` are made here."""
     robot, scene = name.split()
     if scene == "cloud":
-        return load_robot(robot), _cloud(load_scene("shelf"))
+        return ps.load_robot(robot), _cloud(ps.load_scene("shelf"))
     if scene == "pins":
         places = ((0.9, 0.5), (-0.7, 0.8), (0.3, -1.2), (-1.1, -0.4))
-        pins = [Obstacle(f"pin{k}", Cylinder(0.05, 0.4), Pose((x, y, 0.0))) for k, (x, y) in enumerate(places)]
-        return load_robot(robot), Scene(tuple(pins))
-    return load_robot(robot), load_scene(scene)
+        pins = [ps.Obstacle(f"pin{k}", ps.Cylinder(0.05, 0.4), ps.Pose((x, y, 0.0))) for k, (x, y) in enumerate(places)]
+        return ps.load_robot(robot), ps.Scene(tuple(pins))
+    return ps.load_robot(robot), ps.load_scene(scene)
 
 
-def _cloud(scene: Scene) -> Scene:
+def _cloud(scene: ps.Scene) -> ps.Scene:
     """A scene with a wavy wall of points in front of the robot."""
     steps = np.linspace(-0.35, 0.35, 60)
     y, z = (axis.ravel() for axis in np.meshgrid(steps, steps + 0.35))
     x = 0.42 + 0.04 * np.sin(9.0 * y) * np.cos(7.0 * z)
-    wall = PointCloud(np.stack([x, y, z], axis=1), resolution=0.012)
-    return scene.with_obstacle(Obstacle("wall", wall))
+    wall = ps.PointCloud(np.stack([x, y, z], axis=1), resolution=0.012)
+    return scene.with_obstacle(ps.Obstacle("wall", wall))
 
 
-def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, CollisionChecker]:
+def kernels(robot: ps.Robot, scene: ps.Scene, margin: float = MARGIN) -> dict[str, ps.CollisionChecker]:
     """A checker for every instruction set the kernel can use here, by its name.
 
     Args:
@@ -160,7 +156,7 @@ def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, Col
     """
     found = {}
     for name in instruction_sets():
-        checker = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="native")
+        checker = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(STEP), backend="native")
         kernel = build_kernel(robot, checker._parts, name, margin=margin)
         if not isinstance(checker._backend, NativeBackend) or kernel is None:
             raise AssertionError(f"{name}: the kernel is there and is not used")
@@ -173,7 +169,7 @@ def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, Col
 class _Recorder:
     """An oracle that judges each edge in full when it is asked, and keeps what it was asked about."""
 
-    def __init__(self, checker: CollisionChecker) -> None:
+    def __init__(self, checker: ps.CollisionChecker) -> None:
         self._oracle = SearchOracle(checker)
         self.edges: list[Asked] = []
 
@@ -195,7 +191,7 @@ class _Recorder:
 class _Searches:
     """Edges that RRTConnect asks for between configurations drawn at random."""
 
-    def __init__(self, checker: CollisionChecker, rng: np.random.Generator) -> None:
+    def __init__(self, checker: ps.CollisionChecker, rng: np.random.Generator) -> None:
         self._checker, self._rng = checker, rng
         self._edges: list[Asked] = []
 
@@ -214,18 +210,18 @@ class _Searches:
             problem = SearchProblem(ends[0], ends[1][None], limits.lower, limits.upper, recorder, seed)
             try:
                 with checker.limited(states=SEARCH_STATES):
-                    RRTConnect().search(problem)
+                    ps.RRTConnect().search(problem)
             except SearchStopped:
                 pass  # what it asked for so far will do
         return recorder.edges
 
 
 def questions(
-    robot: Robot, scene: Scene, states: int, edges: int, seed: int, part: int = 0
+    robot: ps.Robot, scene: ps.Scene, states: int, edges: int, seed: int, part: int = 0
 ) -> Iterator[tuple[str, FloatArray, list[Asked]]]:
     """Kinds, states (m, n) and edges, in blocks; as many of each kind."""
     rng = np.random.default_rng([seed, robot.n, part])
-    checker = CollisionChecker(robot, scene, edge_step=JointStep(STEP))
+    checker = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(STEP))
     searches = _Searches(checker, rng)
     blocks = max(1, -(-states // BLOCK))
     for block in range(blocks):
@@ -240,7 +236,7 @@ def _share(total: int, k: int, parts: int) -> int:
 
 
 def _states(
-    kind: str, checker: CollisionChecker, count: int, rng: np.random.Generator, searches: _Searches
+    kind: str, checker: ps.CollisionChecker, count: int, rng: np.random.Generator, searches: _Searches
 ) -> FloatArray:
     if kind == "random":
         return random_states(checker.robot, count, rng)
@@ -253,7 +249,7 @@ def _states(
 
 
 def _edges(
-    kind: str, checker: CollisionChecker, count: int, rng: np.random.Generator, searches: _Searches
+    kind: str, checker: ps.CollisionChecker, count: int, rng: np.random.Generator, searches: _Searches
 ) -> Iterator[Asked]:
     if kind == "as planned":
         for k, edge in enumerate(searches.take(count)):
@@ -265,7 +261,7 @@ def _edges(
         yield Asked(ends[0], ends[1], Known.NEITHER, k % 2 == 1)
 
 
-def _drawn_edges(checker: CollisionChecker, rng: np.random.Generator) -> Iterator[FloatArray]:
+def _drawn_edges(checker: ps.CollisionChecker, rng: np.random.Generator) -> Iterator[FloatArray]:
     """Ends (2, n) of edges at random."""
     robot = checker.robot
     while True:
@@ -274,7 +270,7 @@ def _drawn_edges(checker: CollisionChecker, rng: np.random.Generator) -> Iterato
         yield from np.stack([Q, np.clip(Q + ways, robot.limits.lower, robot.limits.upper)], axis=1)
 
 
-def _grazing(checker: CollisionChecker, drawn: Iterator[FloatArray], rng: np.random.Generator) -> FloatArray:
+def _grazing(checker: ps.CollisionChecker, drawn: Iterator[FloatArray], rng: np.random.Generator) -> FloatArray:
     """Ends (2, n) of an edge next to where edges change from free to colliding."""
     robot, kept = checker.robot, dict[bool, FloatArray]()
     while len(kept) < 2:
@@ -292,7 +288,7 @@ def _grazing(checker: CollisionChecker, drawn: Iterator[FloatArray], rng: np.ran
     return np.clip(hit + ways, robot.limits.lower, robot.limits.upper)
 
 
-def _states_told(checker: CollisionChecker, Q: FloatArray, *, every_way: bool) -> list[Told]:
+def _states_told(checker: ps.CollisionChecker, Q: FloatArray, *, every_way: bool) -> list[Told]:
     """What touches first at each configuration and what was counted; None where it is free.
 
     Args:
@@ -312,7 +308,7 @@ def _states_told(checker: CollisionChecker, Q: FloatArray, *, every_way: bool) -
     return told
 
 
-def _edge_told(checker: CollisionChecker, edge: Asked) -> Told:
+def _edge_told(checker: ps.CollisionChecker, edge: Asked) -> Told:
     """Where an edge collides and what was counted; of one that is checked coarsely first, both verdicts."""
     before = checker.counts
     said: Any
@@ -327,7 +323,7 @@ def _edge_told(checker: CollisionChecker, edge: Asked) -> Told:
 
 
 def compare(
-    made: dict[str, CollisionChecker], blocks: Iterator[tuple[str, FloatArray, list[Asked]]]
+    made: dict[str, ps.CollisionChecker], blocks: Iterator[tuple[str, FloatArray, list[Asked]]]
 ) -> dict[tuple[str, str], Tally]:
     """Ask all checkers the same, the reference being the last of them: tallies by kind, of states and of edges."""
     found = {(kind, what): Tally() for kind in KINDS for what in ("states", "edges")}
@@ -361,7 +357,7 @@ class _Case:
         number, states, edges = part
         robot, scene = case(self.name)
         made = kernels(robot, scene)
-        made["fcl"] = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="fcl")
+        made["fcl"] = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(STEP), backend="fcl")
         return compare(made, questions(robot, scene, states, edges, self.seed, number))
 
 
@@ -389,7 +385,7 @@ def run(robot: str | None = None, states: int = STATES, edges: int = EDGES, seed
     """
     robots = [name.split()[0] for name in CASES]
     if robot is not None and robot not in robots:
-        raise UnknownName("robot", robot, robots)
+        raise ps.UnknownName("robot", robot, robots)
     names = [name for name in CASES if robot in (None, name.split()[0])]
     rows = [row for name in names for row in _case_rows(name, states, edges, seed)]
     return Report("differential", tuple(rows), (_table(rows, seed),), tuple(_promise(name, rows) for name in names))

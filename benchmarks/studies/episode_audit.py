@@ -10,12 +10,9 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.harness.audit import Auditor, Pair, along, inside, stretches
-from planner_service import Box, Capsule, Cylinder, Obstacle, Pose, Scene, Sphere
 from planner_service.geometry.arrays import FloatArray
-from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
-from planner_service.scene.scene import Attached
 
 __all__ = ["Audit", "EpisodeAudit", "Stored"]
 
@@ -23,10 +20,10 @@ ROUNDING = 2.0**-22
 """By how much a float32 of a few radians may be off."""
 
 SHAPES: dict[str, Any] = {
-    "box": lambda *sizes: Box(sizes),
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "capsule": Capsule,
+    "box": lambda *sizes: ps.Box(sizes),
+    "sphere": ps.Sphere,
+    "cylinder": ps.Cylinder,
+    "capsule": ps.Capsule,
 }
 
 Pairs = tuple[Pair, ...]
@@ -51,12 +48,12 @@ class Stored:
         return self._rows("requests", "episode_index", self.episode)[0]
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> ps.Scene:
         """The world at the beginning."""
         rows = self._rows("scenes", "request_index", self.request["request_index"])
-        return Scene(
+        return ps.Scene(
             tuple(
-                Obstacle(row["name"], SHAPES[row["shape"]](*row["sizes"]), _pose(row))
+                ps.Obstacle(row["name"], SHAPES[row["shape"]](*row["sizes"]), _pose(row))
                 for row in sorted(rows, key=lambda row: int(row["position_in_scene"]))
             )
         )
@@ -152,14 +149,16 @@ class _Judge:
             found.objections.append(f"{found.frames - judged} frames belong to no motion")
         return found
 
-    def _curve(self, row: Row, exempt: Sequence[Row], trajectory: Trajectory, scene: Scene) -> None:
+    def _curve(self, row: Row, exempt: Sequence[Row], trajectory: ps.Trajectory, scene: ps.Scene) -> None:
         """The exact curve, pairs being allowed to touch where that is meant."""
         path = trajectory.path
         for start, end, pairs in _stretches(exempt, path.length):
             Q = along(path, *inside(start, end, path.length))
             self._ask(f"{row['motion']}, s = {start:.3g} to {end:.3g}", Q, scene, (row["gripper_width"], pairs))
 
-    def _frames(self, row: Row, exempt: Sequence[Row], trajectory: Trajectory, scenes: tuple[Scene, Scene]) -> int:
+    def _frames(
+        self, row: Row, exempt: Sequence[Row], trajectory: ps.Trajectory, scenes: tuple[ps.Scene, ps.Scene]
+    ) -> int:
         """All frames from the beginning of a motion to that of the next; how many there are."""
         frames, name = self._stored.frames, row["motion"]
         times = np.arange(len(frames["timestamp"])) / round(1.0 / frames["timestamp"][1])
@@ -181,7 +180,7 @@ class _Judge:
             self._ask(f"gripper after {name}", one[None, :-1], scenes[1], (float(one[-1]), fingers))
         return len(mine)
 
-    def _ask(self, what: str, Q: FloatArray, scene: Scene, gripper: tuple[float, Pairs]) -> None:
+    def _ask(self, what: str, Q: FloatArray, scene: ps.Scene, gripper: tuple[float, Pairs]) -> None:
         width, pairs = gripper
         if len(Q) == 0:
             return
@@ -190,30 +189,30 @@ class _Judge:
         if told["verdict"] != "free":
             self._found.objections.append(f"{what}: {told['verdict']}, {told['pair']}, {told['depth']} m deep")
 
-    def _taken(self, scene: Scene, q: FloatArray) -> Scene:
+    def _taken(self, scene: ps.Scene, q: FloatArray) -> ps.Scene:
         """The world once the object moves with the tool."""
         target = scene.obstacle(self._target)
-        tool = Pose.from_matrix(Auditor(self._robot, scene).tool_pose(q))
-        held = Attached(target.name, target.shape, tool.inverse() @ target.pose, ("finger_left", "finger_right"))
+        tool = ps.Pose.from_matrix(Auditor(self._robot, scene).tool_pose(q))
+        held = ps.Attached(target.name, target.shape, tool.inverse() @ target.pose, ("finger_left", "finger_right"))
         return scene.without(target.name).with_attached(held)
 
-    def _left(self, scene: Scene, q: FloatArray) -> Scene:
+    def _left(self, scene: ps.Scene, q: FloatArray) -> ps.Scene:
         """The world once the object stands where it was brought to."""
         (held,) = scene.attached
-        tool = Pose.from_matrix(Auditor(self._robot, scene).tool_pose(q))
-        there = Obstacle(held.name, held.shape, tool @ held.pose)
+        tool = ps.Pose.from_matrix(Auditor(self._robot, scene).tool_pose(q))
+        there = ps.Obstacle(held.name, held.shape, tool @ held.pose)
         return scene.without_attached(held.name).with_obstacle(there)
 
 
-def _trajectory(row: Row) -> Trajectory:
-    path = JointPath(np.array(row["waypoints"]), np.array(row["blends"]))
-    return Trajectory(path, np.array(row["durations"]), np.array(row["coefficients"]), row["dilation"])
+def _trajectory(row: Row) -> ps.Trajectory:
+    path = ps.JointPath(np.array(row["waypoints"]), np.array(row["blends"]))
+    return ps.Trajectory(path, np.array(row["durations"]), np.array(row["coefficients"]), row["dilation"])
 
 
 def _stretches(exempt: Sequence[Row], length: float) -> Iterator[tuple[float, float, Pairs]]:
     return stretches(((each["s_start"], each["s_end"], [(each["a"], each["b"])]) for each in exempt), length)
 
 
-def _pose(row: Row) -> Pose:
+def _pose(row: Row) -> ps.Pose:
     (x, y, z), (w, i, j, k) = row["position"], row["quaternion_wxyz"]
-    return Pose((x, y, z), (w, i, j, k))
+    return ps.Pose((x, y, z), (w, i, j, k))

@@ -1,4 +1,4 @@
-"""A thousand episodes: written, read back, audited by a checker that is not ours, and what a million would cost."""
+"""A thousand episodes: written, read back, audited by a checker that is not ours."""
 
 from __future__ import annotations
 
@@ -27,8 +27,6 @@ COUNT, FIRST = 1000, 100
 """Requests, and how many of them are made first, to see whether memory grows."""
 
 SEED = 0
-
-MILLION = 1_000_000
 
 MOST_FAILURES = 0.05
 
@@ -101,7 +99,7 @@ def run(seed: int = SEED, against: Path | None = None) -> Report:
     if read is not None:
         whole = (read.get("frames"), read.get("episodes")) == (summary.frames, summary.episodes)
         promises += (Promise("LeRobot reads every frame of every episode", json.dumps(read), whole),)
-    return Report("episodes", (row,), (_table(summary, cost, sizes), _million(cost, sizes)), promises)
+    return Report("episodes", (row,), (_table(summary, cost, sizes),), promises)
 
 
 def _read_by_lerobot(folder: Path, python: Path) -> dict[str, object]:
@@ -148,20 +146,6 @@ def _table(summary: EpisodesSummary, cost: _Cost, sizes: dict[str, float]) -> Ta
         (f"memory added to the writer after {FIRST} requests, MB", f"{cost.memory:.1f}"),
     ]
     return table("Episodes of pick-place", ("what", "measured"), rows)
-
-
-def _million(cost: _Cost, sizes: dict[str, float]) -> Table:
-    """Nothing but the figures above times what is missing."""
-    new = COUNT - FIRST
-    hours = (cost.writer + cost.workers) / new * MILLION / 3600
-    writing = cost.writer / new * MILLION / 3600
-    rows = [
-        ("core hours", f"{hours:,.0f}"),
-        ("hours on 64 cores", f"{max(hours / 64, writing):.1f}"),
-        ("hours of the one writer, the least it takes", f"{writing:.1f}"),
-        ("gigabytes", f"{sum(sizes.values()) * MILLION / 1e9:.0f}"),
-    ]
-    return table("A million episodes, extrapolated", ("what", "if it goes on like that"), rows)
 
 
 def _promises(row: dict[str, object], rejected: int) -> tuple[Promise, ...]:

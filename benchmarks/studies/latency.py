@@ -14,19 +14,18 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.baselines.peers.child import Reply
 from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.versions import TURNS as WHOLE_TURNS
 from benchmarks.baselines.peers.versions import replies, version_here, version_then
 from benchmarks.harness.report import Promise, Report, Row, grouped, least_ms, p50, p95, spread, table_of
-from benchmarks.studies.agreement import random_states
 from benchmarks.studies.states import STEPS
 from benchmarks.worlds import queries
-from planner_service import CollisionChecker, JointStep, PlannerService, PlanRequest, PlanResult, Stage, move_linear
+from benchmarks.worlds.contacts import random_states
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Pose
+from planner_service.kinematics import straight_tool_line
 from planner_service.kinematics.cartesian_waypoints import thinned
-from planner_service.kinematics.inverse import straight_tool_line
 
 __all__ = ["SCENES", "free_lines", "plan_rows", "promises", "run", "straight_rows", "tool_lines"]
 
@@ -43,8 +42,8 @@ PART_P50, STRAIGHT_P50, TOOL_LINE_P50 = 0.35, 1.0, 2.0
 """Promised: part of what 0.1.0 takes in the same run; milliseconds."""
 
 
-def _request(start: FloatArray, goal: FloatArray, seed: int) -> PlanRequest:
-    return PlanRequest(start, goal, seed=seed, time_limit=None)
+def _request(start: FloatArray, goal: FloatArray, seed: int) -> ps.PlanRequest:
+    return ps.PlanRequest(start, goal, seed=seed, time_limit=None)
 
 
 def plan_rows(
@@ -81,10 +80,10 @@ def _told(reply: Reply) -> Mapping[str, Any]:
     return reply.answer
 
 
-def free_lines(checker: CollisionChecker, count: int) -> list[tuple[FloatArray, FloatArray]]:
+def free_lines(checker: ps.CollisionChecker, count: int) -> list[tuple[FloatArray, FloatArray]]:
     """Straight lines in joint space, free with the padding of a request; the same in every call."""
     robot, rng = checker.robot, np.random.default_rng(queries.SEED)
-    roomy = checker.variant(padding=PlanRequest(robot.home, robot.home).padding)
+    roomy = checker.variant(padding=ps.PlanRequest(robot.home, robot.home).padding)
     found: list[tuple[FloatArray, FloatArray]] = []
     while len(found) < count:
         a = random_states(robot, 1, rng)[0]
@@ -96,14 +95,14 @@ def free_lines(checker: CollisionChecker, count: int) -> list[tuple[FloatArray, 
     return found
 
 
-def tool_lines(service: PlannerService, count: int) -> list[tuple[FloatArray, Pose]]:
+def tool_lines(service: ps.PlannerService, count: int) -> list[tuple[FloatArray, ps.Pose]]:
     """Starts of stored queries, and the tool poses straight behind them that can be reached on a free line."""
-    found: list[tuple[FloatArray, Pose]] = []
+    found: list[tuple[FloatArray, ps.Pose]] = []
     for query in queries.load(service.scene.name):
         for q in (query.start, query.goal):
-            tool = Pose.from_matrix(service.robot.tool_pose(q))
-            behind = tool @ Pose((-RISE, 0.0, 0.0))
-            if len(found) < count and move_linear(service, q, behind).ok:
+            tool = ps.Pose.from_matrix(service.robot.tool_pose(q))
+            behind = tool @ ps.Pose((-RISE, 0.0, 0.0))
+            if len(found) < count and ps.move_linear(service, q, behind).ok:
                 found.append((q, behind))
     return found
 
@@ -111,7 +110,7 @@ def tool_lines(service: PlannerService, count: int) -> list[tuple[FloatArray, Po
 def straight_rows(scenes: Sequence[str] = SCENES, count: int = LINES, turns: int = TURNS) -> Iterator[Row]:
     """Plans whose straight line is free, and straight tool lines: milliseconds of the whole and of its parts."""
     for scene in scenes:
-        service = PlannerService(queries.ROBOT, scene, edge_step=JointStep(0.02))
+        service = ps.PlannerService(queries.ROBOT, scene, edge_step=ps.JointStep(0.02))
         lines, tools = free_lines(service.checker, count), tool_lines(service, count)
         service.plan(_request(*lines[0], 0))
         for kind, measured in (
@@ -121,20 +120,20 @@ def straight_rows(scenes: Sequence[str] = SCENES, count: int = LINES, turns: int
             yield {"kind": kind, "scene": scene, "ms": {key: [one[key] for one in measured] for key in measured[0]}}
 
 
-def _planned(service: PlannerService, start: FloatArray, goal: FloatArray, turns: int) -> dict[str, float]:
+def _planned(service: ps.PlannerService, start: FloatArray, goal: FloatArray, turns: int) -> dict[str, float]:
     request = _request(start, goal, 0)
     return _parts(*least_ms(lambda: service.plan(request), turns), 0.0)
 
 
-def _moved(service: PlannerService, q: FloatArray, to: Pose, turns: int) -> dict[str, float]:
+def _moved(service: ps.PlannerService, q: FloatArray, to: ps.Pose, turns: int) -> dict[str, float]:
     kinematics, _ = least_ms(lambda: thinned(service.robot, straight_tool_line(service.robot, q, to).waypoints), turns)
-    return _parts(*least_ms(lambda: move_linear(service, q, to), turns), kinematics)
+    return _parts(*least_ms(lambda: ps.move_linear(service, q, to), turns), kinematics)
 
 
-def _parts(whole: float, results: Sequence[PlanResult], kinematics: float) -> dict[str, float]:
+def _parts(whole: float, results: Sequence[ps.PlanResult], kinematics: float) -> dict[str, float]:
     """The least milliseconds of each stage, of what decides that the line is free, and of the whole."""
-    stages = {stage.value: min(r.stage(stage).seconds for r in results) * 1e3 for stage in Stage}
-    decided = kinematics + stages[Stage.ENDPOINTS.value] + stages[Stage.STRAIGHT_LINE.value]
+    stages = {stage.value: min(r.stage(stage).seconds for r in results) * 1e3 for stage in ps.Stage}
+    decided = kinematics + stages[ps.Stage.ENDPOINTS.value] + stages[ps.Stage.STRAIGHT_LINE.value]
     return stages | {"kinematics": kinematics, "decided": decided, "whole": whole}
 
 
@@ -193,7 +192,7 @@ def _plan_table(rows: Sequence[Row]) -> Table:
 
 
 def _straight_table(rows: Sequence[Row]) -> Table:
-    stages = [Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.POLISH, Stage.CERTIFY, Stage.TIMING]
+    stages = [ps.Stage.ENDPOINTS, ps.Stage.STRAIGHT_LINE, ps.Stage.POLISH, ps.Stage.CERTIFY, ps.Stage.TIMING]
     keys = ["kinematics", *(stage.value for stage in stages), "decided", "whole"]
     lines = (
         {"": row["kind"], "scene": row["scene"], "lines": len(row["ms"]["whole"])}

@@ -13,9 +13,9 @@ from typing import Any
 
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.worlds import queries
-from planner_service import PlannerService, PlanRequest
 from planner_service.parallel import Engine, Processes
 
 __all__ = ["run"]
@@ -27,15 +27,15 @@ PLANS, TURNS = 1000, 3
 GAIN, OVERHEAD_MS = 1.8, 1.0
 
 
-def _requests() -> Iterator[PlanRequest]:
+def _requests() -> Iterator[ps.PlanRequest]:
     """The stored queries, again and again with other seeds."""
     stored, seed = queries.load(SCENE), 0
     while True:
-        yield from (PlanRequest(query.start, query.goal, seed=seed, time_limit=None) for query in stored)
+        yield from (ps.PlanRequest(query.start, query.goal, seed=seed, time_limit=None) for query in stored)
         seed += 1
 
 
-def _streamed(service: PlannerService, engine: Engine, count: int) -> Row:
+def _streamed(service: ps.PlannerService, engine: Engine, count: int) -> Row:
     """Milliseconds per plan from the first result on, by the clock and of CPU."""
     results = service.plan_stream(_requests(), engine=engine)
     next(results)
@@ -44,7 +44,7 @@ def _streamed(service: PlannerService, engine: Engine, count: int) -> Row:
         return _told(lambda: sum(1 for _ in islice(results, count)), count, workers)
 
 
-def _looped(service: PlannerService, count: int) -> Row:
+def _looped(service: ps.PlannerService, count: int) -> Row:
     """The same of a plain loop."""
     asked = islice(_requests(), count)
     return _told(lambda: [service.plan(request).ok for request in asked], count, ())
@@ -68,7 +68,7 @@ def run(plans: int = PLANS) -> Report:
     """
     rows: list[Row] = []
     for scene in (SCENE, EASY_SCENE):
-        service = PlannerService(queries.ROBOT, scene)
+        service = ps.PlannerService(queries.ROBOT, scene)
         service.plan(next(_requests()))
         ways: dict[str, Callable[[], Row]] = {
             "a loop": lambda service=service: _looped(service, plans),  # type: ignore[misc]

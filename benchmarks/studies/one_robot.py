@@ -148,7 +148,7 @@ def _judged(service: PlannerService, source: str, results: list[PlanResult], sta
     """What Pinocchio and Coal, reading the file themselves, say of random configurations and of the plans."""
     from auditor.checker import IndependentChecker, tables_of
     from benchmarks.harness.audit import touch_on_curve
-    from benchmarks.studies.agreement import compared, random_states
+    from benchmarks.worlds.contacts import compared, random_states
     from benchmarks.worlds.foreign import table_of_robot
 
     with TemporaryDirectory() as place:

@@ -12,21 +12,20 @@ from functools import partial
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.audit import independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
-from planner_service import Optimise, PlannerService, PlanResult
 from planner_service.certify import Certifier
 from planner_service.geometry.arrays import FloatArray
-from planner_service.path.joint_path import JointPath
 
 __all__ = ["SCENES", "hybrid_rows", "promises", "run"]
 
 SCENES = ("bin", "shelf", "post", "clutter")
 
-POLISH = Optimise()
-LONG = Optimise(waypoints=100, corners=16)
+POLISH = ps.Optimise()
+LONG = ps.Optimise(waypoints=100, corners=16)
 LONG_RUNS = 10
 """What a query's clearance is held against where neither its ends nor what was asked limit it."""
 
@@ -40,18 +39,18 @@ LENGTH, ACCELERATION, DURATION, CLEAR_SHARE, STEP_MS = 1.05, 1 / 3, 0.85, 0.9, 1
 """Promised: ratios to shortcutting alone, a share of the queries, and milliseconds of an iteration."""
 
 
-def _clearances(certifier: Certifier, path: JointPath) -> FloatArray:
+def _clearances(certifier: Certifier, path: ps.JointPath) -> FloatArray:
     limits = certifier.robot.limits
     return certifier.clearances(np.clip(path(np.linspace(0.0, path.length, PLACES)), limits.lower, limits.upper))
 
 
-def _length(path: JointPath) -> float:
+def _length(path: ps.JointPath) -> float:
     """Of the curve, in radians."""
     steps = np.diff(path(np.linspace(0.0, path.length, 5 * PLACES)), axis=0)
     return float(np.sqrt((steps * steps).sum(axis=1)).sum())
 
 
-def _motion(result: PlanResult, certifier: Certifier) -> Row:
+def _motion(result: ps.PlanResult, certifier: Certifier) -> Row:
     """A plan in numbers: length of the curve (rad), seconds, integral of squared acceleration, clearances."""
     path, trajectory = result.unwrap()
     t = np.linspace(0.0, trajectory.duration, 5 * PLACES + 1)
@@ -66,17 +65,17 @@ def _motion(result: PlanResult, certifier: Certifier) -> Row:
     }
 
 
-def _best_of_long_runs(service: PlannerService, certifier: Certifier, query: queries.Query) -> float:
+def _best_of_long_runs(service: ps.PlannerService, certifier: Certifier, query: queries.Query) -> float:
     found = (plan(service, query, seed=seed, polish=LONG, max_checks=500_000) for seed in range(LONG_RUNS))
     return max((float(_clearances(certifier, one.path).min()) for one in found if one.path is not None), default=0.0)
 
 
 def hybrid_rows(
-    scenes: Sequence[str] = SCENES, count: int = queries.PER_SCENE, polish: Optimise = POLISH
+    scenes: Sequence[str] = SCENES, count: int = queries.PER_SCENE, polish: ps.Optimise = POLISH
 ) -> Iterator[Row]:
     """Each query that has to be searched, by shortcutting alone and optimised."""
     for scene in scenes:
-        service = PlannerService(queries.ROBOT, scene)
+        service = ps.PlannerService(queries.ROBOT, scene)
         certifier = Certifier(service.robot, service.scene)
         second = independent(queries.ROBOT, service.scene)
         plan(service, queries.load(scene)[0], polish=polish)  # libraries load, a field is made

@@ -66,6 +66,9 @@ def run(seeds: int = SEEDS, against: Path | None = None, problems: int | None = 
     if not seeds:
         raise InvalidRequest("--seeds", seeds, "at least 1")
     peers = [Environment.of(peer) for peer in PEERS.values()]
+    for peer in peers:
+        if not peer.ready:
+            peer.install()
     asked = [version_here(), version_then(against), *(peer for peer in peers if peer.ready)]
     console = Console(stderr=True)
     rows = tuple(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from planner_service import PlannerService, PlanRequest, PlanResult, Robot
-from planner_service.records.problem_set import Problem, ProblemSet, read_problems
+import planner_service as ps
+from planner_service.records import Problem, ProblemSet, read_problems
 
 __all__ = ["MOTION_STEP", "ROBOT", "SEED", "asked", "kind_of", "planned", "public_problems"]
 
@@ -29,11 +29,11 @@ def kind_of(problem: Problem) -> str:
     return problem.id.partition("/")[0]
 
 
-def planned(robot: Robot, problem: Problem) -> PlanResult:
+def planned(robot: ps.Robot, problem: Problem) -> ps.PlanResult:
     """The plan of a default request, but that no clock has a say."""
-    return PlannerService(robot, problem.scene).plan(asked(robot, problem))
+    return ps.PlannerService(robot, problem.scene).plan(asked(robot, problem))
 
 
-def asked(robot: Robot, problem: Problem) -> PlanRequest:
+def asked(robot: ps.Robot, problem: Problem) -> ps.PlanRequest:
     """A default request, but that no clock has a say."""
     return problem.request(robot, seed=SEED, time_limit=None)

@@ -13,23 +13,20 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from auditor.checker import IndependentChecker
 from benchmarks.harness.audit import independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, p50, spread, table, table_of
 from benchmarks.studies.states import plan
 from benchmarks.worlds import drawn, queries, sheets
 from benchmarks.worlds.queries import Query
-from planner_service import PlannerService, PlanResult, Scene, SCurve, Stage, ToppRa
 from planner_service.geometry.arrays import FloatArray
-from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
-from planner_service.robot.model import JointLimits
-from planner_service.scene.loading import load_scene
-from planner_service.timing.laws import Timing, stop_duration
+from planner_service.timing import Timing
+from planner_service.timing.laws import stop_duration
 
 __all__ = ["NAMES", "World", "measured", "planted", "promises", "rates", "run", "sampled_peaks"]
 
-LAWS: dict[str, Timing] = {"toppra": ToppRa(), "s-curve": SCurve()}
+LAWS: dict[str, Timing] = {"toppra": ps.ToppRa(), "s-curve": ps.SCurve()}
 
 KINDS = {"toppra": 2, "s-curve": 3}
 """How many of velocity, acceleration and jerk each law limits; acceleration jumps under TOPP-RA."""
@@ -69,27 +66,29 @@ class World:
     """A scene and its queries, with those who plan and judge in it."""
 
     name: str
-    scene: Scene
+    scene: ps.Scene
     queries: tuple[Query, ...]
-    service: PlannerService
+    service: ps.PlannerService
     second: IndependentChecker
 
     @classmethod
-    def of(cls, name: str, scene: Scene, asked: Sequence[Query]) -> World:
+    def of(cls, name: str, scene: ps.Scene, asked: Sequence[Query]) -> World:
         """The benchmark's robot in a scene."""
-        return cls(name, scene, tuple(asked), PlannerService(queries.ROBOT, scene), independent(queries.ROBOT, scene))
+        return cls(
+            name, scene, tuple(asked), ps.PlannerService(queries.ROBOT, scene), independent(queries.ROBOT, scene)
+        )
 
 
 def _worlds(each: int) -> Iterator[World]:
     """The scenes of the stored queries, and the drawn ones."""
     for name in queries.SCENES:
-        yield World.of(name, load_scene(name), queries.load(name)[:each])
+        yield World.of(name, ps.load_scene(name), queries.load(name)[:each])
     for number in range(drawn.COUNT * each // queries.PER_SCENE):
         scene = drawn.draw_scene(number)
         yield World.of(DRAWN, scene, tuple(drawn.draw_queries(number, scene)))
 
 
-def measured(world: World, query: Query) -> tuple[Row, PlanResult]:
+def measured(world: World, query: Query) -> tuple[Row, ps.PlanResult]:
     """A query planned and its motion judged."""
     result = plan(world.service, query)
     failure = None if result.failure is None else result.failure.reason.value
@@ -103,12 +102,12 @@ def measured(world: World, query: Query) -> tuple[Row, PlanResult]:
         "clearance": proof.clearance,
         "sampled_gap": min(gaps),
         "off_path": _off_path(trajectory),
-        "bounds": result.stage(Stage.CERTIFY).counts.distances,
+        "bounds": result.stage(ps.Stage.CERTIFY).counts.distances,
         **{name: _law(path, world.service.robot.limits, name) for name in LAWS},
     }, result
 
 
-def _off_path(trajectory: Trajectory) -> float:
+def _off_path(trajectory: ps.Trajectory) -> float:
     """The largest distance of a joint from the path at the same s(t), and of s(t) from running from end to end."""
     t = np.linspace(0.0, trajectory.duration, 100)
     s = trajectory.s(t)
@@ -117,13 +116,13 @@ def _off_path(trajectory: Trajectory) -> float:
     return float(np.abs(trajectory(t) - trajectory.path(s)).max())
 
 
-def _law(path: JointPath, limits: JointLimits, name: str) -> Row:
+def _law(path: ps.JointPath, limits: ps.JointLimits, name: str) -> Row:
     trajectory = LAWS[name].time_path(path, limits)
     worst = max(sampled_peaks(trajectory, limits)[: KINDS[name]])
     return {"duration": trajectory.duration, "stops": stop_duration(path, LAWS[name], limits), "worst": worst}
 
 
-def sampled_peaks(trajectory: Trajectory, limits: JointLimits) -> tuple[float, float, float]:
+def sampled_peaks(trajectory: ps.Trajectory, limits: ps.JointLimits) -> tuple[float, float, float]:
     """The largest velocity, acceleration and jerk over their limits at many instants.
 
     No instant is one at which two pieces of time meet.
@@ -138,7 +137,7 @@ def sampled_peaks(trajectory: Trajectory, limits: JointLimits) -> tuple[float, f
     return one, two, three
 
 
-def rates(trajectory: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def rates(trajectory: ps.Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Velocity, acceleration and jerk, (m, n) each, at t (m,): the full chain rule, not the trajectory's own."""
     s = trajectory.s(t)
     v, a, j = (trajectory.s(t, order)[:, None] for order in (1, 2, 3))
@@ -146,10 +145,10 @@ def rates(trajectory: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray
     return q1 * v, q2 * v * v + q1 * a, q3 * v * v * v + 3.0 * q2 * v * a + q1 * j
 
 
-def planted(world: World, query: Query, path: JointPath) -> Iterator[Row]:
+def planted(world: World, query: Query, path: ps.JointPath) -> Iterator[Row]:
     """Sheets on the path of a query, for each step of sampling."""
 
-    def touches(scene: Scene, start: float, end: float) -> bool:
+    def touches(scene: ps.Scene, start: float, end: float) -> bool:
         def stretch(s: Any) -> FloatArray:
             return path(start + s)
 

@@ -17,12 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table_of
 from benchmarks.worlds import queries
-from planner_service import Obstacle, PlannerService, PlanRequest, PlanResult, Pose, Scene, Sphere
 from planner_service.geometry.arrays import FloatArray
-from planner_service.kinematics.inverse import inverse_kinematics
-from planner_service.path.trajectory import Trajectory
 from planner_service.replanning import Outcome, Replanned
 
 __all__ = ["SCENES", "drive", "promises", "rows", "run"]
@@ -51,8 +49,8 @@ SAMPLING = 0.005
 class Change(NamedTuple):
     """What one step brings: the scene with where things will soon be, sooner, and without; and where to go."""
 
-    scenes: Sequence[Scene]
-    goal: Pose | FloatArray
+    scenes: Sequence[ps.Scene]
+    goal: ps.Pose | FloatArray
 
 
 TO_AND_FRO = [STRIDE * (STEPS // 2 - abs(step - STEPS // 2)) for step in range(STEPS)]
@@ -68,7 +66,7 @@ Changes = Callable[[int, bool], Change]
 """What a step brings, given its number and whether the robot has arrived."""
 
 
-Setting = tuple[PlanResult, Changes]
+Setting = tuple[ps.PlanResult, Changes]
 """The plan that is being executed at first, and what then changes."""
 
 
@@ -88,10 +86,10 @@ class Drive:
     peak: float = 0.0
 
 
-def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: int = STEPS) -> Drive:
+def drive(service: ps.PlannerService, first: ps.PlanResult, changes: Changes, steps: int = STEPS) -> Drive:
     """Execute a plan, replanning every 0.1 s."""
     told = Drive()
-    previous: PlanResult | Replanned = first
+    previous: ps.PlanResult | Replanned = first
     at, outcome, request = 0.0, Outcome.NEW, _request(service.robot.home, service.robot.home)
     for step in range(steps):
         old = _trajectory(previous)
@@ -116,17 +114,17 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
     return told
 
 
-def _request(start: FloatArray, goal: FloatArray, seed: int = 0) -> PlanRequest:
-    return PlanRequest(start, goal, seed=seed, padding=PADDING, max_checks=20_000, time_limit=None)
+def _request(start: FloatArray, goal: FloatArray, seed: int = 0) -> ps.PlanRequest:
+    return ps.PlanRequest(start, goal, seed=seed, padding=PADDING, max_checks=20_000, time_limit=None)
 
 
-def _trajectory(motion: PlanResult | Replanned) -> Trajectory:
+def _trajectory(motion: ps.PlanResult | Replanned) -> ps.Trajectory:
     if motion.trajectory is None:
         raise ValueError("no motion")
     return motion.trajectory
 
 
-def _stopped(told: Drive, old: Trajectory, at: float, outcome: Outcome) -> None:
+def _stopped(told: Drive, old: ps.Trajectory, at: float, outcome: Outcome) -> None:
     """Count what ends in the period that begins then: at the goal, or short of it."""
     speeds = old.coefficients[:, 1]
     knots = old.knots[:-1][speeds <= 1e-9 * speeds.max(initial=0.0)]
@@ -137,7 +135,7 @@ def _stopped(told: Drive, old: Trajectory, at: float, outcome: Outcome) -> None:
 
 
 def _verified(
-    told: Drive, service: PlannerService, scene: Scene, found: Replanned, before: tuple[Trajectory, float]
+    told: Drive, service: ps.PlannerService, scene: ps.Scene, found: Replanned, before: tuple[ps.Trajectory, float]
 ) -> None:
     """Judge a motion once more, with what is executed of the old one, and measure the splice."""
     (old, at), new = before, _trajectory(found)
@@ -155,7 +153,7 @@ def _verified(
         told.peak = max(told.peak, peaks.velocity.ratio, peaks.acceleration.ratio)
 
 
-def moving_post(service: PlannerService, query: queries.Query) -> Setting | None:
+def moving_post(service: ps.PlannerService, query: queries.Query) -> Setting | None:
     """One of the scene's posts moves along a horizontal line, and back, while the robot goes to and fro."""
     post = next(o for o in service.scene.obstacles if o.name == POSTS[service.scene.name])
     rng = np.random.default_rng([queries.SEED, query.number])
@@ -169,7 +167,7 @@ def moving_post(service: PlannerService, query: queries.Query) -> Setting | None
     return None
 
 
-def unannounced_post(service: PlannerService, query: queries.Query) -> Setting | None:
+def unannounced_post(service: ps.PlannerService, query: queries.Query) -> Setting | None:
     """The same without a word of where it will be."""
     setting = moving_post(service, query)
     if setting is None:
@@ -183,7 +181,7 @@ def unannounced_post(service: PlannerService, query: queries.Query) -> Setting |
     return first, change
 
 
-def crossing_ball(service: PlannerService, query: queries.Query) -> Setting | None:
+def crossing_ball(service: ps.PlannerService, query: queries.Query) -> Setting | None:
     """A ball crosses the middle of the first way, while the robot goes to and fro: the worst there is."""
     path = service.plan(_request(query.start, query.goal, query.number)).unwrap()[0]
     middle = service.robot.tool_pose(path(path.length / 2.0))[:3, 3]
@@ -199,7 +197,7 @@ def crossing_ball(service: PlannerService, query: queries.Query) -> Setting | No
     return None
 
 
-def _soon(scenes: Sequence[Scene], name: str) -> list[tuple[Scene, ...]]:
+def _soon(scenes: Sequence[ps.Scene], name: str) -> list[tuple[ps.Scene, ...]]:
     """Each scene with what moves also where it will be in some steps, and in fewer."""
     moving = [next(o for o in scene.obstacles if o.name == name) for scene in scenes]
     out = []
@@ -214,10 +212,10 @@ def _soon(scenes: Sequence[Scene], name: str) -> list[tuple[Scene, ...]]:
 
 
 def _to_and_fro(
-    service: PlannerService,
+    service: ps.PlannerService,
     query: queries.Query,
-    worlds: tuple[Sequence[Scene], Sequence[Sequence[Scene]]],
-    wide: Sequence[Scene],
+    worlds: tuple[Sequence[ps.Scene], Sequence[Sequence[ps.Scene]]],
+    wide: Sequence[ps.Scene],
 ) -> Setting | None:
     """The first plan and what follows, if in all of the scenes both ends are free, the wide ones included."""
     ends, (scenes, soon) = np.array([query.start, query.goal]), worlds
@@ -234,14 +232,14 @@ def _to_and_fro(
     return (first, change) if first.ok else None
 
 
-def _with_ball(scene: Scene, centre: FloatArray, more: float) -> Scene:
-    return scene.with_obstacle(Obstacle("ball", Sphere(RADIUS + more), Pose(tuple(centre.tolist()))))
+def _with_ball(scene: ps.Scene, centre: FloatArray, more: float) -> ps.Scene:
+    return scene.with_obstacle(ps.Obstacle("ball", ps.Sphere(RADIUS + more), ps.Pose(tuple(centre.tolist()))))
 
 
-def wandering_goal(service: PlannerService, query: queries.Query) -> Setting | None:
+def wandering_goal(service: ps.PlannerService, query: queries.Query) -> Setting | None:
     """A goal of the tool that moves along a horizontal line, and back."""
     first = service.plan(_request(query.start, query.goal, query.number))
-    there = Pose.from_matrix(service.robot.tool_pose(query.goal))
+    there = ps.Pose.from_matrix(service.robot.tool_pose(query.goal))
     rng = np.random.default_rng([queries.SEED, query.number, 1])
     for _ in range(DRAWS):
         angle = rng.uniform(0.0, 2.0 * math.pi)
@@ -251,17 +249,17 @@ def wandering_goal(service: PlannerService, query: queries.Query) -> Setting | N
     return None
 
 
-def _going(scene: Scene, goals: Sequence[Pose]) -> Changes:
+def _going(scene: ps.Scene, goals: Sequence[ps.Pose]) -> Changes:
     return lambda step, arrived: Change((scene,), goals[step])
 
 
-def _moved(pose: Pose, angle: float, distance: float) -> Pose:
+def _moved(pose: ps.Pose, angle: float, distance: float) -> ps.Pose:
     x, y, z = pose.position
-    return Pose((x + distance * math.cos(angle), y + distance * math.sin(angle), z), pose.quaternion)
+    return ps.Pose((x + distance * math.cos(angle), y + distance * math.sin(angle), z), pose.quaternion)
 
 
-def _reachable(service: PlannerService, goal: Pose) -> bool:
-    return any(service.checker.state_is_free(q) for q in inverse_kinematics(service.robot, goal))
+def _reachable(service: ps.PlannerService, goal: ps.Pose) -> bool:
+    return any(service.checker.state_is_free(q) for q in ps.inverse_kinematics(service.robot, goal))
 
 
 UNANNOUNCED = "a post moves, unannounced"
@@ -278,7 +276,7 @@ def rows(scenes: Sequence[str] = SCENES, count: int = RUNS, steps: int = STEPS) 
     """A row for each kind and scene."""
     for kind, setting in KINDS.items():
         for scene in scenes:
-            service = PlannerService(queries.ROBOT, scene)
+            service = ps.PlannerService(queries.ROBOT, scene)
             settings = filter(None, (setting(service, query) for query in queries.load(scene)))
             drives = [drive(service, *one, steps) for one in islice(settings, count)]
             yield {

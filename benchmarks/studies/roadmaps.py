@@ -9,16 +9,16 @@ from unittest import mock
 
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, p50, spread, table_of
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
-from planner_service import PRM, BalancedRRTConnect, PlannerService, PlanResult, Roadmap, RRTConnect, Stage
 from planner_service.search.problem import Planner
 
 __all__ = ["DEFAULT", "FRESH", "PROMISED", "asked", "experienced", "fell_back", "promises", "run"]
 
-SEARCHES: tuple[Planner, ...] = (BalancedRRTConnect(), RRTConnect())
+SEARCHES: tuple[Planner, ...] = (ps.BalancedRRTConnect(), ps.RRTConnect())
 """What roadmaps are compared with: the default, which the promises are about, and OMPL's."""
 
 DEFAULT = SEARCHES[0].name
@@ -40,27 +40,27 @@ STATES_P50, SHARE, MS_P50 = 150, 1 / 5, 0.4
 FRESH = "fresh"
 
 
-def asked(service: PlannerService, planner: Planner, some: Iterable[Query], turns: int = TURNS) -> Row:
+def asked(service: ps.PlannerService, planner: Planner, some: Iterable[Query], turns: int = TURNS) -> Row:
     """Each query planned ``turns`` times: states and CPU ms of its search, those of growing a roadmap included."""
     row: Row = {"states": [], "ms": [], "fell_back": 0, "solved": 0, "asked": 0}
     for query in some:
         with mock.patch("time.perf_counter", time.process_time):  # the clock of the stages
             found = [plan(service, query, planner=planner) for _ in range(turns)]
-        parts = [result.stage(stage) for result in found[:1] for stage in (Stage.ROADMAP, Stage.SEARCH)]
+        parts = [result.stage(stage) for result in found[:1] for stage in (ps.Stage.ROADMAP, ps.Stage.SEARCH)]
         row["states"].append(sum(part.counts.states for part in parts))
-        row["ms"].append(min(1e3 * result.stage(Stage.SEARCH).seconds for result in found))
+        row["ms"].append(min(1e3 * result.stage(ps.Stage.SEARCH).seconds for result in found))
         row["fell_back"] += fell_back(found[0])
         row["solved"] += found[0].ok
         row["asked"] += 1
     return row
 
 
-def fell_back(result: PlanResult) -> bool:
+def fell_back(result: ps.PlanResult) -> bool:
     """Whether the roadmap had no path."""
-    return any(planner.name in result.stage(Stage.SEARCH).note for planner in SEARCHES)
+    return any(planner.name in result.stage(ps.Stage.SEARCH).note for planner in SEARCHES)
 
 
-def experienced(service: PlannerService, roadmap: Roadmap, count: int) -> Roadmap:
+def experienced(service: ps.PlannerService, roadmap: ps.Roadmap, count: int) -> ps.Roadmap:
     """A roadmap that has planned other queries of the scene and remembers their paths."""
     found = replace(roadmap, remember=True)
     for query in queries.draw(service.scene.name, count, seed=TRAINING_SEED):
@@ -71,11 +71,11 @@ def experienced(service: PlannerService, roadmap: Roadmap, count: int) -> Roadma
 def _rows() -> Iterator[Row]:
     """A row for each scene and planner."""
     for scene in SCENES:
-        service, some = PlannerService(queries.ROBOT, scene), queries.load(scene)
+        service, some = ps.PlannerService(queries.ROBOT, scene), queries.load(scene)
         for planner in SEARCHES:
             yield {"scene": scene, "what": planner.name, "seed": 0} | asked(service, planner, some)
         for seed in SEEDS if scene in PROMISED else SEEDS[:1]:
-            built = service.build_roadmap(PRM(milestones=1000, neighbours=10), seed=seed, progress=False)
+            built = service.build_roadmap(ps.PRM(milestones=1000, neighbours=10), seed=seed, progress=False)
             states = 0 if built.built is None else built.built.counts.states
             row = {"scene": scene, "seed": seed, "build": states}
             yield row | {"what": FRESH} | asked(service, built, some)

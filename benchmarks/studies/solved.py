@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from auditor import verify_no_path
 from auditor.checker import IndependentChecker
 from auditor.schema import Invalid
@@ -27,10 +28,7 @@ from benchmarks.studies.problems import ROBOT as PANDA
 from benchmarks.studies.problems import kind_of, public_problems
 from benchmarks.worlds.drawn import draw_crowd, draw_objects
 from benchmarks.worlds.queries import ROBOT as WXAI
-from planner_service import Mesh, PlannerService, PlanRequest, PlanResult, Pose, Scene
 from planner_service.records.exports.no_path_file import no_path_document
-from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.loading import load_scene
 
 __all__ = ["draw_queries", "draw_scene", "run"]
 
@@ -62,22 +60,22 @@ class _Query:
     """A request with a name, and how many configurations drawn for its ends were in collision."""
 
     name: str
-    request: PlanRequest
+    request: ps.PlanRequest
     infeasible: int = 0
 
 
-def draw_scene(chance: random.Random) -> Scene:
+def draw_scene(chance: random.Random) -> ps.Scene:
     """A table with boxes, cylinders, spheres, capsules and meshes within reach of the arm."""
-    scene = load_scene("table")
+    scene = ps.load_scene("table")
     for k, obstacle in enumerate(draw_objects(chance, chance.randint(*OBJECTS))):
         if k % 4 == 3:
             points = [[chance.uniform(-0.1, 0.1) for _ in range(3)] for _ in range(chance.randint(4, 40))]
-            obstacle = replace(obstacle, shape=Mesh(np.array(points)))
+            obstacle = replace(obstacle, shape=ps.Mesh(np.array(points)))
         scene = scene.with_obstacle(obstacle)
     return scene
 
 
-def draw_queries(chance: random.Random, service: PlannerService, count: int) -> Iterator[tuple[PlanRequest, int]]:
+def draw_queries(chance: random.Random, service: ps.PlannerService, count: int) -> Iterator[tuple[ps.PlanRequest, int]]:
     """Requests between free configurations, uniform in the joint limits, and how many drawn for each were not free."""
     limits = service.robot.limits
     ranges = list(zip(limits.lower.tolist(), limits.upper.tolist(), strict=True))
@@ -88,8 +86,8 @@ def draw_queries(chance: random.Random, service: PlannerService, count: int) -> 
             if service.checker.state_is_free(q):
                 ends.append(q)
         pose = chance.random() < POSES
-        goal = Pose.from_matrix(service.robot.tool_pose(ends[1])) if pose else ends[1]
-        yield PlanRequest(ends[0], goal, seed=chance.randrange(2**32)), drawn - 2
+        goal = ps.Pose.from_matrix(service.robot.tool_pose(ends[1])) if pose else ends[1]
+        yield ps.PlanRequest(ends[0], goal, seed=chance.randrange(2**32)), drawn - 2
 
 
 def run(part: str | None = None, queries: int | None = None, seeds: int = SEEDS, seed: int = 0) -> Report:
@@ -109,9 +107,9 @@ def run(part: str | None = None, queries: int | None = None, seeds: int = SEEDS,
 
 
 def _wxai_rows(queries: int, seed: int) -> Iterator[Row]:
-    robot, chance = load_robot(WXAI), random.Random(f"{seed} solved")
+    robot, chance = ps.load_robot(WXAI), random.Random(f"{seed} solved")
     for first in range(0, queries, PER_SCENE):
-        service = PlannerService(robot, draw_scene(chance))
+        service = ps.PlannerService(robot, draw_scene(chance))
         second = independent(WXAI, service.scene)
         for k, (request, infeasible) in enumerate(draw_queries(chance, service, min(PER_SCENE, queries - first))):
             query = _Query(f"{WXAI} {seed}/{first + k}", request, infeasible)
@@ -119,20 +117,22 @@ def _wxai_rows(queries: int, seed: int) -> Iterator[Row]:
 
 
 def _crowded_rows(queries: int, seed: int) -> Iterator[Row]:
-    robot, left = load_robot(WXAI), queries
+    robot, left = ps.load_robot(WXAI), queries
     for number in itertools.count():
         if left <= 0:
             return
         chance = random.Random(f"{seed} crowded {number}")
-        service = PlannerService(robot, draw_crowd(chance))
+        service = ps.PlannerService(robot, draw_crowd(chance))
         second = independent(WXAI, service.scene)
         for k, (start, goal) in enumerate(_free_ends(chance, service)[:left]):
             left -= 1
-            asked = PlanRequest(start, goal, seed=chance.randrange(2**32), time_limit=None, max_checks=CROWDED_CHECKS)
+            asked = ps.PlanRequest(
+                start, goal, seed=chance.randrange(2**32), time_limit=None, max_checks=CROWDED_CHECKS
+            )
             yield {"kind": CROWD, "query": f"{WXAI} {seed}/{number}/{k}"} | _crowded_row(service, second, asked)
 
 
-def _free_ends(chance: random.Random, service: PlannerService) -> list[tuple[list[float], list[float]]]:
+def _free_ends(chance: random.Random, service: ps.PlannerService) -> list[tuple[list[float], list[float]]]:
     """Pairs of free configurations, fewer where a scene leaves little room."""
     limits, free = service.robot.limits, list[list[float]]()
     ranges = list(zip(limits.lower.tolist(), limits.upper.tolist(), strict=True))
@@ -143,7 +143,7 @@ def _free_ends(chance: random.Random, service: PlannerService) -> list[tuple[lis
     return list(zip(free[::2], free[1::2], strict=False))
 
 
-def _crowded_row(service: PlannerService, second: IndependentChecker, request: PlanRequest) -> Row:
+def _crowded_row(service: ps.PlannerService, second: IndependentChecker, request: ps.PlanRequest) -> Row:
     begun = time.process_time()
     result = service.plan(request)
     seconds, rejected = time.process_time() - begun, _rejected(second, result)
@@ -163,22 +163,22 @@ def _crowded_row(service: PlannerService, second: IndependentChecker, request: P
     }
 
 
-def _outcome(result: PlanResult, padding: float) -> str:
+def _outcome(result: ps.PlanResult, padding: float) -> str:
     if result.failure is not None:
         return IMPOSSIBLE if result.failure.proven else LEFT
     return "solved" if result.padding >= padding else "solved, less padding"
 
 
 def _panda_rows(seeds: int, seed: int) -> Iterator[Row]:
-    robot = load_robot(PANDA)
+    robot = ps.load_robot(PANDA)
     for problem in public_problems().problems if seeds else ():
-        service, second = PlannerService(robot, problem.scene), independent(PANDA, problem.scene)
+        service, second = ps.PlannerService(robot, problem.scene), independent(PANDA, problem.scene)
         for own in range(seed * seeds, (seed + 1) * seeds):
             query = _Query(f"{problem.id}, seed {own}", problem.request(robot, seed=own))
             yield {"kind": f"panda, {kind_of(problem)}"} | _row(service, second, query)
 
 
-def _row(service: PlannerService, second: IndependentChecker, query: _Query) -> Row:
+def _row(service: ps.PlannerService, second: IndependentChecker, query: _Query) -> Row:
     result = service.plan(query.request)
     return {
         "query": query.name,
@@ -192,7 +192,7 @@ def _row(service: PlannerService, second: IndependentChecker, query: _Query) -> 
     }
 
 
-def _rejected(second: IndependentChecker, result: PlanResult) -> str | None:
+def _rejected(second: IndependentChecker, result: ps.PlanResult) -> str | None:
     """What Coal finds touching, in time or along the curve; None if nothing."""
     if result.path is None or result.trajectory is None:
         return None

@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from auditor.checker import IndependentChecker, tables_of
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
-from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.certify import MARGIN, Certifier
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
@@ -47,7 +47,7 @@ CHECKS = 200_000
 
 
 def starts_of(
-    service: PlannerService, certifier: Certifier, rng: np.random.Generator, *, itself: bool
+    service: ps.PlannerService, certifier: Certifier, rng: np.random.Generator, *, itself: bool
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Starts, endlessly, each with a free configuration to go to.
 
@@ -82,13 +82,13 @@ def run(queries: int = QUERIES, seed: int = 0) -> Report:
     """Plan from that many starts."""
     rows: list[Row] = []
     for number, (kind, robot, scene) in enumerate(KINDS):
-        service = PlannerService(robot, scene)
+        service = ps.PlannerService(robot, scene)
         certifier = Certifier(service.robot, service.scene)
         judge = IndependentChecker(data_folder("robots") / robot, tables_of(service.scene))
         starts = starts_of(service, certifier, np.random.default_rng([seed, number]), itself=kind == "itself")
         for k in range(queries * (number + 1) // len(KINDS) - queries * number // len(KINDS)):
             start, goal = next(starts)
-            request = PlanRequest(start, goal, seed=k, time_limit=None, max_checks=CHECKS)
+            request = ps.PlanRequest(start, goal, seed=k, time_limit=None, max_checks=CHECKS)
             ms, result = cpu_ms(partial(service.plan, request))
             (depths,) = certifier.overlaps(start[None])
             rows.append(
@@ -109,7 +109,7 @@ def run(queries: int = QUERIES, seed: int = 0) -> Report:
     return Report("starts", tuple(rows), (_table(rows),), tuple(_promises(rows)))
 
 
-def _judged(judge: IndependentChecker, result: PlanResult) -> Row:
+def _judged(judge: IndependentChecker, result: ps.PlanResult) -> Row:
     """By how much a depth grows at most on the way out, in mm, and whether a pair touches that did not at first."""
     if result.path is None or not result.exempt:
         return {"grown": 0.0, "new": 0}

@@ -8,20 +8,20 @@ from typing import Any
 
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.baselines.lesson import Lesson, VertexShortcut, length_of
 from benchmarks.harness.audit import independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
-from planner_service import JointStep, MotionStep, PlannerService, PlanRequest, PlanResult, Stage
-from planner_service.collision import CollisionChecker, EdgeStep
+from planner_service.collision import EdgeStep
 from planner_service.geometry.arrays import FloatArray
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
 
 __all__ = ["STEPS", "LessonRun", "plan", "run", "run_lesson"]
 
-STEPS: dict[str, EdgeStep] = {"JointStep(0.02)": JointStep(0.02), "MotionStep(0.010)": MotionStep(0.010)}
+STEPS: dict[str, EdgeStep] = {"JointStep(0.02)": ps.JointStep(0.02), "MotionStep(0.010)": ps.MotionStep(0.010)}
 
 CURVE_STEP = 0.001
 """Metres that any point of the robot moves between two looks of the independent checker."""
@@ -44,13 +44,13 @@ class LessonRun:
         return self.growth + self.shortcut
 
 
-def plan(service: PlannerService, query: Query, **changes: Any) -> PlanResult:
+def plan(service: ps.PlannerService, query: Query, **changes: Any) -> ps.PlanResult:
     """The service's plan of a query: the query's number is the seed, and no clock has a say."""
-    request = PlanRequest(query.start, query.goal, **{"seed": query.number, "time_limit": None, **changes})
+    request = ps.PlanRequest(query.start, query.goal, **{"seed": query.number, "time_limit": None, **changes})
     return service.plan(request)
 
 
-def run_lesson(checker: CollisionChecker, query: Query) -> LessonRun:
+def run_lesson(checker: ps.CollisionChecker, query: Query) -> LessonRun:
     """The lesson's program on a query: grown, then shortened, both counted by ``checker``."""
     limits, before = checker.robot.limits, checker.counts.states
     ends = (query.start, query.goal[None], limits.lower, limits.upper)
@@ -64,9 +64,9 @@ def run_lesson(checker: CollisionChecker, query: Query) -> LessonRun:
 
 def _rows(scene: str) -> Iterator[Row]:
     """One row per query: the service with both steps, and the lesson."""
-    services = {name: PlannerService(queries.ROBOT, scene, edge_step=step) for name, step in STEPS.items()}
+    services = {name: ps.PlannerService(queries.ROBOT, scene, edge_step=step) for name, step in STEPS.items()}
     first = services["JointStep(0.02)"]
-    second, lesson_checker = independent(queries.ROBOT, first.scene), CollisionChecker(first.robot, first.scene)
+    second, lesson_checker = independent(queries.ROBOT, first.scene), ps.CollisionChecker(first.robot, first.scene)
     for query in queries.load(scene):
         row: Row = {"scene": scene, "query": query.name}
         for name, service in services.items():
@@ -82,11 +82,11 @@ def _rows(scene: str) -> Iterator[Row]:
         yield row
 
 
-def _told(result: PlanResult) -> Row:
+def _told(result: ps.PlanResult) -> Row:
     return {
         "solved": result.ok,
         "failure": None if result.failure is None else str(result.failure),
-        "sharp": result.counts.states - result.stage(Stage.POLISH).counts.states,
+        "sharp": result.counts.states - result.stage(ps.Stage.POLISH).counts.states,
         "length": None if result.path is None else result.path.length,
     }
 

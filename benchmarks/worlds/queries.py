@@ -17,14 +17,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from planner_service.collision import CollisionChecker
-from planner_service.errors import BrokenInvariant
+import planner_service as ps
 from planner_service.geometry.arrays import FloatArray, read_only, rpy_matrix
-from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import inverse_kinematics
-from planner_service.robot.model import Robot
-from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.loading import load_scene
 
 __all__ = ["PER_SCENE", "ROBOT", "SCENES", "SEED", "Query", "draw", "load", "stored_text", "text_of"]
 
@@ -105,8 +99,8 @@ SCENES: Mapping[str, tuple[tuple[Region, Region], ...]] = MappingProxyType(
 
 def draw(scene: str, count: int = PER_SCENE, seed: int = SEED) -> tuple[Query, ...]:
     """The first ``count`` queries of a scene; the same in every call and process of the pinned environment."""
-    robot = load_robot(ROBOT)
-    checker = CollisionChecker(robot, load_scene(scene))
+    robot = ps.load_robot(ROBOT)
+    checker = ps.CollisionChecker(robot, ps.load_scene(scene))
     # Python's own generator: its documentation promises the same numbers for ever.
     chance = random.Random(f"{seed} {scene}")
     queries: list[Query] = []
@@ -118,24 +112,24 @@ def draw(scene: str, count: int = PER_SCENE, seed: int = SEED) -> tuple[Query, .
     return tuple(queries)
 
 
-def _free_end(robot: Robot, checker: CollisionChecker, region: Region, chance: random.Random) -> FloatArray:
+def _free_end(robot: ps.Robot, checker: ps.CollisionChecker, region: Region, chance: random.Random) -> FloatArray:
     for _ in range(DRAWS):
-        solutions = inverse_kinematics(robot, _tool(region, chance)).tolist()
+        solutions = ps.inverse_kinematics(robot, _tool(region, chance)).tolist()
         pick = chance.random()  # drawn in any case: what follows does not depend on whether the pose was reachable
         if not solutions:
             continue
         q = [round(value, DECIMALS) for value in solutions[int(pick * len(solutions))]]
         if _inside(robot, q) and checker.state_is_free(q):
             return read_only(q)
-    raise BrokenInvariant(f"no free configuration with the tool in {region}")
+    raise ps.BrokenInvariant(f"no free configuration with the tool in {region}")
 
 
-def _inside(robot: Robot, q: Sequence[float]) -> bool:
+def _inside(robot: ps.Robot, q: Sequence[float]) -> bool:
     limits = robot.limits
     return bool(np.all(limits.lower <= q) and np.all(q <= limits.upper))
 
 
-def _tool(region: Region, chance: random.Random) -> Pose:
+def _tool(region: Region, chance: random.Random) -> ps.Pose:
     """A tool pose: tip in the region, approach (tool x) tilted and turned a little off the arm's plane."""
     x, y, z = (chance.uniform(*side) for side in (region.x, region.y, region.z))
     pitch = math.radians(90.0 - chance.uniform(*region.tilt))
@@ -143,7 +137,7 @@ def _tool(region: Region, chance: random.Random) -> Pose:
     T = np.eye(4)
     T[:3, :3] = rpy_matrix(math.radians(chance.uniform(-60.0, 60.0)), pitch, yaw)
     T[:3, 3] = x, y, z
-    return Pose.from_matrix(T)
+    return ps.Pose.from_matrix(T)
 
 
 def text_of(queries: Sequence[Query]) -> str:

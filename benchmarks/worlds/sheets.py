@@ -9,13 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import planner_service as ps
 from planner_service.certify import Certifier, Refusal
-from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Box, Pose
-from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import LinkShape, Robot
-from planner_service.scene.scene import Obstacle, Scene
+from planner_service.robot import LinkShape
 
 __all__ = ["STEPS", "THICKNESS", "Planted", "Site", "plant", "samples"]
 
@@ -42,10 +39,10 @@ class Site:
     """
 
     name: str
-    robot: Robot
-    scene: Scene
-    path: JointPath
-    touches: Callable[[Scene, float, float], bool]
+    robot: ps.Robot
+    scene: ps.Scene
+    path: ps.JointPath
+    touches: Callable[[ps.Scene, float, float], bool]
 
 
 @dataclass
@@ -65,7 +62,7 @@ class Planted:
     caught: int = 0
 
 
-def samples(path: JointPath, step: float) -> FloatArray:
+def samples(path: ps.JointPath, step: float) -> FloatArray:
     """Path lengths at most ``step`` apart, with all ends of straight pieces and blends."""
     parts = [
         np.linspace(a, b, 1 + max(1, math.ceil((b - a) / step)))[:-1]
@@ -84,21 +81,21 @@ def plant(site: Site, step: float) -> Planted:
         k = chance.randrange(len(s) - 1)
         start, end = float(s[k]), float(s[k + 1])
         sheet = _sheet(robot, path, (start, end), chance)
-        alone = CollisionChecker(robot, Scene((sheet,)))
+        alone = ps.CollisionChecker(robot, ps.Scene((sheet,)))
         if not (alone.state_is_free(path(start)) and alone.state_is_free(path(end))):
             continue  # samples find it
         world = site.scene.with_obstacle(sheet)
         if not site.touches(world, start, end):
             continue
         found.touched += 1
-        checker = CollisionChecker(robot, world)
+        checker = ps.CollisionChecker(robot, world)
         found.missed += all(checker.state_is_free(q) for q in path(s))
         refusal = Certifier(robot, world).certify(path).refusal
         found.caught += isinstance(refusal, Refusal) and NAME in (refusal.a, refusal.b)
     return found
 
 
-def _sheet(robot: Robot, path: JointPath, between: tuple[float, float], chance: random.Random) -> Obstacle:
+def _sheet(robot: ps.Robot, path: ps.JointPath, between: tuple[float, float], chance: random.Random) -> ps.Obstacle:
     """A sheet whose edge reaches a little into a link halfway between two samples.
 
     Seen from a point of the link that is farthest along a direction across the motion, the sheet begins a little inside
@@ -122,10 +119,10 @@ def _sheet(robot: Robot, path: JointPath, between: tuple[float, float], chance: 
     T = np.eye(4)
     T[:3, :3] = np.stack([x, y, np.cross(x, y)], axis=1)
     T[:3, 3] = point + y * (size[1] / 2 - depth)
-    return Obstacle(NAME, Box(size), Pose.from_matrix(T))
+    return ps.Obstacle(NAME, ps.Box(size), ps.Pose.from_matrix(T))
 
 
-def _frame(robot: Robot, shape: LinkShape, q: FloatArray) -> FloatArray:
+def _frame(robot: ps.Robot, shape: LinkShape, q: FloatArray) -> FloatArray:
     """The pose of a link's shape in the world, 4 x 4."""
     pose = robot.body_poses(q)[shape.body]
     T = np.eye(4)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from planner_service import Box, Obstacle, PlanRequest, Pose, Scene
+import planner_service as ps
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.records.request import RequestRecord
 from planner_service.records.scene import SceneRecord
@@ -31,26 +31,26 @@ class Pocket:
 
     robot: str
     joints: int
-    plates: tuple[Obstacle, ...]
+    plates: tuple[ps.Obstacle, ...]
     start: FloatArray
     goal: FloatArray
 
     @property
-    def scene(self) -> Scene:
-        return Scene(self.plates)
+    def scene(self) -> ps.Scene:
+        return ps.Scene(self.plates)
 
 
 @dataclass(frozen=True)
 class BlockedPose:
     """No configuration of ``pose`` is free: a cube of so many metres is there; ``solutions`` of them are in limits."""
 
-    pose: Pose
+    pose: ps.Pose
     edge: float
     solutions: int
 
     @property
-    def scene(self) -> Scene:
-        return Scene((Obstacle("block", Box((self.edge, self.edge, self.edge)), self.pose),))
+    def scene(self) -> ps.Scene:
+        return ps.Scene((ps.Obstacle("block", ps.Box((self.edge, self.edge, self.edge)), self.pose),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,8 @@ class StoredFailure:
 
     kind: str
     robot: str
-    scene: Scene
-    request: PlanRequest
+    scene: ps.Scene
+    request: ps.PlanRequest
 
 
 def _rows(name: str, key: str) -> list[Any]:
@@ -70,8 +70,8 @@ def _rows(name: str, key: str) -> list[Any]:
 def load_pockets() -> tuple[Pocket, ...]:
     """The stored pockets."""
 
-    def plate(k: int, row: Any) -> Obstacle:
-        return Obstacle(f"plate_{k}", Box(row[:3]), Pose(row[3:6], row[6:]))
+    def plate(k: int, row: Any) -> ps.Obstacle:
+        return ps.Obstacle(f"plate_{k}", ps.Box(row[:3]), ps.Pose(row[3:6], row[6:]))
 
     return tuple(
         Pocket(
@@ -87,7 +87,7 @@ def load_pockets() -> tuple[Pocket, ...]:
 
 def load_poses() -> tuple[BlockedPose, ...]:
     """The stored tool poses."""
-    return tuple(BlockedPose(Pose(row[:3], row[3:7]), row[7], row[8]) for row in _rows("blocked_poses", "poses"))
+    return tuple(BlockedPose(ps.Pose(row[:3], row[3:7]), row[7], row[8]) for row in _rows("blocked_poses", "poses"))
 
 
 def load_failures() -> tuple[StoredFailure, ...]:

@@ -11,6 +11,7 @@ from planner_service.certify import Certificate
 from planner_service.cli import options
 from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
+from planner_service.cli.options import option
 from planner_service.cli.output import show
 from planner_service.presentation.measures import clearance_text
 from planner_service.records.evidence import with_evidence
@@ -25,12 +26,9 @@ def certify(
     plan_file: options.PlanFile,
     scene: options.OtherScene = None,
     robot: options.OtherRobot = None,
-    padding: Annotated[float, typer.Option(metavar="METRES", help="Distance that every pair must keep.")] = 0.0,
+    padding: Annotated[float, option("METRES", "Distance that every pair must keep.")] = 0.0,
     allow: options.Allow = None,
-    evidence: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="Save the plan with the trail of its proof, for others."),
-    ] = None,
+    evidence: Annotated[str | None, option("FILE", "Save the plan with the trail of its proof, for others.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Prove again that a saved plan or task is collision-free, between samples too, and keeps its limits.

@@ -10,6 +10,7 @@ import typer
 
 from planner_service.cli import options
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
+from planner_service.cli.options import argument
 from planner_service.cli.output import show, wrapped
 from planner_service.files.writing import require_writable
 from planner_service.robot_setup.check_robot import RobotCheck, check_robot
@@ -28,10 +29,10 @@ def _of_its_own() -> None:
 @robot_commands.command(
     "check",
     short_help="Look for mistakes in a URDF.",
-    epilog="\b\nExample:\n  planner-service robot check arm.urdf --png arm.png",
+    epilog=options.example("robot check arm.urdf --png arm.png"),
 )
 def check(
-    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description: URDF, xacro or MJCF.")],
+    urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF.")],
     package_dir: options.PackageDirs = None,
     visual_as_collision: options.VisualAsCollision = False,
     png: options.Picture = None,

@@ -20,6 +20,7 @@ from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, ErrorLog, bad_input_exits, finish
 from planner_service.cli.export import export, join
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
+from planner_service.cli.options import argument, option
 from planner_service.cli.output import show, wrapped
 from planner_service.cli.roadmap.commands import roadmaps
 from planner_service.cli.run import run
@@ -60,7 +61,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Name = Annotated[str | None, typer.Argument(metavar="NAME", help="Show this one in detail; a name or a file.")]
+Name = Annotated[str | None, argument("NAME", "Show this one in detail; a name or a file.")]
 
 
 def plan(
@@ -134,17 +135,14 @@ def explain(
     robot: options.RobotName = "wxai",
     seed: options.Seed = options.DEFAULT.seed,
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
-    time_limit: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Wall time of all of it; inf for no limit.")
-    ] = math.inf,
+    time_limit: Annotated[float, option("SECONDS", "Wall time of all of it; inf for no limit.")] = math.inf,
     padding: options.Padding = options.DEFAULT.padding,
     start_overlap: options.StartOverlap = options.DEFAULT.start_overlap,
     upright: options.Upright = None,
     region: options.Region = None,
-    plans: Annotated[int, typer.Option(metavar="N", help="Plans that may be tried.")] = 60,
+    plans: Annotated[int, option("N", "Plans that may be tried.")] = 60,
     evidence: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="Save the proof that no path exists, if one is found, for others."),
+        str | None, option("FILE", "Save the proof that no path exists, if one is found, for others.")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -240,7 +238,7 @@ def pick_place(
 
 
 def check(
-    q: Annotated[str, typer.Option("--q", metavar="Q", help="A named pose, or comma-separated joint values.")],
+    q: Annotated[str, option("--q", "Q", "A named pose, or comma-separated joint values.")],
     scene: options.SceneName,
     robot: options.RobotName = "wxai",
     png: options.Picture = None,
@@ -296,7 +294,7 @@ def scenes(name: Name = None, as_json: options.AsJson = False) -> None:
 def doctor(
     robot: options.RobotName = "wxai",
     scene: options.SceneName = "bin",
-    states: Annotated[int, typer.Option(metavar="N", help="Random configurations to compare them on.")] = 1000,
+    states: Annotated[int, option("N", "Random configurations to compare them on.")] = 1000,
     seed: options.Seed = 0,
     as_json: options.AsJson = False,
 ) -> None:
@@ -309,27 +307,19 @@ def doctor(
 
 
 def import_robot_(
-    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description: URDF, xacro or MJCF.")],
-    out: Annotated[
-        str, typer.Option(metavar="DIR", help="Folder for robot.toml and for copies of the URDF and meshes.")
-    ],
-    srdf: Annotated[
-        str | None, typer.Option(metavar="FILE", help="An SRDF with disabled pairs and named poses.")
-    ] = None,
-    tool_frame: Annotated[
-        str | None, typer.Option(metavar="LINK", help="The tool's link; default: the end of the longest chain.")
-    ] = None,
+    urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF.")],
+    out: Annotated[str, option("DIR", "Folder for robot.toml and for copies of the URDF and meshes.")],
+    srdf: Annotated[str | None, option("FILE", "An SRDF with disabled pairs and named poses.")] = None,
+    tool_frame: Annotated[str | None, option("LINK", "The tool's link; default: the end of the longest chain.")] = None,
     package_dir: options.PackageDirs = None,
-    lock: Annotated[list[str] | None, typer.Option(metavar="JOINT=VALUE", help="Fix a joint. May be repeated.")] = None,
-    joint: Annotated[
-        list[str] | None, typer.Option(metavar="JOINT", help="A joint that moves; all others are fixed. Repeatable.")
-    ] = None,
+    lock: Annotated[list[str] | None, option("JOINT=VALUE", "Fix a joint. May be repeated.")] = None,
+    joint: Annotated[list[str] | None, option("JOINT", "A joint that moves; all others are fixed. Repeatable.")] = None,
     visual_as_collision: options.VisualAsCollision = False,
     prove: Annotated[
-        bool, typer.Option("--prove", help="Look for proofs that pairs of links never touch: they need no checks then.")
+        bool, option("--prove", "Look for proofs that pairs of links never touch: they need no checks then.")
     ] = False,
     workers: options.Workers = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+    force: Annotated[bool, option("--force", "Overwrite existing files.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Write a robot.toml from a URDF: limits with their sources, and the self-collisions to allow, with reasons.
@@ -392,11 +382,9 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _global_options(
     context: typer.Context,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Log each stage of planning to standard error.")
-    ] = False,
+    verbose: Annotated[bool, option("--verbose", "-v", "Log each stage of planning to standard error.")] = False,
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+        bool, option("--version", "Print the version and exit.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
     if verbose:
@@ -408,8 +396,7 @@ def _global_options(
 
 
 def _add(command: Callable[..., None], short_help: str, example: str, *, name: str | None = None) -> None:
-    epilog = f"\b\nExample:\n  planner-service {example}"
-    app.command(name, short_help=short_help, epilog=epilog)(command)
+    app.command(name, short_help=short_help, epilog=options.example(example))(command)
 
 
 _add(robots, "List the robots, or show one.", "robots wxai")

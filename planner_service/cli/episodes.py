@@ -10,6 +10,7 @@ import typer
 
 from planner_service.cli import options
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
+from planner_service.cli.options import option
 from planner_service.cli.output import show
 from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
 from planner_service.datasets.episode import as_layout
@@ -21,21 +22,15 @@ __all__ = ["episodes"]
 
 
 def episodes(
-    out: Annotated[str, typer.Option(metavar="DIR", help="A new folder, or the folder of a data set to continue.")],
-    task: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(EPISODE_TASKS)}.")] = "pick-place",
-    count: Annotated[
-        int, typer.Option(metavar="N", help="Worlds to draw in all; to continue, more than before.")
-    ] = 1000,
+    out: Annotated[str, option("DIR", "A new folder, or the folder of a data set to continue.")],
+    task: Annotated[str, option("NAME", f"One of {', '.join(EPISODE_TASKS)}.")] = "pick-place",
+    count: Annotated[int, option("N", "Worlds to draw in all; to continue, more than before.")] = 1000,
     seed: options.Seed = 0,
     robot: options.RobotName = "wxai",
-    fps: Annotated[int, typer.Option(metavar="HZ", help="Frames per second.")] = 30,
+    fps: Annotated[int, option("HZ", "Frames per second.")] = 30,
     workers: options.Workers = None,
-    engine: Annotated[
-        str, typer.Option(metavar="NAME", help="processes, ray (this machine) or ray=ADDRESS.")
-    ] = "processes",
-    layout: Annotated[
-        str, typer.Option(metavar="VERSION", help="LeRobot's version: v3.0, or v2.1 with a file per episode.")
-    ] = "v3.0",
+    engine: Annotated[str, option("NAME", "processes, ray (this machine) or ray=ADDRESS.")] = "processes",
+    layout: Annotated[str, option("VERSION", "LeRobot's version: v3.0, or v2.1 with a file per episode.")] = "v3.0",
     as_json: options.AsJson = False,
 ) -> None:
     """Write a data set of planned motions: in each of many random worlds a task is planned, proven, timed and sampled.

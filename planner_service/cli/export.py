@@ -9,10 +9,9 @@ from functools import reduce
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import bad_input_exits, report_error
+from planner_service.cli.options import argument, option
 from planner_service.cli.output import emit, json_text
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
@@ -49,18 +48,11 @@ FORMATS = (*MESSAGES, "csv", MUJOCO, RERUN)
 
 def export(
     plan_file: options.PlanFile,
-    form: Annotated[
-        str,
-        typer.Option("--format", metavar="FORMAT", help=f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}."),
-    ] = FORMATS[0],
-    dt: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Time between points; the exact end is always one.")
-    ] = 0.01,
-    out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")] = None,
-    as_yaml: Annotated[bool, typer.Option("--yaml", help="Write ROS messages as YAML instead of JSON.")] = False,
-    model: Annotated[
-        str | None, typer.Option(metavar="FILE", help="The MJCF model that the keyframes are for (--format mujoco).")
-    ] = None,
+    form: Annotated[str, option("--format", "FORMAT", f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")] = FORMATS[0],
+    dt: Annotated[float, option("SECONDS", "Time between points; the exact end is always one.")] = 0.01,
+    out: Annotated[str | None, option("FILE", "Write to this file instead of printing.")] = None,
+    as_yaml: Annotated[bool, option("--yaml", "Write ROS messages as YAML instead of JSON.")] = False,
+    model: Annotated[str | None, option("FILE", "The MJCF model that the keyframes are for (--format mujoco).")] = None,
     allow: options.Allow = None,
 ) -> None:
     """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
@@ -83,7 +75,7 @@ def export(
         if out is not None:
             require_writable(out, _file_kind(form))
         saved = load_plan_or_task(plan_file)
-        if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
+        if saved.failure is not None:
             raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
         arguments.require_proven(saved, allow)
         content = _exported(saved, form, dt, as_yaml, model)
@@ -99,10 +91,8 @@ def export(
 
 
 def join(
-    task_files: Annotated[
-        list[str], typer.Argument(metavar="FILE...", help="Tasks, each planned from where the one before it ends.")
-    ],
-    out: Annotated[str, typer.Option(metavar="FILE", help="Save them here as one task.")],
+    task_files: Annotated[list[str], argument("FILE...", "Tasks, each planned from where the one before it ends.")],
+    out: Annotated[str, option("FILE", "Save them here as one task.")],
     allow: options.Allow = None,
 ) -> None:
     """Write saved tasks, such as a pick and its place, as one, which is proven before it is written."""

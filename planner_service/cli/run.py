@@ -13,6 +13,7 @@ import typer
 
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import BAD_INPUT, NO_PLAN, bad_input_exits, finish, report_error
+from planner_service.cli.options import argument, option
 from planner_service.cli.output import show, wrapped
 from planner_service.errors import InvalidRequest
 from planner_service.execute import (
@@ -55,30 +56,19 @@ PLANNING_OPTIONS = {"target": "--object", "onto": "--onto", "seed": "--seed"}
 def run(
     context: typer.Context,
     plan_file: Annotated[
-        str | None, typer.Argument(metavar="FILE", help="A plan or task saved with --out; without it, one is planned.")
+        str | None, argument("FILE", "A plan or task saved with --out; without it, one is planned.")
     ] = None,
-    sim: Annotated[bool, typer.Option("--sim", help="Execute on the simulated arm.")] = False,
-    arm: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Execute on the arm at this address; needs FILE.")
-    ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Move the real arm; without it, only say what would happen.")
-    ] = False,
+    sim: Annotated[bool, option("--sim", "Execute on the simulated arm.")] = False,
+    arm: Annotated[str | None, option("ADDRESS", "Execute on the arm at this address; needs FILE.")] = None,
+    yes: Annotated[bool, option("--yes", "Move the real arm; without it, only say what would happen.")] = False,
     speed: Annotated[
-        float | None,
-        typer.Option(metavar="X", help="Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]"),
+        float | None, option("X", "Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]")
     ] = None,
     robot: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]"
-        ),
+        str | None, option("NAME", "Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]")
     ] = None,
     scene: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]"
-        ),
+        str | None, option("NAME", "Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]")
     ] = None,
     allow: options.Allow = None,
     target: options.Target = "blue_block",
@@ -116,7 +106,7 @@ def run(
             opened = _opened(plan_file, robot, scene, allow, streaming)
             plan, done = opened.plan, _rehearsed(opened, streaming)
     if done is None:
-        finish(plan.document(), None, (), plan.failure if isinstance(plan, SavedTask) else None, as_json=as_json)
+        finish(plan.document(), None, (), plan.failure, as_json=as_json)
     else:
         if plan_file is not None and scene is None:
             report_error(f"note: {arguments.from_file(plan)}")
@@ -177,8 +167,7 @@ def _planned(
 
 
 def _require_plan(plan: SavedPlan | SavedTask) -> None:
-    failure = plan.failure if isinstance(plan, SavedTask) else plan.result.failure
-    if failure is not None or (isinstance(plan, SavedTask) and not plan.segments):
+    if plan.failure is not None or not plan.segments:
         raise InvalidRequest("FILE", "a failure", "a file that holds a plan")
 
 

@@ -7,10 +7,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from planner_service.cli import options
 from planner_service.cli.exit_codes import ErrorLog, bad_input_exits
+from planner_service.cli.options import option
 from planner_service.cli.output import emit
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.parallel import Processes, Ray
@@ -26,28 +25,18 @@ class EngineName(str, Enum):
 
 
 def serve(
-    scene: Annotated[
-        list[str], typer.Option(metavar="NAME", help="Scene to begin with, by name or path; may be repeated.")
-    ],
+    scene: Annotated[list[str], option("NAME", "Scene to begin with, by name or path; may be repeated.")],
     robot: options.RobotName = "wxai",
-    port: Annotated[int, typer.Option(metavar="N", min=0, max=65_535, help="Port; 0 for any.")] = 8080,
-    host: Annotated[str, typer.Option(help="Address; any but this machine's own needs --token-file.")] = "127.0.0.1",
-    token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File with the token that clients have to send.")
-    ] = None,
+    port: Annotated[int, option("N", "Port; 0 for any.", min=0, max=65_535)] = 8080,
+    host: Annotated[str, option("Address; any but this machine's own needs --token-file.")] = "127.0.0.1",
+    token_file: Annotated[Path | None, option("FILE", "File with the token that clients have to send.")] = None,
     state: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for scenes, roadmaps and answers; default: none kept.")
+        Path | None, option("FOLDER", "Folder for scenes, roadmaps and answers; default: none kept.")
     ] = None,
     workers: options.Workers = None,
-    queue: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Requests that may wait; default: 16 per worker.")
-    ] = None,
-    engine: Annotated[EngineName, typer.Option(help="Processes here, or actors on a Ray cluster.")] = (
-        EngineName.PROCESSES
-    ),
-    address: Annotated[
-        str | None, typer.Option(metavar="A", help="With --engine ray: the cluster's address, such as auto.")
-    ] = None,
+    queue: Annotated[int | None, option("N", "Requests that may wait; default: 16 per worker.", min=1)] = None,
+    engine: Annotated[EngineName, option("Processes here, or actors on a Ray cluster.")] = (EngineName.PROCESSES),
+    address: Annotated[str | None, option("A", "With --engine ray: the cluster's address, such as auto.")] = None,
 ) -> None:
     """Plan for other programs over HTTP, until Ctrl-C.
 

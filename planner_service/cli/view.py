@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated
 
-import typer
-
 from planner_service.cli import options
 from planner_service.cli.arguments import reopened, require_proven
 from planner_service.cli.exit_codes import bad_input_exits
+from planner_service.cli.options import argument, option
 from planner_service.cli.output import emit
 from planner_service.errors import InvalidRequest
 from planner_service.planning.result import Origin
@@ -28,16 +27,14 @@ __all__ = ["opened", "view"]
 
 
 def view(
-    file: Annotated[
-        str | None, typer.Argument(metavar="FILE", help="A plan or task saved with --out, to play its motion.")
-    ] = None,
-    scene: Annotated[str | None, typer.Option(metavar="NAME", help="As for plan; default: the one in FILE.")] = None,
-    robot: Annotated[str | None, typer.Option(metavar="NAME", help="As for plan; default: the one in FILE.")] = None,
-    port: Annotated[int, typer.Option(metavar="N", help="The first port to try; 0 for any.")] = PORT,
-    host: Annotated[str, typer.Option(help="Address to serve the page at. Anyone who reaches it can use it.")] = (HOST),
+    file: Annotated[str | None, argument("FILE", "A plan or task saved with --out, to play its motion.")] = None,
+    scene: Annotated[str | None, option("NAME", "As for plan; default: the one in FILE.")] = None,
+    robot: Annotated[str | None, option("NAME", "As for plan; default: the one in FILE.")] = None,
+    port: Annotated[int, option("N", "The first port to try; 0 for any.")] = PORT,
+    host: Annotated[str, option("Address to serve the page at. Anyone who reaches it can use it.")] = (HOST),
     allow: options.Allow = None,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep serving after the last window is closed.")] = False,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the page's address.")] = False,
+    keep: Annotated[bool, option("--keep", "Keep serving after the last window is closed.")] = False,
+    no_browser: Annotated[bool, option("--no-browser", "Only print the page's address.")] = False,
 ) -> None:
     """Show robot, scene and plan on a page in the browser, where you can move joints and plan.
 

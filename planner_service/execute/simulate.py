@@ -17,7 +17,6 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import copied_in
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
-from planner_service.records.plan_file import SavedPlan
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.service import PlannerService
@@ -105,8 +104,6 @@ def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
     """Pairs of names that are not checked on some stretch of a plan, because they are meant to touch there."""
     if isinstance(plan, Trajectory):
         return frozenset()
-    if isinstance(plan, SavedPlan):
-        plan = plan.result
     results = [plan] if isinstance(plan, PlanResult) else [segment.result for segment in plan.segments]
     return frozenset(frozenset(pair) for result in results for interval in result.exempt for pair in interval.pairs)
 

@@ -89,10 +89,9 @@ class Compound:
     def of_mesh(
         cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16
     ) -> Compound:
-        """The mesh in an STL, OBJ or PLY file cut into convex pieces, for when its hull (``Mesh``) fills too much.
+        """The mesh in an STL, OBJ, PLY or COLLADA file cut into convex pieces: for a hull that fills too much.
 
-        Needs the extra ``decompose`` unless the hull is good enough; ``decomposition.pieces_of_file`` says what the
-        pieces are sure to contain.
+        ``decomposition.pieces_of_file`` says what the pieces are sure to contain.
 
         Args:
             scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
@@ -101,7 +100,6 @@ class Compound:
         Raises:
             InvalidFile: no such file, or one from which pieces cannot be made.
             InvalidRequest: ``scale`` or ``most`` out of range.
-            MissingDependency: more than the hull is needed, and coacd is not installed.
         """
         return cls.of_pieces(pieces_of_file(path, scale, most=most))
 

@@ -105,7 +105,16 @@ class Mesh:
         """
         file = as_path("path", path)
         points = read_vertices(file, checked_scale("scale", scale), on_faces=True)
-        return in_file(file, lambda: _simple(points))
+        return in_file(file, lambda: cls.around(points))
+
+    @classmethod
+    def around(cls, points: ArrayLike) -> Mesh:
+        """The solid hull of points (n, 3); one of more than 5,000 corners is replaced by a simpler one around it.
+
+        Raises:
+            InvalidRequest: what ``Mesh`` refuses, but not too many corners.
+        """
+        return _simple(points)
 
     @cached_property
     def digest(self) -> str:
@@ -192,7 +201,7 @@ def _grown(mesh: Mesh, margin: float) -> Mesh:
     return out
 
 
-def _simple(vertices: FloatArray) -> Mesh:
+def _simple(vertices: ArrayLike) -> Mesh:
     """The hull of vertices (n, 3); one of more than ``MAX_HULL`` corners is replaced by a simpler one around it.
 
     Of its corners those are kept that are farthest in some direction, then those farthest from the hull of the kept

@@ -81,8 +81,7 @@ class MeshLoader:
         """The mesh that the file calls ``filename``, in at most ``most`` pieces (``decomposition.pieces_of_file``).
 
         Raises:
-            InvalidRequest: as for ``mesh``, or it cannot be cut into pieces.
-            MissingDependency: coacd is needed and not installed.
+            InvalidRequest: as for ``mesh``.
         """
         path, factors = self.path(filename), checked_scale("scale", scale)
         return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most))

@@ -95,19 +95,15 @@ def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str |
         plan = SavedTask.of(plan)
     elif not isinstance(plan, SavedPlan | SavedTask):
         raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
-    if plan.request is not None and plan.request.evidence and EVIDENCE not in plan.sections and _ok(plan):
+    if plan.request is not None and plan.request.evidence and EVIDENCE not in plan.sections and plan.failure is None:
         plan = with_evidence(plan)
     plan.save(path)
 
 
-def _ok(plan: SavedPlan | SavedTask) -> bool:
-    return plan.failure is None if isinstance(plan, SavedTask) else plan.result.ok
-
-
 def _padding(plan: SavedPlan | SavedTask) -> float:
     """The padding with which all of it was proven."""
-    results = [plan.result] if isinstance(plan, SavedPlan) else [segment.result for segment in plan.segments]
-    return min((result.certificate.padding for result in results if result.certificate is not None), default=0.0)
+    proofs = [segment.result.certificate for segment in plan.segments]
+    return min((proof.padding for proof in proofs if proof is not None), default=0.0)
 
 
 @lru_cache(maxsize=16)

@@ -182,6 +182,16 @@ class SavedPlan(_Saved):
         return self._named_result._repr_html_()
 
     @property
+    def failure(self) -> Failure | None:
+        """None for a plan."""
+        return self.result.failure
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Its motion, as that of a task of one."""
+        return (Segment("motion", self.result, self.robot.gripper_width),)
+
+    @property
     def _named_result(self) -> PlanResult:
         """The result with its robot and scene, which its title names."""
         return replace(self.result, origin=Origin(self.begin, self.request))

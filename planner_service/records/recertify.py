@@ -177,9 +177,7 @@ def planned_elsewhere(plan: Plan) -> bool:
 
 
 def _results(plan: Plan) -> list[PlanResult]:
-    if isinstance(plan, SavedTask | TaskResult):
-        return [segment.result for segment in plan.segments]
-    return [plan.result if isinstance(plan, SavedPlan) else plan]
+    return [plan] if isinstance(plan, PlanResult) else [segment.result for segment in plan.segments]
 
 
 def world_of(plan: Plan) -> World:
@@ -228,9 +226,8 @@ def recertify(
         _require_same_world(plan, service)
     world = world_of(plan) if service is None else service.world
     results = _results(plan)
-    failure = plan.failure if isinstance(plan, SavedTask | TaskResult) else results[0].failure
-    if failure is not None or not results:
-        raise InvalidRequest("plan", str(failure), "a plan, not a failure")
+    if plan.failure is not None or not results:
+        raise InvalidRequest("plan", str(plan.failure), "a plan, not a failure")
     given = pairs_of_names("allowed", allowed)
     recorded = _made_with(plan, results)
     stretches = {frozenset(pair) for result in results for stretch in result.exempt for pair in stretch.pairs}
@@ -339,11 +336,10 @@ def _claims(plan: Plan, world: World) -> list[ClaimedMotion]:
 
 
 def _segments(plan: Plan, world: World) -> Sequence[Segment]:
-    if isinstance(plan, SavedTask | TaskResult):
+    if not isinstance(plan, PlanResult):
         return plan.segments
-    result = plan.result if isinstance(plan, SavedPlan) else plan
-    robot = world.robot if result.origin is None else result.origin.world.robot
-    return [Segment("motion", result, (plan.robot if isinstance(plan, SavedPlan) else robot).gripper_width)]
+    robot = world.robot if plan.origin is None else plan.origin.world.robot
+    return [Segment("motion", plan, robot.gripper_width)]
 
 
 def _requests(plan: Plan, segments: Sequence[Segment]) -> list[PlanRequest | None]:

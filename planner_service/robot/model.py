@@ -213,7 +213,7 @@ class Robot:
                 if its limits allow, else at their middle. If None, all joints that are not locked move, in order from
                 the base to the tip of each chain; where chains part, in file order.
             decompose: For links whose hulls would fill too much: the maximum number of convex pieces into which each
-                mesh is cut (extra ``decompose``).
+                mesh is cut.
             visual_as_collision: Links without collision elements are checked as they look, meshes as their hulls;
                 else they are never checked.
 

@@ -78,7 +78,7 @@ def read_urdf(
 
     Raises:
         InvalidFile: with every problem of the file.
-        MissingDependency: a mesh has to be cut, and coacd is not installed; or macros expanded, and xacro is not.
+        MissingDependency: macros have to be expanded, and xacro is not installed.
     """
     given = dict(decompose or {})
     urdf, problems = _read(path, package_dirs, given, visuals=visuals, visual_as_collision=visual_as_collision)

@@ -13,7 +13,7 @@ A scene file::
     [[obstacle]]                                        # a mesh is judged as its solid convex hull, in its own frame
     name = "cup"
     mesh = { file = "cup.stl", scale = [0.001, 0.001, 0.001] }   # or mesh = "cup.stl", or mesh = { vertices = [...] };
-    position = [0.2, 0.1, 0.0]                          # pieces = 8 cuts it into as many convex ones (extra: decompose)
+    position = [0.2, 0.1, 0.0]                          # pieces = 8 cuts it into as many convex ones
 
     [[obstacle]]                                        # every cell of the grid that holds a point is solid
     name = "bin"

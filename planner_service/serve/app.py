@@ -34,6 +34,7 @@ from planner_service.serve.documentation import (
     described,
     documentation_page,
     header,
+    operation,
     query,
     reply,
 )
@@ -189,15 +190,39 @@ async def _closed(request: Request) -> None:
         pass
 
 
+# What routes take and answer.
+
+WAIT = header("Prefer", f"wait, or wait=SECONDS (at most {MAX_WAIT}): hold the response until there is an answer")
+AGAIN = header("Idempotency-Key", "Sent again, it gets the same answer; and a closed connection cancels nothing")
+IF_MATCH = header("If-Match", 'The version that is to be changed, such as "3"')
+IS_NEW = header("If-None-Match", "* for a new scene only")
+VERSION = query("version", {"type": "integer", "minimum": 1})
+PAGE = (query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}), query("after", {"type": "string"}))
+FINISHED = query("finished", {"type": "string", "enum": ["remove", "keep"]})
+DONE = {204: {"description": "Successful Response"}}
+CHANGED, UNCHANGED = {200: reply("Changed", StoredReply)}, (400, 404, 412, 413, 415, 422, 429, 503)
+
+
 # Plans: the outcome of a request of any kind.
 
 
+@operation("GET /plans", "List requests, newest first", {200: reply("The list", JobsReply)}, (400, 404, 503), *PAGE)
 async def list_plans(server: PlanningServer, request: Request) -> Response:
     """Requests that are waiting, running or kept, of every kind."""
     limit = _whole(request, "limit", 100, 1_000)
     return _json(await asyncio.to_thread(server.jobs, limit, request.query_params.get("after")))
 
 
+@operation(
+    "GET /plans/{plan}",
+    "Get the answer of a request",
+    {
+        200: reply("The plan file, the task file, or the answer of another kind", *ANSWERS),
+        202: reply("It is not finished", AcceptedReply),
+    },
+    (404, 408, 410, 422, 503, 507),
+    WAIT,
+)
 async def get_plan(server: PlanningServer, request: Request) -> Response:
     """The file that the library would have saved, byte for byte."""
     plan = request.path_params["plan"]
@@ -205,17 +230,36 @@ async def get_plan(server: PlanningServer, request: Request) -> Response:
     return await _response(server, request, plan, _seconds_to_wait(request), cancel=False)
 
 
+@operation(
+    "GET /plans/{plan}/events",
+    "Follow a request, stage by stage",
+    {200: reply("Server-sent events", media="text/event-stream")},
+    (404, 503),
+)
 async def get_events(server: PlanningServer, request: Request) -> Response:
     """Events ``state`` and ``stage``: those that have been, and those to come until it is finished."""
     events = await server.events(request.path_params["plan"])
     return StreamingResponse(events, media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
 
+@operation(
+    "GET /plans/{plan}/view",
+    "Open a plan or a task in the viewer",
+    {303: {"description": "The page is at this address"}},
+    (404, 409, 422, 503),
+)
 async def view_plan(server: PlanningServer, request: Request) -> Response:
     """A page of this machine that shows the motions."""
     return RedirectResponse(await server.view(request.path_params["plan"]), 303)
 
 
+@operation(
+    "DELETE /plans/{plan}",
+    "Cancel a request, or remove its answer",
+    DONE | {202: reply("It is being cancelled", AcceptedReply)},
+    (400, 404, 503),
+    FINISHED,
+)
 async def delete_plan(server: PlanningServer, request: Request) -> Response:
     """What waits or runs is cancelled, and its answer says so; what is finished is removed, or kept."""
     plan, finished = request.path_params["plan"], request.query_params.get("finished", "remove")
@@ -250,11 +294,13 @@ def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = Non
 # Scenes.
 
 
+@operation("GET /scenes", "List scenes", {200: reply("Scenes", ScenesReply)}, (503,))
 async def list_scenes(server: PlanningServer, _: Request) -> Response:
     """Their names, latest versions and hashes."""
     return _json({"scenes": [listed(entry) for entry in await asyncio.to_thread(server.store.scenes)]})
 
 
+@operation("GET /scenes/{name}", "Get a scene", {200: reply("The scene", SceneReply)}, (400, 404, 503), VERSION)
 async def get_scene(server: PlanningServer, request: Request) -> Response:
     """Its latest version, or the given one."""
     number = _whole(request, "version", 1, 10**15) if "version" in request.query_params else None
@@ -262,6 +308,15 @@ async def get_scene(server: PlanningServer, request: Request) -> Response:
     return Response(entry.document, 200, {"ETag": f'"{entry.version}"'}, JSON)
 
 
+@operation(
+    "PUT /scenes/{name}",
+    "Store a scene",
+    CHANGED | {201: reply("New", StoredReply)},
+    UNCHANGED,
+    IF_MATCH,
+    IS_NEW,
+    takes=SceneBody,
+)
 async def put_scene(server: PlanningServer, request: Request) -> Response:
     """A new scene, or the next version of one."""
     server.require_room(None)
@@ -273,6 +328,7 @@ async def put_scene(server: PlanningServer, request: Request) -> Response:
     return _stored(stored, 201 if stored["version"] == 1 else 200)
 
 
+@operation("PATCH /scenes/{name}", "Change a scene", CHANGED, UNCHANGED, IF_MATCH, takes=EditsBody)
 async def edit_scene(server: PlanningServer, request: Request) -> Response:
     """All of the edits, in their order, or none: the next version of the scene."""
     server.require_room(None)
@@ -284,6 +340,7 @@ async def edit_scene(server: PlanningServer, request: Request) -> Response:
     return _stored(await asyncio.to_thread(server.edit_scene, name, body, expected), 200)
 
 
+@operation("DELETE /scenes/{name}", "Remove a scene", DONE, (400, 404, 412, 503), IF_MATCH)
 async def delete_scene(server: PlanningServer, request: Request) -> Response:
     """The scene under this name; plans made in it stay."""
     expected = _version_to_match(request)
@@ -309,6 +366,9 @@ def _version_to_match(request: Request) -> int | None:
 # Roadmaps.
 
 
+@operation(
+    "GET /roadmaps/{roadmap}", "Get a roadmap", {200: reply("Its file", media="application/octet-stream")}, (404, 503)
+)
 async def get_roadmap(server: PlanningServer, request: Request) -> Response:
     """The npz file of the roadmap with this hash."""
     entry = await asyncio.to_thread(server.store.roadmap, request.path_params["roadmap"])
@@ -316,6 +376,7 @@ async def get_roadmap(server: PlanningServer, request: Request) -> Response:
     return Response(data, media_type="application/octet-stream")
 
 
+@operation("DELETE /roadmaps/{roadmap}", "Remove a roadmap", DONE, (404, 503))
 async def delete_roadmap(server: PlanningServer, request: Request) -> Response:
     """The roadmap with this hash."""
     await asyncio.to_thread(server.store.delete_roadmap, request.path_params["roadmap"])
@@ -325,16 +386,19 @@ async def delete_roadmap(server: PlanningServer, request: Request) -> Response:
 # The server itself.
 
 
+@operation("GET /robot", "Get the robot", {200: reply("The robot", RobotReply)})
 async def get_robot(server: PlanningServer, _: Request) -> Response:
     """Joints, limits, named poses and gripper, and the whole robot as plan files have it."""
     return Response(server.robot_document, media_type=JSON)
 
 
+@operation("GET /health", "Whether the server runs", {200: reply("It does", RunsReply)}, public=True)
 async def get_health(_server: PlanningServer, _: Request) -> Response:
     """It does if this is answered."""
     return _json({"ok": True})
 
 
+@operation("GET /ready", "Whether the server can plan", {200: reply("It can", RunsReply)}, (503,), public=True)
 async def get_ready(server: PlanningServer, _: Request) -> Response:
     """Once the first worker is ready, until the server stops."""
     if not server.ready:
@@ -342,6 +406,7 @@ async def get_ready(server: PlanningServer, _: Request) -> Response:
     return _json({"ok": True})
 
 
+@operation("GET /metrics", "Figures for Prometheus", {200: reply("Text exposition format", media="text/plain")})
 async def get_metrics(server: PlanningServer, _: Request) -> Response:
     """Requests, queue, times of stages, counts, and failures by reason."""
     content, kind = server.metrics.exposition()
@@ -358,114 +423,24 @@ async def get_docs(_server: PlanningServer, _: Request) -> Response:
     return HTMLResponse(documentation_page(described(OPERATIONS)), headers={"Content-Security-Policy": SECURITY})
 
 
-# Which address does what.
-
-WAIT = header("Prefer", f"wait, or wait=SECONDS (at most {MAX_WAIT}): hold the response until there is an answer")
-AGAIN = header("Idempotency-Key", "Sent again, it gets the same answer; and a closed connection cancels nothing")
-IF_MATCH = header("If-Match", 'The version that is to be changed, such as "3"')
-IS_NEW = header("If-None-Match", "* for a new scene only")
-VERSION = query("version", {"type": "integer", "minimum": 1})
-PAGE = (query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}), query("after", {"type": "string"}))
-FINISHED = query("finished", {"type": "string", "enum": ["remove", "keep"]})
-DONE = {204: {"description": "Successful Response"}}
-FILE = reply("Its file", media="application/octet-stream")
-FIGURES = reply("Text exposition format", media="text/plain")
-ANSWERED = "The answer; that there is no plan is one"
-ACCEPTED = reply("Accepted", AcceptedReply)
-REFUSED = (400, 408, 410, 413, 415, 422, 429, 503, 507)
-CHANGED, UNCHANGED = {200: reply("Changed", StoredReply)}, (400, 404, 412, 413, 415, 422, 429, 503)
+# All of them.
 
 
 def _asked(kind: str, verb: Verb) -> Operation:
     """A request for work of one kind: all of them are jobs."""
     work: Any = update_wrapper(partial(_work, kind), verb.body, ("__doc__",), ())
-    replies = {202: ACCEPTED, 200: reply(ANSWERED, *verb.answers)}
-    return Operation("POST", f"/{kind}", verb.summary, work, replies, REFUSED, (WAIT, AGAIN), verb.body, name=kind)
+    answered = reply("The answer; that there is no plan is one", *verb.answers)
+    replies, refused = (
+        {202: reply("Accepted", AcceptedReply), 200: answered},
+        (400, 408, 410, 413, 415, 422, 429, 503, 507),
+    )
+    return Operation("POST", f"/{kind}", verb.summary, work, replies, refused, (WAIT, AGAIN), verb.body, name=kind)
 
 
 OPERATIONS: tuple[Operation, ...] = (
     *(_asked(kind, verb) for kind, verb in VERBS.items()),
-    Operation(
-        "GET",
-        "/plans",
-        "List requests, newest first",
-        list_plans,
-        {200: reply("The list", JobsReply)},
-        (400, 404, 503),
-        PAGE,
-    ),
-    Operation(
-        "GET",
-        "/plans/{plan}",
-        "Get the answer of a request",
-        get_plan,
-        {
-            200: reply("The plan file, the task file, or the answer of another kind", *ANSWERS),
-            202: reply("It is not finished", AcceptedReply),
-        },
-        (404, 408, 410, 422, 503, 507),
-        (WAIT,),
-    ),
-    Operation(
-        "GET",
-        "/plans/{plan}/events",
-        "Follow a request, stage by stage",
-        get_events,
-        {200: reply("Server-sent events", media="text/event-stream")},
-        (404, 503),
-    ),
-    Operation(
-        "GET",
-        "/plans/{plan}/view",
-        "Open a plan or a task in the viewer",
-        view_plan,
-        {303: {"description": "The page is at this address"}},
-        (404, 409, 422, 503),
-    ),
-    Operation(
-        "DELETE",
-        "/plans/{plan}",
-        "Cancel a request, or remove its answer",
-        delete_plan,
-        DONE | {202: reply("It is being cancelled", AcceptedReply)},
-        (400, 404, 503),
-        (FINISHED,),
-    ),
-    Operation("GET", "/scenes", "List scenes", list_scenes, {200: reply("Scenes", ScenesReply)}, (503,)),
-    Operation(
-        "GET",
-        "/scenes/{name}",
-        "Get a scene",
-        get_scene,
-        {200: reply("The scene", SceneReply)},
-        (400, 404, 503),
-        (VERSION,),
-    ),
-    Operation(
-        "PUT",
-        "/scenes/{name}",
-        "Store a scene",
-        put_scene,
-        CHANGED | {201: reply("New", StoredReply)},
-        UNCHANGED,
-        (IF_MATCH, IS_NEW),
-        SceneBody,
-    ),
-    Operation("PATCH", "/scenes/{name}", "Change a scene", edit_scene, CHANGED, UNCHANGED, (IF_MATCH,), EditsBody),
-    Operation("DELETE", "/scenes/{name}", "Remove a scene", delete_scene, DONE, (400, 404, 412, 503), (IF_MATCH,)),
-    Operation("GET", "/roadmaps/{roadmap}", "Get a roadmap", get_roadmap, {200: FILE}, (404, 503)),
-    Operation("DELETE", "/roadmaps/{roadmap}", "Remove a roadmap", delete_roadmap, DONE, (404, 503)),
-    Operation("GET", "/robot", "Get the robot", get_robot, {200: reply("The robot", RobotReply)}),
-    Operation("GET", "/health", "Whether the server runs", get_health, {200: reply("It does", RunsReply)}, public=True),
-    Operation(
-        "GET",
-        "/ready",
-        "Whether the server can plan",
-        get_ready,
-        {200: reply("It can", RunsReply)},
-        (503,),
-        public=True,
-    ),
-    Operation("GET", "/metrics", "Figures for Prometheus", get_metrics, {200: FIGURES}),
+    *(list_plans, get_plan, get_events, view_plan, delete_plan),
+    *(list_scenes, get_scene, put_scene, edit_scene, delete_scene, get_roadmap, delete_roadmap),
+    *(get_robot, get_health, get_ready, get_metrics),
 )
 """Every address of the interface."""

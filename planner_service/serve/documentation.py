@@ -23,7 +23,7 @@ from planner_service.records.http.verbs import ANSWERS, VERBS
 from planner_service.serve.problems import PROBLEM_JSON
 from planner_service.serve.server import PlanningServer
 
-__all__ = ["SECURITY", "Operation", "described", "documentation_page", "header", "query", "reply"]
+__all__ = ["SECURITY", "Operation", "described", "documentation_page", "header", "operation", "query", "reply"]
 
 DESCRIPTION = "Motion planning for a robot arm: every returned plan is proven, every collision check is counted."
 
@@ -86,6 +86,20 @@ class Operation:
         replies = {**self.replies, **dict.fromkeys(self.refused, WRONG)}
         document["responses"] = {str(status): each for status, each in replies.items()}
         return document | ({"security": []} if self.public else {})
+
+
+def operation(
+    address: str,
+    summary: str,
+    replies: Mapping[int, dict[str, Any]],
+    refused: tuple[int, ...] = (),
+    *parameters: dict[str, Any],
+    takes: type[BaseModel] | None = None,
+    public: bool = False,
+) -> Callable[[Handler], Operation]:
+    """Makes an operation of its handler; ``address`` is its method and its path."""
+    method, path = address.split()
+    return lambda handler: Operation(method, path, summary, handler, replies, refused, parameters, takes, public)
 
 
 def _schema(model: type[BaseModel]) -> dict[str, Any]:

@@ -395,7 +395,7 @@ class PlanningServer:
         assert isinstance(outcome, Answer)
         if ending is Ending.LOST:
             return State.LOST, outcome
-        if outcome.reason == Ending.CANCELLED.value.value:
+        if outcome.reason == Ending.CANCELLED.reason.value:
             return State.CANCELLED, outcome
         return State.REFUSED if outcome.refused else State.DONE, outcome
 

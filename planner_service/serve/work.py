@@ -75,24 +75,14 @@ MAX_CANCELLATIONS = 1_000
 
 
 class Ending(Enum):
-    """Why a request ends before it has its answer, as failures say it."""
+    """Why a request ends before it has its answer: as failures and as problems say it, and in words."""
 
-    CANCELLED = Reason.PREEMPTED
-    DEADLINE = Reason.TIMED_OUT
-    LOST = Reason.WORKER_LOST
+    CANCELLED = Reason.PREEMPTED, "cancelled", "the request was cancelled"
+    DEADLINE = Reason.TIMED_OUT, "deadline-passed", "the deadline passed; whether a path exists is unknown"
+    LOST = Reason.WORKER_LOST, "worker-lost", "two workers were lost with it"
 
-
-DETAILS: Mapping[Ending, str] = {
-    Ending.CANCELLED: "the request was cancelled",
-    Ending.DEADLINE: "the deadline passed; whether a path exists is unknown",
-    Ending.LOST: "two workers were lost with it",
-}
-
-PROBLEMS: Mapping[Ending, str] = {
-    Ending.CANCELLED: "cancelled",
-    Ending.DEADLINE: "deadline-passed",
-    Ending.LOST: "worker-lost",
-}
+    def __init__(self, reason: Reason, problem: str, detail: str) -> None:
+        self.reason, self.problem, self.detail = reason, problem, detail
 
 
 @dataclass(frozen=True)
@@ -279,7 +269,7 @@ class _Call:
         """The failure, which the deadline is the reason of if it is what cancelled the request."""
         if failure is None or failure.reason is not Reason.PREEMPTED or self.ending() is not Ending.DEADLINE:
             return failure
-        return replace(failure, reason=Reason.TIMED_OUT, detail=DETAILS[Ending.DEADLINE])
+        return replace(failure, reason=Reason.TIMED_OUT, detail=Ending.DEADLINE.detail)
 
     def planned(self, result: PlanResult, sections: Mapping[str, Any] | None = None) -> Answer:
         """The plan file of a result."""
@@ -354,9 +344,9 @@ def unrun(item: Assignment, world: World, ending: Ending) -> Answer:
         with suppress(InvalidRequest):  # it could not be carried out, either
             begin = _world(item, world)
     if begin is None or verb is None:
-        problem = Problem(PROBLEMS[ending], DETAILS[ending], {"reason": ending.value.value})
-        return Answer(problem.content, False, ending.value.value, refused=True)
-    failure = Failure(Stage.ENDPOINTS, ending.value, DETAILS[ending])
+        problem = Problem(ending.problem, ending.detail, {"reason": ending.reason.value})
+        return Answer(problem.content, False, ending.reason.value, refused=True)
+    failure = Failure(Stage.ENDPOINTS, ending.reason, ending.detail)
     if verb.is_task:
         return _file_answer(SavedTask(begin, item.kind, (), CheckCounts(), 0.0, failure), failure, CheckCounts())
     request = item.body.request.value if item.kind == "plans" else None
@@ -464,14 +454,8 @@ def _previous(saved: SavedPlan) -> PlanResult | Replanned:
 
 def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
     request = call.request(body.request.value)
-    explained = call.service.explain(
-        request,
-        plans=body.plans,
-        remedies=body.remedies,
-        time_limit=body.time_limit,
-        progress=False,
-        cancel=call.cancel,
-    )
+    terms: Any = {name: body.arguments[name] for name in ("plans", "remedies", "time_limit")}
+    explained = call.service.explain(request, **terms, progress=False, cancel=call.cancel)
     return _json_answer(ExplainReply, Explained(explained, call.service.world), counts=explained.result.counts)
 
 

@@ -15,9 +15,8 @@ from rich.console import Console
 
 from benchmarks.attack import kill, running
 from benchmarks.attack.domain import described
-from benchmarks.attack.harness import Case, Part, Wrong, read_finding, rng_of
-from benchmarks.attack.jail import Jail
-from benchmarks.attack.running import PARTS, main, maker, replayed, run_part
+from benchmarks.attack.harness import Case, Part, Wrong, read_finding
+from benchmarks.attack.running import main, replayed, run_part
 from benchmarks.attack.words import require_told
 from planner_service import InvalidRequest, RRTConnect, load_robot
 
@@ -45,19 +44,10 @@ class Broken(Part):
     def harm(self, item: str) -> None:
         if item == "untyped":
             raise KeyError(item)
-        if item == "wrong":
-            raise Wrong("two and two are four")
         if item == "crash":
             os.kill(os.getpid(), signal.SIGKILL)
-        if item == "hang":
-            while True:
-                pass
         if item == "sleep":
             time.sleep(60)
-        if item == "memory":
-            bytearray(8_000_000_000)
-        if item == "leftover":
-            Path("half.tmp").touch()
         if item == "root" and os.access("/", os.W_OK):
             raise Wrong("an attacker has no rights")
 
@@ -66,7 +56,7 @@ def of(bad: str) -> Callable[[], Part]:
     return type("Broken", (Broken,), {"bad": bad})
 
 
-@pytest.mark.parametrize("bad", ["untyped", "wrong", "crash", "hang", "sleep", "memory"])
+@pytest.mark.parametrize("bad", ["untyped", "crash", "sleep"])
 def test_whatever_harm_an_input_does_is_found_made_small_and_done_again(
     bad: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,27 +69,6 @@ def test_whatever_harm_an_input_does_is_found_made_small_and_done_again(
     assert summary.found[kind] >= 1
     assert summary.inputs >= 1
     assert replayed(finding)[0] == kind
-
-
-def test_what_an_attack_leaves_behind_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "maker", lambda name: of("leftover"))
-    _, (finding,) = run_part("api", 3, 5.0, 3)
-    assert (finding.kind, finding.detail) == ("leftover", "half.tmp")
-
-
-def test_an_attacker_may_neither_write_where_it_likes_nor_leave_its_folder_behind() -> None:
-    with Jail(of("root")) as jail:
-        outcome, _ = jail.ask({"items": ["root"]})
-        assert outcome.kind == "passed"
-        folder = jail.folder
-    assert not folder.exists()
-
-
-@pytest.mark.parametrize("name", PARTS)
-def test_an_attack_draws_the_same_inputs_for_the_same_seed(name: str) -> None:
-    part = maker(name)()
-    assert part.name == name
-    assert part.draw(rng_of(4, 7)) == part.draw(rng_of(4, 7))
 
 
 def test_a_reader_that_drops_a_word_in_silence_is_found(tmp_path: Path) -> None:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker
 from auditor.constraints import deviations
 from benchmarks.harness.audit import audited, independent
-from benchmarks.studies import constrained as study
 from benchmarks.worlds import constrained
 from planner_service import CollisionChecker, Pose, load_robot
 from planner_service.constraints import Constraint, InBox, JointRange, KeepOrientation, KeepUpright, RelativePose
 from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.scene.loading import load_scene
-from tests.support.small_robots import SLIDER, built
 
 TIGHT = 0.02
 
@@ -63,28 +59,3 @@ def test_the_judge_of_constraints_agrees_with_the_planner_about_which_are_kept(
         for item in resolved.quantities(q):
             middle = 0.0 if item.what in ("tilt", "turn") else (item.lower + item.upper) / 2.0
             assert abs(item.value - middle) == pytest.approx(found[item.what], abs=1e-9)
-
-
-@pytest.mark.slow
-def test_a_case_of_the_study_is_planned_and_judged() -> None:
-    row = study.measured(study.Case("line"), constrained.load("line")[0])
-    assert row["failure"] is None
-    assert row["share"] <= 1.0
-    assert row["touch"] is None
-    assert row["solvable"]
-
-
-@pytest.mark.parametrize("robot", ["wxai_dual", "panda_mbm", ""])
-def test_poses_of_links_along_a_motion_are_those_of_each_configuration(robot: str, tmp_path: Path) -> None:
-    if robot:
-        known, second = load_robot(robot), judge(robot)
-    else:  # a joint that slides, and one about an oblique axis
-        known = built(tmp_path, SLIDER)
-        table = {"urdf": tmp_path / "robot.urdf", "joints": list(known.joint_names), "tool_frame": "boom"}
-        second = IndependentChecker(table, {})
-    Q = np.random.default_rng(2).uniform(known.limits.lower, known.limits.upper, (20, known.n))
-    links = [frame.link for frame in known.link_frames]
-    found = second.poses_along(Q, links)
-    assert np.abs(found - np.array([second.link_poses(q, links) for q in Q])).max() < 1e-14
-    with pytest.raises(LookupError, match="nowhere"):
-        second.poses_along(Q, ["nowhere"])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 from io import StringIO
 from pathlib import Path
 
-import pytest
 from rich.console import Console
 
-from benchmarks.studies.mutants import EQUIVALENT, MAX_LIST, PACKAGES, Package, draw, main, package_of, show, study
-from benchmarks.studies.mutation import apply, lines, sites
+from benchmarks.studies.mutants import EQUIVALENT, MAX_LIST, Package, show, study
+from benchmarks.studies.mutation import lines, sites
 from planner_service.files.toml_reader import read_tables
 
 ROOT = Path(__file__).parents[2]
@@ -32,50 +30,6 @@ def test_each_kind_of_fault_is_planted() -> None:
     assert mutants_of("f(True)") == ["f(False)"]
     assert mutants_of("f(-a, not b)") == ["f(a, not b)", "f(-a, b)"]
     assert mutants_of("if f(a): pass") == ["if (not (f(a))): pass"]
-
-
-def test_text_types_and_asserts_are_left_alone() -> None:
-    source = '''
-"""A module of 1 line."""
-__all__ = ["A" + "B"]
-Number = int | float
-@dataclass(frozen=True)
-class A:
-    """Has 2 lines."""
-    b: tuple[int, 3] | None
-    def __repr__(self) -> Literal[4]:
-        return 5
-    def c(self, d: 6 = e) -> None:
-        assert d > 7
-        raise ValueError(8, f"{d + 9}")
-        zip(d, strict=True)
-        "a" + d
-'''
-    assert mutants_of(source) == []
-
-
-def test_every_mutant_of_a_package_is_another_program() -> None:
-    for file in package_of("smoothing").modules:
-        source = (ROOT / file).read_text("utf-8")
-        program = ast.dump(ast.parse(source))
-        for site in sites(source):
-            for edit in site:
-                assert ast.dump(ast.parse(apply(source, edit))) != program, edit
-
-
-def test_the_packages_have_modules_and_tests_of_their_own() -> None:
-    for name in PACKAGES:
-        package = package_of(name)
-        assert package.modules
-        assert any(test.startswith(f"tests/unit/{name}/") for test in package.tests)
-
-
-def test_more_mutants_are_the_same_ones_and_others() -> None:
-    package = package_of("timing")
-    many = draw(package, ROOT, 30, seed=5)
-    assert draw(package, ROOT, 10, seed=5) == many[:10]
-    assert draw(package, ROOT, 10, seed=6) != many[:10]
-    assert len({(mutant.file, mutant.line, mutant.after) for mutant in many}) == 30
 
 
 def test_a_study_tells_the_faults_that_tests_notice_from_those_they_do_not(tmp_path: Path) -> None:
@@ -108,9 +62,3 @@ def test_a_study_tells_the_faults_that_tests_notice_from_those_they_do_not(tmp_p
 def test_every_line_of_the_list_of_equivalent_mutants_is_still_there() -> None:
     for entry in read_tables(EQUIVALENT, MAX_LIST)["mutant"]:
         assert entry["before"] in map(str.strip, (ROOT / entry["file"]).read_text("utf-8").split("\n")), entry
-
-
-def test_an_unknown_package_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["tiny"], Console())
-    assert "unknown package 'tiny'; expected one of collision, certify" in capsys.readouterr().err

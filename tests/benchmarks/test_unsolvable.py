@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from benchmarks.worlds import unsolvable
 from planner_service import CollisionChecker
 from planner_service.infeasibility import prove_no_path
 from planner_service.kinematics.inverse import inverse_is_complete, inverse_kinematics
 from planner_service.robot_setup.loading import load_robot
-
-
-def test_there_are_pockets_of_five_robots_and_failures_of_four_kinds() -> None:
-    kinds = Counter((pocket.robot, pocket.joints) for pocket in unsolvable.load_pockets())
-    ten, five = [("planar2", 2), ("wxai", 2), ("panda_mbm", 2), ("ur5", 2)], [("wxai", 3), ("ur5", 3), ("scara", 3)]
-    assert kinds == dict.fromkeys(ten, 10) | dict.fromkeys(five, 5)
-    failures = Counter(one.kind for one in unsolvable.load_failures())
-    assert (len(failures), failures.total()) == (4, 50)
 
 
 def test_a_pocket_has_free_ends_and_is_proven() -> None:

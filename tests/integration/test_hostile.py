@@ -34,28 +34,10 @@ PACKAGES = (
 )
 """Subpackages of which every name is attacked, as of the root."""
 
-ANSWERS = frozenset(
-    {
-        "Built",
-        "Explanation",
-        "Figures",
-        "InWorker",
-        "Kept",
-        "KeptBound",
-        "KeptRefusal",
-        "Lost",
-        "MethodResult",
-        "NoPath",
-        "Optimum",
-        "Reached",
-        "Origin",
-        "Remedy",
-        "Terms",
-        "Trail",
-        "World",
-        "load_solver",
-    }
-)
+ANSWERS = {
+    *("Built", "Explanation", "Figures", "InWorker", "Kept", "KeptBound", "KeptRefusal", "Lost", "MethodResult"),
+    *("NoPath", "Optimum", "Reached", "Origin", "Remedy", "Terms", "Trail", "World", "load_solver"),
+}
 """What is made of values that have been checked, or takes none."""
 
 

@@ -77,7 +77,3 @@ def test_importing_brings_nothing_that_is_slow(module: str) -> None:
     ask = f"import sys, {module}; print(*(name for name in {SLOW!r} if name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.stderr, done.returncode) == ("", "", 0)
-
-
-def test_modules_are_looked_for_in_the_package_and_nowhere_else() -> None:
-    assert {Path(folder).name for folder in planner_service.__path__} == {"planner_service"}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.harness import pinned_queries, pinned_roadmaps
-from benchmarks.harness.pins import FOLDER, Difference, Pins, differences, fingerprint, load_pins, store_pins
+from benchmarks.harness.pins import FOLDER, Pins, fingerprint, load_pins
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
@@ -46,12 +46,6 @@ def test_every_stored_query_is_pinned_and_has_a_plan() -> None:
     names = [f"{query.name} {step}" for step in STEPS for scene in queries.SCENES for query in queries.load(scene)]
     assert list(pinned) == names
     assert {row["outcome"] for row in pinned.values()} == {"planned"}
-
-
-@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.json")), ids=lambda file: file.stem)
-def test_storing_pins_again_gives_the_same_file(file: Path, tmp_path: Path) -> None:
-    store_pins(tmp_path / "again.json", load_pins(file))
-    assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
 
 
 def test_queries_planned_in_another_order_and_by_used_services_cost_the_same() -> None:
@@ -96,10 +90,7 @@ def printed(code: str, cpu: dict[str, str]) -> Pins:
     return rows
 
 
-any_cpu = pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
-
-
-@any_cpu
+@pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
 def test_another_process_plans_the_same_to_the_last_bit(cpu: dict[str, str]) -> None:
     code = (
         "import json; from benchmarks.harness import pinned_queries; from benchmarks.worlds import queries\n"
@@ -110,20 +101,6 @@ def test_another_process_plans_the_same_to_the_last_bit(cpu: dict[str, str]) -> 
     require_pinned("queries", printed(code, cpu))
 
 
-@any_cpu
-def test_another_process_has_the_same_roadmaps_to_the_last_bit(cpu: dict[str, str]) -> None:
+def test_another_process_on_an_older_cpu_has_the_same_roadmaps_to_the_last_bit() -> None:
     code = "import json; from benchmarks.harness import pinned_roadmaps as p; print(json.dumps(p.made(['bin'])))"
-    require_pinned("roadmaps", printed(code, cpu))
-
-
-def test_a_change_is_reported_value_by_value() -> None:
-    row = {"outcome": "planned", "path": "aa", "checks": {"search": [1000, 2, 0], "timing": [0, 0, 0]}}
-    other = {"outcome": "planned", "path": "bb", "checks": {"search": [9, 2, 0], "shortcut": [1, 1, 0]}}
-    assert differences({"bin-00": row}, {"bin-00": row}) == []
-    assert differences({"bin-00": row, "bin-02": row}, {"bin-00": other, "bin-01": row}) == [
-        Difference("bin-00", "path", "aa", "bb"),
-        Difference("bin-00", "search", "1,000 / 2 / 0", "9 / 2 / 0"),
-        Difference("bin-00", "shortcut", "nothing", "1 / 1 / 0"),
-        Difference("bin-01", "run", "not stored", "planned"),
-    ]
-    assert str(differences({}, {"bin-01": row})[0]) == "bin-01: run not stored -> planned"
+    require_pinned("roadmaps", printed(code, OTHER_CPU))

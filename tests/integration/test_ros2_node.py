@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from planner_service import PlannerService, PlanRequest, load_robot
+from planner_service import PlannerService, PlanRequest
 from planner_service.errors import PlannerServiceError
 
 NODE = Path(__file__).parents[2] / "examples" / "ros2" / "planner_node.py"
@@ -185,10 +185,6 @@ def answer(ros: Ros, request: Any) -> Any:
     ).motion_plan_response
 
 
-def test_the_node_has_at_most_a_hundred_lines() -> None:
-    assert len(NODE.read_text().splitlines()) <= 100
-
-
 @pytest.mark.slow
 def test_the_node_answers_with_the_planners_trajectory(ros: Ros) -> None:
     told = answer(ros, asked(joints("ready"), max_velocity_scaling_factor=0.5))
@@ -211,70 +207,21 @@ def test_the_node_takes_a_pose_of_the_tool(ros: Ros) -> None:
     assert end[:3, 3] == pytest.approx([0.2, 0.28, 0.15], abs=1e-4)
 
 
-def test_the_node_says_why_there_is_no_plan_in_moveits_words(ros: Ros) -> None:
-    far = tool_goal()
-    far.position_constraints[0].constraint_region.primitive_poses[0].position.x = 5.0
-    assert answer(ros, asked(far)).error_code.val == CODES["NO_IK_SOLUTION"]
-    assert "the arm cannot reach this pose" in ros.told[0]
-    down = asked(joints("ready"))
-    down.start_state.joint_state.position = [*ROBOT.pose("ready")[::-1]]
-    down.start_state.joint_state.position[ROBOT.n - 2] = 2.5
-    assert answer(ros, down).error_code.val == CODES["START_STATE_IN_COLLISION"]
-
-
-def test_the_node_names_the_frame_that_it_does_not_know(ros: Ros) -> None:
-    assert answer(ros, asked(tool_goal("camera"))).error_code.val == CODES["INVALID_MOTION_PLAN"]
-    assert "in 'camera'" in ros.told[0]
-
-
 def _constrained(request: Any) -> None:
     request.path_constraints.visibility_constraints = [object()]
-
-
-def _attached(request: Any) -> None:
-    request.start_state.attached_collision_objects = [object()]
 
 
 def _unnamed(request: Any) -> None:
     request.start_state.joint_state.name = request.start_state.joint_state.position = []
 
 
-def _elsewhere(request: Any) -> None:
-    request.goal_constraints = [tool_goal("camera")]
-
-
 def _half_a_goal(request: Any) -> None:
     request.goal_constraints[0].joint_constraints = request.goal_constraints[0].joint_constraints[:2]
-
-
-def _two_goals(request: Any) -> None:
-    request.goal_constraints[0].position_constraints = tool_goal().position_constraints
-
-
-def _seen(request: Any) -> None:
-    request.goal_constraints[0].visibility_constraints = [object()]
-
-
-def _fingers(request: Any) -> None:
-    request.goal_constraints[0].joint_constraints.append(message("JointConstraint", joint_name="finger"))
 
 
 def _twice(request: Any) -> None:
     request.start_state.joint_state.name = [*ROBOT.joint_names, "joint_0"]
     request.start_state.joint_state.position = [*ROBOT.home.tolist(), 1.0]
-
-
-def _place_alone(request: Any) -> None:
-    request.goal_constraints = [tool_goal()]
-    request.goal_constraints[0].orientation_constraints = []
-
-
-def _position_missing(request: Any) -> None:
-    request.start_state.joint_state.position = request.start_state.joint_state.position[:-1]
-
-
-def _other_link(request: Any) -> None:
-    request.cartesian_speed_limited_link = "link_3"
 
 
 def _no_number(request: Any) -> None:
@@ -285,18 +232,10 @@ def _no_number(request: Any) -> None:
     ("change", "message"),
     [
         (_constrained, "motion_plan_request: got 'arm'; expected no constraints but goals"),
-        (_attached, "motion_plan_request: got 'arm'; expected no constraints but goals, nothing attached"),
         (_unnamed, "start_state: got .*; expected a position of each of joint_0"),
-        (_elsewhere, "goal_constraints: got .*; expected all joints, or a pose of ee_gripper_link"),
         (_half_a_goal, "goal_constraints: got .*; expected a position of each of joint_0"),
-        (_other_link, "no speed limit of a link but ee_gripper_link"),
         (_no_number, "time_limit: got nan"),
-        (_two_goals, "goal_constraints: got .*; expected all joints, or a pose"),
-        (_seen, "goal_constraints: got .*; expected all joints, or a pose"),
-        (_fingers, "goal_constraints: got .*; expected a position of each of joint_0"),
         (_twice, "start_state: got .*; expected a position of each of joint_0, .*, once"),
-        (_place_alone, "goal_constraints: got .*; expected all joints, or a pose"),
-        (_position_missing, "start_state: got .*; expected a position of each of joint_0"),
     ],
 )
 def test_the_node_refuses_what_it_cannot_keep_and_goes_on(
@@ -309,20 +248,3 @@ def test_the_node_refuses_what_it_cannot_keep_and_goes_on(
     assert told.trajectory.joint_trajectory.points == []
     assert len(ros.told) == 1
     assert re.search(message, ros.told[0])
-
-
-def test_the_node_says_that_the_server_is_gone_and_goes_on(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Remote, "reachable", False)
-    assert answer(ros, asked(joints("ready"))).error_code.val == CODES["FAILURE"]
-    assert ros.told == ["the server is gone"]
-
-
-def test_a_pose_is_in_the_frame_that_it_names(ros: Ros) -> None:
-    robot, goal = load_robot("wxai_dual"), tool_goal("right_base_link")
-    for constraint in (*goal.position_constraints, *goal.orientation_constraints):
-        constraint.link_name, constraint.header.frame_id = robot.tool_frame, "right_base_link"
-    state = message("JointState", name=list(robot.joint_names), position=robot.home.tolist())
-    request = asked(goal)
-    request.start_state.joint_state = state
-    (pose,) = ros.names["plan_request"](request, robot).goal
-    assert pose.position == pytest.approx((0.2, 0.28 - 0.25, 0.15))

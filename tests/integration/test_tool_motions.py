@@ -23,7 +23,7 @@ Track = tuple[FloatArray, FloatArray]
 """Positions (m, 3) and rotation matrices (m, 3, 3)."""
 
 
-@pytest.fixture(scope="module", params=["wxai", "panda", "kinova"])
+@pytest.fixture(scope="module", params=["wxai", "panda"])
 def service(request: pytest.FixtureRequest) -> PlannerService:
     return PlannerService(request.param, Scene(obstacles=(TABLE,)))
 
@@ -84,7 +84,7 @@ def test_the_tool_follows_an_arc_and_turns_evenly(service: PlannerService, audit
     assert auditor.trajectory_is_free(result.unwrap()[1], result.unwrap()[1].duration, 0.01)
 
 
-@pytest.mark.parametrize("zone", [0.0, 0.005, 0.03])
+@pytest.mark.parametrize("zone", [0.0, 0.03])
 def test_the_tool_follows_lines_and_leaves_them_only_within_the_zones(
     service: PlannerService, auditor: IndependentChecker, zone: float
 ) -> None:

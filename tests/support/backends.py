@@ -44,11 +44,7 @@ class Agreement:
 
 
 def checkers(
-    robot: Robot,
-    scene: Scene,
-    *,
-    padding: float = 0.0,
-    allowed: Sequence[tuple[str, str]] = (),
+    robot: Robot, scene: Scene, *, padding: float = 0.0, allowed: Sequence[tuple[str, str]] = ()
 ) -> tuple[CollisionChecker, CollisionChecker]:
     """One that uses the kernel, and its judge: FCL pair by pair."""
     step = JointStep(STEP)

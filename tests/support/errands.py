@@ -16,7 +16,7 @@ from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import places_on
 
-__all__ = ["ERRANDS", "Cut", "Errand", "control", "errand"]
+__all__ = ["Cut", "Errand", "control", "errand"]
 
 STREAMING = streaming.Streaming(latest=0.5)
 """A stream that is half a second late shows nothing; less happens on a machine that does other things."""
@@ -29,26 +29,19 @@ PADDING = 0.005
 class Errand:
     """A pick-and-place with the world as it is during each of its motions, and the object's place in the end."""
 
-    name: str
     task: SavedTask
     scenes: tuple[ps.Scene, ...]
     end: ps.Pose
 
 
-def errand(name: str, arm: streaming.SimulatedArm) -> Errand:
-    """Out of the bin round the post onto the tray, or from place to place on the board inside the shelf."""
+def errand(arm: streaming.SimulatedArm) -> Errand:
+    """Out of the bin round the post onto the tray."""
     service = ps.PlannerService("wxai", arm.seen())
     home = service.robot.home
     request = ps.PlanRequest(home, home, padding=PADDING, time_limit=None)
-    if name == "bin":
-        block, under, onto = service.scene.obstacle("blue_block"), "bin_floor", "tray"
-        grasps, places = ps.top_grasps(service.robot, block), places_on(block, service.scene.obstacle(onto))
-    else:
-        block, under, onto = service.scene.obstacle("block"), "shelf_board", "shelf_board"
-        x, y, z = block.pose.position
-        grasps = (ps.Pose.from_rpy((x, y, z), (0.0, math.radians(15.0), 0.0)),)  # reaching in, a little downwards
-        places = (ps.Pose((x, -y, z + 0.001), block.pose.quaternion),)
-    taking = ps.Handling(support=under, request=request)
+    block, onto = service.scene.obstacle("blue_block"), "tray"
+    grasps, places = ps.top_grasps(service.robot, block), places_on(block, service.scene.obstacle(onto))
+    taking = ps.Handling(support="bin_floor", request=request)
     picked = _done(ps.pick(service, home, block.name, grasps, taking))
     putting = ps.Handling(support=onto, request=request)
     placed = _done(ps.place(ps.PlannerService.of(picked.world), picked.q, block.name, places, putting))
@@ -58,23 +51,14 @@ def errand(name: str, arm: streaming.SimulatedArm) -> Errand:
     to, into, lift, transfer, lower, away = (*picked.segments, *placed.segments)
     worlds = (service.scene, service.scene, *3 * (picked.world.scene,), *2 * (placed.world.scene,))
     segments = (to, into, lift, transfer, lower, away, home_again)
-    task = SavedTask(service.world, name, segments, picked.choosing + placed.choosing, 0.0)
-    return Errand(name, task, worlds, placed.world.scene.obstacle(block.name).pose)
+    task = SavedTask(service.world, "bin", segments, picked.choosing + placed.choosing, 0.0)
+    return Errand(task, worlds, placed.world.scene.obstacle(block.name).pose)
 
 
 def _done(result: ps.TaskResult) -> ps.TaskResult:
     if result.failure is not None:
         raise RuntimeError(str(result.failure))
     return result
-
-
-BLOCK = ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.43, 0.08, 0.1935)))
-
-ERRANDS = {
-    "bin": (ps.load_scene("bin"), "blue_block"),
-    "shelf": (ps.load_scene("shelf").with_obstacle(BLOCK), BLOCK.name),
-}
-"""Scenes, and what is taken in them."""
 
 
 def control() -> tuple[ps.Trajectory, streaming.Rehearsal]:

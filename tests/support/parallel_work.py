@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import os
 import re
 import time
@@ -28,13 +27,6 @@ class Picky(Exception):
         super().__init__(f"{one} {two}")
 
 
-class Unreadable(Exception):
-    """Says that it is not to be found when it is made again."""
-
-    def __reduce__(self) -> Any:
-        return Path("/nowhere").read_text, ()
-
-
 @dataclass(frozen=True)
 class Echo:
     """Answers with the item itself, and the worker's process."""
@@ -44,17 +36,6 @@ class Echo:
 
     def __call__(self, item: Any) -> tuple[Any, int]:
         return item, os.getpid()
-
-
-class Hoard:
-    """Holds a list of lists; answers with how many objects no garbage collection looks at."""
-
-    def prepare(self) -> None:
-        """Fill it."""
-        self.lists: list[list[int]] = [[] for _ in range(10_000)]
-
-    def __call__(self, item: Any) -> int:
-        return gc.get_freeze_count()
 
 
 @dataclass(frozen=True)
@@ -84,8 +65,6 @@ class Faulty:
             raise ZeroDivisionError("our bug")
         elif fault == "picky":
             raise Picky("our", "bug")
-        elif fault == "unreadable":
-            raise Unreadable
         elif fault == "hang up":
             os.closerange(3, 100)
             time.sleep(3600.0)

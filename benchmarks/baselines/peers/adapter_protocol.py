@@ -33,8 +33,7 @@ class Answer:
 
     Attributes:
         waypoints: The final path, straight in joint space between two rows; None if there is none.
-        raw: The path before it was shortened, where the peer tells it.
-        times, samples: The timed motion, where the peer times; velocities and accelerations where it tells them.
+        times: Of the waypoints, where the peer times.
         seconds: Wall clock by stage: "setup" (the world), "search", "shortcut", "timing".
         cpu_seconds: Processor time of all stages but "setup".
         stage_cpu_seconds: Processor time by stage.
@@ -43,11 +42,7 @@ class Answer:
     """
 
     waypoints: Any = None
-    raw: Any = None
     times: Any = None
-    samples: Any = None
-    velocities: Any = None
-    accelerations: Any = None
     seconds: dict[str, float] = field(default_factory=dict)
     cpu_seconds: float = 0.0
     stage_cpu_seconds: dict[str, float] = field(default_factory=dict)

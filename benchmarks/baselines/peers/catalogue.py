@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["PEERS", "Peer", "peer_named"]
+__all__ = ["PEERS", "Peer"]
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,3 @@ PEERS: Mapping[str, Peer] = {
     ),
 }
 """OMPL as one sets it up by hand, each state judged by Pinocchio and Coal."""
-
-
-def peer_named(name: str) -> Peer:
-    """A peer by its name.
-
-    Raises:
-        UnknownName: there is none of that name.
-    """
-    from planner_service.errors import UnknownName
-
-    if name not in PEERS:
-        raise UnknownName("peer", name, tuple(PEERS))
-    return PEERS[name]

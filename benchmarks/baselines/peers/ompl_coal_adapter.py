@@ -91,7 +91,6 @@ class OmplCoal:
             answer.error = f"{status.asString()} within {self._limit:g} s"
             return
         path = definition.getSolutionPath()
-        answer.raw = _rows(path, len(problem["start"]))
         with answer.stage("shortcut"):
             og.PathSimplifier(si).simplify(path, clock(answer, self._limit))
         answer.checks["shortcut"] = world.judged - answer.checks["search"]

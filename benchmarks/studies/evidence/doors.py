@@ -23,7 +23,8 @@ from benchmarks.studies.evidence.saved_files import Document, saved_files
 from planner_service.client import Remote
 from planner_service.errors import PlannerServiceError
 from planner_service.execute.preconditions import admitted
-from planner_service.records.plan_file import SavedPlan, plan_or_task
+from planner_service.records import SavedPlan
+from planner_service.records.plan_file import plan_or_task
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.records.result import certificate_record
 

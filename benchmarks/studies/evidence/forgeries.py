@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+import planner_service as ps
 from auditor.__main__ import judged
 from auditor.sampling import no_path_objections, objections
 from auditor.schema import Invalid
@@ -25,13 +26,9 @@ from auditor.trails import digest, unpacked
 from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
 from benchmarks.studies.evidence.otherwise_right import name_as_link, stop_early
 from benchmarks.studies.evidence.saved_files import Document, saved_files
-from planner_service.errors import InvalidRequest
-from planner_service.path.joint_path import JointPath
 from planner_service.records.evidence import packed
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
-from planner_service.robot.model import JointLimits
-from planner_service.timing.laws import Trapezoidal
 
 __all__ = ["Forger", "forged", "meaning", "objections_of", "run"]
 
@@ -70,7 +67,7 @@ class Forger:
         for part, record in (("robot", RobotRecord), ("scene", SceneRecord)):
             try:
                 record.model_validate(self.document[part]).value  # noqa: B018
-            except InvalidRequest as error:
+            except ps.InvalidRequest as error:
                 if error.field == "hash":
                     self.document[part]["hash"] = error.expected.split()[-1]
             except (KeyError, TypeError, ValueError):  # no robot or scene any more
@@ -104,9 +101,9 @@ class Forger:
     def put_path(self, k: int, points: Any) -> None:
         """Another path with a law of its own and the trail stretched along it."""
         try:
-            path = JointPath(np.array(points))
+            path = ps.JointPath(np.array(points))
             self.put_law(k, path)
-        except (InvalidRequest, ValueError):
+        except (ps.InvalidRequest, ValueError):
             return
         waypoints, blends = path.waypoints.tolist(), path.blends.tolist()
         self.results[k]["path"] = {"length": path.length, "waypoints": waypoints, "blends": blends}
@@ -114,14 +111,14 @@ class Forger:
         if len(s) and s[-1] > 0.0:
             self.proofs[k]["s"] = packed(s * (path.length / s[-1]), "<f8")
 
-    def put_law(self, k: int, path: JointPath) -> None:
+    def put_law(self, k: int, path: ps.JointPath) -> None:
         """Another law, which runs along a path from rest to rest within the limits."""
         result, limits = self.results[k], self.robot["limits"]
         scales = self.document["request"] or {"velocity_scale": 1.0, "acceleration_scale": 1.0}
         most = {key: np.array(values) for key, values in limits.items()}
         most["velocity"] = most["velocity"] * scales["velocity_scale"]
         most["acceleration"] = most["acceleration"] * scales["acceleration_scale"]
-        trajectory = Trapezoidal().time_path(path, JointLimits(**most))
+        trajectory = ps.Trapezoidal().time_path(path, ps.JointLimits(**most))
         result["trajectory"] |= {"durations": trajectory.durations.tolist(), "duration": trajectory.duration}
         result["trajectory"] |= {"coefficients": trajectory.coefficients.tolist()}
         result["motion"]["duration"] = trajectory.duration

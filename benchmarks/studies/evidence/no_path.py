@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 from rich.table import Table
 from scipy.ndimage import label
 
+import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from benchmarks.studies.evidence.worlds import plans
 from benchmarks.worlds.unsolvable import POSES_ROBOT, BlockedPose, Pocket, load_pockets, load_poses
-from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.infeasibility import prove_no_path
-from planner_service.records.plan_file import SavedPlan
-from planner_service.robot_setup.loading import load_robot
+from planner_service.records import SavedPlan
 
 __all__ = ["discs", "known_paths", "pockets", "poses"]
 
@@ -113,7 +112,7 @@ def _planar(seed: int, number: int) -> Row:
         drawn = [np.array([chance.uniform(-3.14159, 3.14159) for _ in range(2)]) for _ in range(DRAWS)]
         ends = [q for q in drawn if service.checker.state_is_free(q)][:2]
         service = service if len(ends) == 2 else _discs(chance)  # a disc on the base leaves nothing free
-    request = PlanRequest(ends[0], ends[1], seed=number, time_limit=None, max_checks=20_000)
+    request = ps.PlanRequest(ends[0], ends[1], seed=number, time_limit=None, max_checks=20_000)
     planned, way = service.plan(request).ok, False
     clock = time.process_time()
     proven = prove_no_path(service.robot, service.scene, ends[0], [ends[1]]) is not None
@@ -131,15 +130,15 @@ def _planar(seed: int, number: int) -> Row:
     }
 
 
-def _discs(chance: random.Random) -> PlannerService:
+def _discs(chance: random.Random) -> ps.PlannerService:
     obstacles = []
     for k in range(chance.randrange(3, 9)):
         x, y, radius = chance.uniform(-1.5, 1.5), chance.uniform(-1.5, 1.5), chance.uniform(0.05, 0.25)
-        obstacles.append(Obstacle(f"disc_{k}", Cylinder(radius, 0.2), Pose((x, y, 0.0))))
-    return PlannerService("planar2", Scene(tuple(obstacles)))
+        obstacles.append(ps.Obstacle(f"disc_{k}", ps.Cylinder(radius, 0.2), ps.Pose((x, y, 0.0))))
+    return ps.PlannerService("planar2", ps.Scene(tuple(obstacles)))
 
 
-def _flooded(service: PlannerService, ends: list[FloatArray]) -> bool | None:
+def _flooded(service: ps.PlannerService, ends: list[FloatArray]) -> bool | None:
     """Whether a path exists, as far as a grid can tell."""
     low, high = service.robot.limits.lower, service.robot.limits.upper
     axes = [np.linspace(a, b, math.ceil((b - a) / CELL) + 1) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
@@ -151,12 +150,12 @@ def _flooded(service: PlannerService, ends: list[FloatArray]) -> bool | None:
     return True if _joined(gaps > moved, cells, None) else None
 
 
-def _gaps(scene: Scene, shoulder: FloatArray, elbow: FloatArray, enough: float) -> FloatArray:
+def _gaps(scene: ps.Scene, shoulder: FloatArray, elbow: FloatArray, enough: float) -> FloatArray:
     """The gaps between the arm and the discs, those above ``enough`` as that."""
     gaps = np.full((len(shoulder), len(elbow)), enough)
     turned, bent = np.exp(-1j * shoulder), np.exp(-1j * elbow).astype(np.complex64)
     for disc in scene.obstacles:
-        assert isinstance(disc.shape, Cylinder)
+        assert isinstance(disc.shape, ps.Cylinder)
         x, y, _ = disc.pose.position
         seen = (x + 1j * y) * turned
         np.minimum(gaps, (_to_bar(seen, 1.0) - disc.shape.radius)[:, None], out=gaps)
@@ -183,20 +182,22 @@ def _joined(free: BoolArray, cells: list[tuple[int, ...]], around: FloatArray | 
 def _pocket(pocket: Pocket) -> Row:
     """A stored query without a path."""
     clock = time.process_time()
-    proof = prove_no_path(load_robot(pocket.robot), pocket.scene, pocket.start, [pocket.goal], max_boxes=POCKET_BOXES)
+    proof = prove_no_path(
+        ps.load_robot(pocket.robot), pocket.scene, pocket.start, [pocket.goal], max_boxes=POCKET_BOXES
+    )
     row: Row = {"kind": f"{pocket.robot}, {pocket.joints} joints", "proven": proof is not None}
     return row | {"ms": (time.process_time() - clock) * 1e3, "boxes": proof.boxes if proof is not None else None}
 
 
 def _pose(pose: BlockedPose) -> Row:
-    service = PlannerService(POSES_ROBOT, pose.scene)
+    service = ps.PlannerService(POSES_ROBOT, pose.scene)
     clock = time.process_time()
-    failure = service.plan(PlanRequest(service.robot.home, pose.pose)).failure
+    failure = service.plan(ps.PlanRequest(service.robot.home, pose.pose)).failure
     row: Row = {"solutions": pose.solutions, "ms": (time.process_time() - clock) * 1e3}
     return row | {"proven": failure is not None and failure.proven}
 
 
-def _known(found: tuple[str, PlannerService, SavedPlan]) -> Row:
+def _known(found: tuple[str, ps.PlannerService, SavedPlan]) -> Row:
     """A query that has a path, asked whether it has none."""
     name, service, plan = found
     path = plan.result.unwrap()[0]

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import planner_service as ps
 from auditor.sampling import Arm, matrix
-from planner_service.errors import PlannerServiceError
-from planner_service.path.joint_path import JointPath
 from planner_service.records.evidence import with_evidence
 from planner_service.records.plan_file import plan_or_task
 
@@ -33,12 +32,12 @@ def stop_early(forger: Forger) -> None:
     k = forger.one()
     result, chance = forger.results[k], forger.chance
     points, blends = np.array(result["path"]["waypoints"]), np.array(result["path"]["blends"])
-    path = JointPath(points, blends)
+    path = ps.JointPath(points, blends)
     d = path.blends if len(path.blends) else np.zeros(len(points))
     piece = chance.randrange(len(points) - 1)
     begin, after = path.knots[piece] + d[piece], path.knots[piece + 1] - d[piece + 1]
     end = begin + chance.choice((0.1, 0.5, 0.9, 0.999)) * (after - begin)
-    forger.put_law(k, JointPath(np.vstack([points[: piece + 1], path(end)]), np.append(d[: piece + 1], 0.0)))
+    forger.put_law(k, ps.JointPath(np.vstack([points[: piece + 1], path(end)]), np.append(d[: piece + 1], 0.0)))
     result["trajectory"]["part"] = [0.0, float(end)]
     if chance.random() < 0.3:
         for claim in forger.claims(k):
@@ -109,7 +108,7 @@ def _prove(forger: Forger, pairs: Pairs) -> None:
     try:
         read = plan_or_task("forged.json", json.dumps(forger.sealed() | {"allowed": pairs}).encode())
         document = json.loads(with_evidence(read).file_text())
-    except PlannerServiceError:
+    except ps.PlannerServiceError:
         return
     document["allowed"] = []
     forger.take(document)

@@ -10,33 +10,14 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.worlds.drawn import blocked_ends, draw_objects
-from planner_service import (
-    Attached,
-    Box,
-    Compound,
-    Cylinder,
-    HeightField,
-    Mesh,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    PointCloud,
-    Pose,
-    Scene,
-    SCurve,
-    Sphere,
-    inverse_kinematics,
-    load_robot,
-    load_scene,
-)
 from planner_service.constraints import InBox, KeepUpright
-from planner_service.errors import BrokenInvariant
 from planner_service.infeasibility import prove_no_path
+from planner_service.records import SavedPlan, SavedTask
 from planner_service.records.evidence import with_evidence
 from planner_service.records.exports.no_path_file import no_path_document
-from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks import plan_pick_place
 
 __all__ = ["Document", "saved_files"]
 
@@ -50,15 +31,15 @@ def saved_files(seed: int) -> Iterator[tuple[str, Document]]:
     """Each with a name; a third of them are tasks."""
     for number, robot in enumerate(DRAWN):
         yield f"plan {number}, {robot}", _drawn(robot, random.Random(f"saved {seed} {number}"))
-    flat = PlannerService("planar2", load_scene("discs"))
-    yield "plan, planar2", _certain(flat, PlanRequest((0.0, 0.0), (math.pi / 2, -math.pi / 2), time_limit=None))
+    flat = ps.PlannerService("planar2", ps.load_scene("discs"))
+    yield "plan, planar2", _certain(flat, ps.PlanRequest((0.0, 0.0), (math.pi / 2, -math.pi / 2), time_limit=None))
     yield "plan, constraints", _constrained()
     yield "plan, load and clouds", _loaded(seed)
     yield "plan, touching start", _touching()
     for robot in ("wxai", "ur5_vacuum", "kinova_gripper"):
-        service = PlannerService(robot, load_scene("bin"))
+        service = ps.PlannerService(robot, ps.load_scene("bin"))
         home = service.robot.home
-        task = plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, time_limit=None), upright=0.3)
+        task = plan_pick_place(service, "blue_block", "tray", ps.PlanRequest(home, home, time_limit=None), upright=0.3)
         yield f"task, {robot}", _document(SavedTask.of(task))
     yield "no path", _enclosed()
 
@@ -68,74 +49,76 @@ def _document(saved: SavedPlan | SavedTask) -> Document:
     return document
 
 
-def _planned(service: PlannerService, request: PlanRequest) -> Document | None:
+def _planned(service: ps.PlannerService, request: ps.PlanRequest) -> Document | None:
     found = service.plan(request)
     return _document(SavedPlan.of(found)) if found.ok else None
 
 
-def _certain(service: PlannerService, request: PlanRequest) -> Document:
+def _certain(service: ps.PlannerService, request: ps.PlanRequest) -> Document:
     document = _planned(service, request)
     assert document is not None
     return document
 
 
 def _drawn(robot: str, chance: random.Random) -> Document:
-    arm = load_robot(robot)
+    arm = ps.load_robot(robot)
     while True:
-        service = PlannerService(arm, Scene(tuple(draw_objects(chance, 4))))
+        service = ps.PlannerService(arm, ps.Scene(tuple(draw_objects(chance, 4))))
         try:
             start, goal = next(blocked_ends(service.checker, chance))
-        except BrokenInvariant:  # a scene without room
+        except ps.BrokenInvariant:  # a scene without room
             continue
         limits = {"time_limit": None, "max_checks": 50_000}
-        document = _planned(service, PlanRequest(start, goal, **limits))  # type: ignore[arg-type]
+        document = _planned(service, ps.PlanRequest(start, goal, **limits))  # type: ignore[arg-type]
         if document is not None and document["result"]["certificate"]["clearance"] is not None:
             return document
 
 
 def _constrained() -> Document:
-    service = PlannerService("wxai", load_scene("table"))
+    service = ps.PlannerService("wxai", ps.load_scene("table"))
     poses = dict(service.robot.named_poses)
-    high = InBox(Pose((0.0, 0.0, 0.5)), (2.0, 2.0, 2.0))
+    high = InBox(ps.Pose((0.0, 0.0, 0.5)), (2.0, 2.0, 2.0))
     start, goal = poses["home"], poses["home"] + np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
-    asked = PlanRequest(start, goal, constraints=(KeepUpright((0.0, 0.0, 1.0), 3.0), high), time_limit=None)
+    asked = ps.PlanRequest(start, goal, constraints=(KeepUpright((0.0, 0.0, 1.0), 3.0), high), time_limit=None)
     return _certain(service, asked)
 
 
 def _loaded(seed: int) -> Document:
     chance = np.random.default_rng(seed)
     things = (
-        Obstacle("cloud", PointCloud(chance.uniform(-0.05, 0.05, (30, 3)), 0.02), Pose((0.35, -0.35, 0.2))),
-        Obstacle("hills", HeightField(chance.uniform(0.02, 0.06, (4, 5)), 0.05), Pose((-0.6, -0.2, 0.0))),
-        Obstacle("wedge", Mesh(chance.uniform(-0.08, 0.08, (12, 3))), Pose((0.4, 0.4, 0.1))),
-        Obstacle(
+        ps.Obstacle("cloud", ps.PointCloud(chance.uniform(-0.05, 0.05, (30, 3)), 0.02), ps.Pose((0.35, -0.35, 0.2))),
+        ps.Obstacle("hills", ps.HeightField(chance.uniform(0.02, 0.06, (4, 5)), 0.05), ps.Pose((-0.6, -0.2, 0.0))),
+        ps.Obstacle("wedge", ps.Mesh(chance.uniform(-0.08, 0.08, (12, 3))), ps.Pose((0.4, 0.4, 0.1))),
+        ps.Obstacle(
             "cross",
-            Compound(((Box((0.2, 0.02, 0.02)), Pose()), (Sphere(0.03), Pose((0.1, 0.0, 0.0))))),
-            Pose((0.0, 0.5, 0.4)),
+            ps.Compound(((ps.Box((0.2, 0.02, 0.02)), ps.Pose()), (ps.Sphere(0.03), ps.Pose((0.1, 0.0, 0.0))))),
+            ps.Pose((0.0, 0.5, 0.4)),
         ),
     )
-    held = Attached(
-        "held", Cylinder(0.01, 0.05), Pose((0.09, 0.0, 0.0)), constraints=(KeepUpright((1.0, 0.0, 0.0), 3.0),)
+    held = ps.Attached(
+        "held", ps.Cylinder(0.01, 0.05), ps.Pose((0.09, 0.0, 0.0)), constraints=(KeepUpright((1.0, 0.0, 0.0), 3.0),)
     )
-    service = PlannerService("wxai", Scene(things, (held,)))
+    service = ps.PlannerService("wxai", ps.Scene(things, (held,)))
     home = service.robot.home
     goal = home + np.array([0.7, 0.1, 0.1, 0.0, 0.2, 0.1])
-    return _certain(service, PlanRequest(home, goal, timing=SCurve(), velocity_scale=0.6, time_limit=None))
+    return _certain(service, ps.PlanRequest(home, goal, timing=ps.SCurve(), velocity_scale=0.6, time_limit=None))
 
 
 def _touching() -> Document:
-    service = PlannerService("wxai", load_scene("table"))
+    service = ps.PlannerService("wxai", ps.load_scene("table"))
     for z in (-0.0014, -0.0016, -0.0018, -0.002):
-        for q in inverse_kinematics(service.robot, Pose((0.3, 0.0, z), DOWN)):
-            document = _planned(service, PlanRequest(q, service.robot.home, time_limit=None))
+        for q in ps.inverse_kinematics(service.robot, ps.Pose((0.3, 0.0, z), DOWN)):
+            document = _planned(service, ps.PlanRequest(q, service.robot.home, time_limit=None))
             if document is not None and document["result"]["certificate"]["exempt"]:
                 return document
     raise AssertionError("no start of these touches the table")
 
 
 def _enclosed() -> Document:
-    discs = [Obstacle(name, Cylinder(0.1, 0.2), Pose((0.5, y, 0.0))) for name, y in (("left", 0.5), ("right", -0.5))]
-    service = PlannerService("planar2", Scene(tuple(discs)))
+    discs = [
+        ps.Obstacle(name, ps.Cylinder(0.1, 0.2), ps.Pose((0.5, y, 0.0))) for name, y in (("left", 0.5), ("right", -0.5))
+    ]
+    service = ps.PlannerService("planar2", ps.Scene(tuple(discs)))
     start, goals = [0.0, 0.0], [[3.0, 0.0], [2.9, 0.2]]
     proof = prove_no_path(service.robot, service.scene, start, goals)
     assert proof is not None

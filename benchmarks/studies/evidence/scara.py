@@ -12,8 +12,8 @@ import time
 
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, grouped, spread, table_of
-from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.infeasibility import prove_no_path
 
@@ -41,9 +41,9 @@ def run(queries: int | None, seed: int) -> Report:
 
 def _row(seed: int, number: int) -> Row:
     chance = random.Random(f"scara {seed} {number}")
-    service = PlannerService("scara", Scene((*_walls(chance), *_posts(chance))))
+    service = ps.PlannerService("scara", ps.Scene((*_walls(chance), *_posts(chance))))
     start, goal = _free(service, chance), _free(service, chance)
-    planned = service.plan(PlanRequest(start, goal, seed=number, time_limit=None, max_checks=CHECKS)).ok
+    planned = service.plan(ps.PlanRequest(start, goal, seed=number, time_limit=None, max_checks=CHECKS)).ok
     clock = time.process_time()
     proof = prove_no_path(service.robot, service.scene, start, [goal], max_boxes=BOXES)
     row: Row = {"cell": number, "planned": planned, "proven": proof is not None}
@@ -51,20 +51,20 @@ def _row(seed: int, number: int) -> Row:
     return row | {"joints": "-" if proof is None else ", ".join(proof.joints)}
 
 
-def _walls(chance: random.Random) -> list[Obstacle]:
+def _walls(chance: random.Random) -> list[ps.Obstacle]:
     walls = []
     for k in range(chance.randrange(4, 10)):
         x, y = _place(chance)
         height, yaw = chance.uniform(0.15, 0.42), chance.uniform(0.0, math.pi)
-        box = Box((chance.uniform(0.2, 0.7), chance.uniform(0.04, 0.1), height))
+        box = ps.Box((chance.uniform(0.2, 0.7), chance.uniform(0.04, 0.1), height))
         turn = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
-        walls.append(Obstacle(f"wall_{k}", box, Pose((x, y, height / 2), turn)))
+        walls.append(ps.Obstacle(f"wall_{k}", box, ps.Pose((x, y, height / 2), turn)))
     return walls
 
 
-def _posts(chance: random.Random) -> list[Obstacle]:
+def _posts(chance: random.Random) -> list[ps.Obstacle]:
     places = [_place(chance) for _ in range(chance.randrange(2))]
-    return [Obstacle("post", Cylinder(chance.uniform(0.03, 0.08), 1.0), Pose((x, y, 0.5))) for x, y in places]
+    return [ps.Obstacle("post", ps.Cylinder(chance.uniform(0.03, 0.08), 1.0), ps.Pose((x, y, 0.5))) for x, y in places]
 
 
 def _place(chance: random.Random) -> tuple[float, float]:
@@ -73,7 +73,7 @@ def _place(chance: random.Random) -> tuple[float, float]:
     return distance * math.cos(azimuth), distance * math.sin(azimuth)
 
 
-def _free(service: PlannerService, chance: random.Random) -> FloatArray:
+def _free(service: ps.PlannerService, chance: random.Random) -> FloatArray:
     limits = list(zip(service.robot.limits.lower.tolist(), service.robot.limits.upper.tolist(), strict=True))
     limits[2] = LOW
     while True:

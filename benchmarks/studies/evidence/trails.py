@@ -12,8 +12,8 @@ from auditor.schema import Invalid
 from auditor.verify import verify
 from benchmarks.harness.report import Promise, Report, Row, grouped, least_seconds, p50, spread, table_of
 from benchmarks.studies.evidence.worlds import plans
+from planner_service.records import SavedPlan
 from planner_service.records.evidence import EVIDENCE, with_evidence
-from planner_service.records.plan_file import SavedPlan
 from planner_service.records.recertify import recertify
 
 __all__ = ["run"]

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+import planner_service as ps
 from benchmarks.worlds import queries
-from planner_service import PlannerService, PlanRequest, TaskResult
-from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.records import SavedPlan, SavedTask
+from planner_service.tasks import plan_pick_place
 
 __all__ = ["Tasks", "digest", "plan_bodies", "plan_requests", "planned", "task_bodies", "task_requests"]
 
@@ -30,19 +30,19 @@ def _still(value: Any) -> Any:
     return [_still(entry) for entry in value] if isinstance(value, list) else value
 
 
-def plan_requests(count: int) -> list[PlanRequest]:
+def plan_requests(count: int) -> list[ps.PlanRequest]:
     """The stored queries, again and again with other seeds."""
     return list(islice(_plan_requests(), count))
 
 
-def _plan_requests() -> Iterator[PlanRequest]:
+def _plan_requests() -> Iterator[ps.PlanRequest]:
     stored, seed = queries.load(SCENE), 0
     while True:
-        yield from (PlanRequest(query.start, query.goal, seed=seed, time_limit=None) for query in stored)
+        yield from (ps.PlanRequest(query.start, query.goal, seed=seed, time_limit=None) for query in stored)
         seed += 1
 
 
-def plan_bodies(requests: Iterable[PlanRequest]) -> list[dict[str, Any]]:
+def plan_bodies(requests: Iterable[ps.PlanRequest]) -> list[dict[str, Any]]:
     """The same as a server takes them."""
     return [
         {
@@ -58,7 +58,7 @@ def plan_bodies(requests: Iterable[PlanRequest]) -> list[dict[str, Any]]:
     ]
 
 
-def planned(service: PlannerService, request: PlanRequest) -> str:
+def planned(service: ps.PlannerService, request: ps.PlanRequest) -> str:
     """The digest of what the library plans."""
     return digest(json.loads(SavedPlan.of(service.plan(request)).file_text()))
 
@@ -80,7 +80,7 @@ def task_bodies(seeds: Iterable[int]) -> list[dict[str, Any]]:
 class Tasks:
     """The same tasks as the work of an engine, which is how ``plan_many`` plans many motions."""
 
-    service: PlannerService
+    service: ps.PlannerService
 
     def prepare(self) -> None:
         """Plan once: what the first one builds, a server has built, too."""
@@ -90,7 +90,9 @@ class Tasks:
         """The digest of one task."""
         return digest(json.loads(SavedTask.of(self.task(seed)).file_text()))
 
-    def task(self, seed: int) -> TaskResult:
+    def task(self, seed: int) -> ps.TaskResult:
         """One task."""
         home = self.service.robot.home
-        return plan_pick_place(self.service, "blue_block", "tray", PlanRequest(home, home, seed=seed, time_limit=None))
+        return plan_pick_place(
+            self.service, "blue_block", "tray", ps.PlanRequest(home, home, seed=seed, time_limit=None)
+        )

@@ -14,6 +14,7 @@ import typer
 
 from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import bad_input_exits, finish
+from planner_service.cli.options import argument, option
 from planner_service.cli.output import labelled, show, wrapped
 from planner_service.cli.roadmap import text
 from planner_service.collision import CheckCounts
@@ -35,10 +36,6 @@ __all__ = ["roadmaps"]
 _GROWERS = MappingProxyType({grower.name: grower for grower in GROWERS})
 
 
-def _example(arguments: str) -> str:
-    return f"\b\nExample:\n  planner-service roadmap {arguments}"
-
-
 roadmaps = typer.Typer(
     help="Build a roadmap once, save it, query it many times, and update it when the scene changes.",
     short_help="Build, query and update saved roadmaps.",
@@ -46,24 +43,20 @@ roadmaps = typer.Typer(
     rich_markup_mode=None,
 )
 
-File = Annotated[str, typer.Argument(metavar="FILE", help="A roadmap saved by build, query or update.")]
+File = Annotated[str, argument("FILE", "A roadmap saved by build, query or update.")]
 
 
-@roadmaps.command(short_help="Build a roadmap and save it.", epilog=_example("build --scene bin --out bin.npz"))
+@roadmaps.command(
+    short_help="Build a roadmap and save it.", epilog=options.example("roadmap build --scene bin --out bin.npz")
+)
 def build(
-    out: Annotated[str, typer.Option(metavar="FILE", help="The roadmap's file, an .npz file.")],
+    out: Annotated[str, option("FILE", "The roadmap's file, an .npz file.")],
     scene: options.SceneName,
     robot: options.RobotName = "wxai",
-    planner: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(_GROWERS)}.")] = "prm",
-    milestones: Annotated[
-        int | None, typer.Option(metavar="N", help="Configurations to sample.  [default: 1000]")
-    ] = None,
-    neighbours: Annotated[
-        int | None, typer.Option(metavar="N", help="Nearest milestones to connect each to.  [default: 10]")
-    ] = None,
-    max_checks: Annotated[
-        int | None, typer.Option(metavar="N", help="States that may be checked.  [default: 2000000]")
-    ] = None,
+    planner: Annotated[str, option("NAME", f"One of {', '.join(_GROWERS)}.")] = "prm",
+    milestones: Annotated[int | None, option("N", "Configurations to sample.  [default: 1000]")] = None,
+    neighbours: Annotated[int | None, option("N", "Nearest milestones to connect each to.  [default: 10]")] = None,
+    max_checks: Annotated[int | None, option("N", "States that may be checked.  [default: 2000000]")] = None,
     seed: options.Seed = 0,
     padding: options.Padding = options.DEFAULT.padding,
     as_json: options.AsJson = False,
@@ -92,7 +85,8 @@ def build(
 
 
 @roadmaps.command(
-    short_help="Plan a motion over a saved roadmap.", epilog=_example("query bin.npz --start home --goal ready --learn")
+    short_help="Plan a motion over a saved roadmap.",
+    epilog=options.example("roadmap query bin.npz --start home --goal ready --learn"),
 )
 def query(
     roadmap_file: File,
@@ -100,22 +94,22 @@ def query(
     goal: options.Goals,
     scene: options.OtherScene = None,
     robot: options.OtherRobot = None,
-    learn: Annotated[bool, typer.Option("--learn", help="Save what was learned, in FILE or --out.")] = False,
-    remember: Annotated[bool, typer.Option("--remember", help="Add the path found to the roadmap.")] = False,
-    out: Annotated[str | None, typer.Option(metavar="NPZ", help="Save what was learned in this file.")] = None,
-    no_fallback: Annotated[bool, typer.Option("--no-fallback", help="Fail if the roadmap has no path.")] = False,
+    learn: Annotated[bool, option("--learn", "Save what was learned, in FILE or --out.")] = False,
+    remember: Annotated[bool, option("--remember", "Add the path found to the roadmap.")] = False,
+    out: Annotated[str | None, option("NPZ", "Save what was learned in this file.")] = None,
+    no_fallback: Annotated[bool, option("--no-fallback", "Fail if the roadmap has no path.")] = False,
     timing: options.TimingName = "toppra",
     seed: options.Seed = options.DEFAULT.seed,
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
     time_limit: options.TimeLimit = options.SECONDS,
     padding: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Distance to keep from everything; default: the roadmap's.")
+        float | None, option("METRES", "Distance to keep from everything; default: the roadmap's.")
     ] = None,
     blend: options.Blend = options.DEFAULT.blend,
     max_tool_speed: options.ToolSpeed = None,
     polish: options.Polish = False,
     clearance: options.Clearance = None,
-    plan_out: Annotated[str | None, typer.Option("--plan", metavar="JSON", help="Save the plan in this file.")] = None,
+    plan_out: Annotated[str | None, option("--plan", "JSON", "Save the plan in this file.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan a motion over a roadmap and print what each stage did and cost.
@@ -169,7 +163,7 @@ def query(
     finish({**saved.document(), "roadmap": answer}, table, lines, result.failure, as_json=as_json)
 
 
-@roadmaps.command(short_help="Show what is in a saved roadmap.", epilog=_example("info bin.npz"))
+@roadmaps.command(short_help="Show what is in a saved roadmap.", epilog=options.example("roadmap info bin.npz"))
 def info(roadmap_file: File, as_json: options.AsJson = False) -> None:
     """Show which robot and scene a roadmap was built for, how it was built, and what is known of its edges."""
     with bad_input_exits():
@@ -180,13 +174,14 @@ def info(roadmap_file: File, as_json: options.AsJson = False) -> None:
 
 
 @roadmaps.command(
-    short_help="Update a saved roadmap to a changed scene.", epilog=_example("update bin.npz --scene moved.toml")
+    short_help="Update a saved roadmap to a changed scene.",
+    epilog=options.example("roadmap update bin.npz --scene moved.toml"),
 )
 def update(
     roadmap_file: File,
     scene: options.OtherScene = None,
     robot: options.OtherRobot = None,
-    out: Annotated[str | None, typer.Option(metavar="NPZ", help="Save it in this file; default: FILE.")] = None,
+    out: Annotated[str | None, option("NPZ", "Save it in this file; default: FILE.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Check again everything in a roadmap that a change of the scene may affect, and save it.

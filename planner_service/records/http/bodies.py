@@ -528,20 +528,12 @@ class AddEdit(Record):
     op: Literal["add"]
     obstacle: ObstacleRecord
 
-    def applied(self, scene: Scene) -> Scene:
-        """The scene with the change."""
-        return scene.with_obstacle(self.obstacle.value)
-
 
 class RemoveEdit(Record):
     """Takes an obstacle away."""
 
     op: Literal["remove"]
     name: Text
-
-    def applied(self, scene: Scene) -> Scene:
-        """The scene with the change."""
-        return scene.without(self.name)
 
 
 class MoveEdit(Record):
@@ -550,10 +542,6 @@ class MoveEdit(Record):
     op: Literal["move"]
     name: Text
     pose: PoseRecord
-
-    def applied(self, scene: Scene) -> Scene:
-        """The scene with the change."""
-        return scene.moved(self.name, self.pose.value)
 
 
 class EditsBody(Record):
@@ -568,5 +556,10 @@ class EditsBody(Record):
     def applied(self, scene: Scene) -> Scene:
         """The scene with all changes."""
         for edit in self.edits:
-            scene = edit.applied(scene)
+            if isinstance(edit, AddEdit):
+                scene = scene.with_obstacle(edit.obstacle.value)
+            elif isinstance(edit, RemoveEdit):
+                scene = scene.without(edit.name)
+            else:
+                scene = scene.moved(edit.name, edit.pose.value)
         return scene

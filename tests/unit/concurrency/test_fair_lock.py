@@ -32,13 +32,6 @@ def test_threads_get_their_turns_in_the_order_in_which_they_asked() -> None:
     assert served == list(range(8))
 
 
-def test_a_turn_is_given_back_when_its_holder_fails() -> None:
-    turns = FairLock()
-    with pytest.raises(ZeroDivisionError):
-        turns.hold(lambda: 1 / 0)
-    assert turns.hold(lambda: turns.waiting) == 0
-
-
 def test_a_caller_who_waits_no_more_leaves_the_queue() -> None:
     turns = FairLock()
 

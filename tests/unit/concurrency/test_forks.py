@@ -23,7 +23,7 @@ threads = [threading.Thread(target=busy) for _ in range(2)]
 for thread in threads:
     thread.start()
 bad = 0
-for _ in range(60):
+for _ in range(15):
     child = os.fork()
     if child == 0:
         import signal

@@ -49,8 +49,3 @@ def test_a_call_that_is_over_leaves_a_long_computation_to_the_next() -> None:
         asking.ask = None
     going.set()
     assert value.get() == 1
-
-
-def test_a_quick_value_is_computed_by_the_caller() -> None:
-    assert Prepared(threading.get_ident, quick=True).get() == threading.get_ident()
-    assert Prepared(threading.get_ident).get() != threading.get_ident()

@@ -6,7 +6,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import InvalidRequest, PlanRequest
+from planner_service import InvalidRequest
 from planner_service.collision import CheckCounts
 from planner_service.execute import ArmLimits, ExecutionStopped, execute
 from planner_service.execute import arm as arm_module
 from planner_service.execute import stream as execution
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
-from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, raising, robot, service, stopped, there
+from tests.support.arms import QUICK, STEP, FakeArm, raising, robot, service, stopped, there
 from tests.support.optional import present
 
 PLANNED = "the arm was told to hold the last planned configuration, as it gave no reading that can be believed"
@@ -32,7 +31,7 @@ def in_two() -> SavedTask:
     return SavedTask(service().world, "close and go", (Segment("go", there(), 0.03),), CheckCounts(), 0.0)
 
 
-@pytest.mark.parametrize(("joint", "jump"), [*enumerate([0.15, -0.45, 1.0, 0.15, -0.45, 1.0])])
+@pytest.mark.parametrize(("joint", "jump"), [(0, 0.15), (4, -0.45)])
 def test_an_encoder_that_jumps_is_not_believed(jump: float, joint: int, arm: FakeArm) -> None:
     off = np.zeros(6)
     off[joint] = jump
@@ -46,57 +45,10 @@ def test_an_encoder_that_jumps_is_not_believed(jump: float, joint: int, arm: Fak
     assert np.array_equal(arm.held, [arm.told[-1][0]])  # without lag it is told the planned configuration
 
 
-def test_after_a_jump_no_reading_is_believed(arm: FakeArm, clock: FakeTime) -> None:
-    jumped: list[int] = []
-
-    def seen() -> Any:
-        if len(arm.told) <= 20:
-            return arm.q
-        clock.sleep(1.0 * len(jumped))  # in which an arm can go far
-        jumped.append(1)
-        return arm.q + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
-
-    arm.seen = seen
-    report = stopped(there(), arm)
-    assert present(report.stopped).endswith(PLANNED)
-    assert len(jumped) == 2
-    assert np.array_equal(arm.held, [arm.told[-1][0]])
-
-
-def test_an_encoder_that_jumps_while_the_gripper_moves_is_not_believed(arm: FakeArm) -> None:
-    arm.seen = lambda: arm.q + np.array([0.0, 0.45, 0.0, 0.0, 0.0, 0.0]) * len(arm.widths)
-    report = stopped(in_two(), arm, replace(QUICK, gripper_time=2.0))
-    assert present(report.stopped).endswith(PLANNED)
-    assert np.array_equal(arm.held, [robot().home])
-
-
-@pytest.mark.parametrize("stall", [0.02, 0.09])
-def test_readings_that_come_late_and_catch_up_are_believed(stall: float, arm: FakeArm, clock: FakeTime) -> None:
-    plan = service().plan(PlanRequest(robot().home, robot().home + 12.0 * STEP))
-    whole, began = plan.unwrap()[1], clock.now
-    frozen: list[Any] = []
-
-    def seen() -> Any:
-        if 0.3 < clock.now - began < 0.3 + stall:
-            frozen.append(arm.q)
-            return frozen[0]
-        return arm.q
-
-    arm.seen = seen
-    assert execute(plan, arm, robot(), QUICK).ok
-    assert float(np.abs(whole(0.3, 1)).max()) * stall > 0.02 * stall
-    assert frozen
-
-
 READINGS: dict[str, Callable[[Any], Any]] = {
     "text": lambda q: np.array(["a"] * 6),
     "too few": lambda q: q[:5],
-    "too many": lambda q: np.append(q, 0.0),
-    "a column": lambda q: q[:, None],
     "a number": lambda q: 0.3,
-    "nothing": lambda q: None,
-    "ragged": lambda q: [[0.0], 1.0, 2.0, 3.0, 4.0, 5.0],
-    "complex": lambda q: q + 1j,
     "nan": lambda q: np.full(6, np.nan),
     "infinite": lambda q: np.append(q[:5], np.inf),
 }
@@ -112,59 +64,21 @@ def test_a_malformed_reading_stops_the_stream(what: str, arm: FakeArm) -> None:
     assert report.motions[0].recording.measured.shape == (20, 6)
 
 
-@pytest.mark.parametrize("what", ["text", "too few", "nan"])
-def test_an_arm_whose_first_reading_is_malformed_is_not_moved(what: str, arm: FakeArm) -> None:
-    arm.seen = lambda: READINGS[what](arm.q)
-    with pytest.raises(InvalidRequest, match=r"positions|arm: got joint_"):
+def test_an_arm_whose_first_reading_is_malformed_is_not_moved(arm: FakeArm) -> None:
+    arm.seen = lambda: np.full(6, np.nan)
+    with pytest.raises(InvalidRequest, match="arm: got joint_"):
         execute(there(), arm, robot(), QUICK)
     assert arm.told == []
-
-
-def test_readings_may_be_a_list(arm: FakeArm) -> None:
-    arm.seen = lambda: arm.q.tolist()
-    assert execute(there(), arm, robot(), QUICK).ok
-
-
-def test_readings_are_copied(arm: FakeArm) -> None:
-    buffer = np.array(robot().home)
-
-    def seen() -> Any:
-        buffer[:] = arm.q
-        return buffer
-
-    arm.seen = seen
-    recording = execute(there(), arm, robot(), QUICK).motions[0].recording
-    assert np.array_equal(recording.measured, recording.commanded)
-    assert np.ptp(recording.measured, axis=0).max() > 0.03
-
-
-def test_a_driver_may_change_what_it_is_given() -> None:
-    class Greedy(FakeArm):
-        def command(self, q: Any, qd: Any, qdd: Any) -> None:
-            super().command(q, qd, qdd)
-            for given in (q, qd, qdd):
-                given[:] = 9.0
-
-        def hold(self, q: Any) -> None:
-            super().hold(q)
-            q[:] = 9.0
-
-    recording = execute(there(), Greedy(np.array(robot().home)), robot(), QUICK).motions[0].recording
-    assert np.abs(recording.commanded - robot().home).max() < 0.05
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
         ("lag", np.full(6, np.nan)),
-        ("lag", np.full(6, np.inf)),
         ("lag", np.full(6, -1.0)),
-        ("lag", np.full(6, 1.001)),
         ("lag", np.zeros(7)),
         ("lag", None),
-        ("simulated", float("nan")),
         ("simulated", None),
-        ("simulated", "yes"),
         ("limits", lambda: None),
     ],
 )
@@ -189,32 +103,6 @@ def test_limits_that_make_no_sense_are_refused() -> None:
     for velocity, upper in [(0.0, 1.0), (-1.0, 1.0), (1.0, -1.0)]:
         with pytest.raises(InvalidRequest, match=r"velocity|upper"):
             ArmLimits(np.zeros(6), np.full(6, upper), np.full(6, velocity))
-
-
-def test_a_joint_of_an_arm_may_be_held_in_one_place() -> None:
-    assert ArmLimits(np.ones(6), np.ones(6), np.ones(6)).upper.tolist() == [1.0] * 6
-
-
-def test_an_arm_that_says_it_may_be_faster_than_the_robot_is_not_driven_faster(arm: FakeArm) -> None:
-    motion = there().unwrap()[1].dilated(0.05)
-    arm.velocity = 1e6
-    with pytest.raises(InvalidRequest, match="speed: got 1, joint_"):
-        execute(motion, arm, robot(), QUICK, allow_unproven=True)
-    assert arm.told == []
-
-
-def test_with_a_gripper_that_does_not_know_its_width_nothing_moves(arm: FakeArm) -> None:
-    arm.width = float("nan")
-    with pytest.raises(InvalidRequest, match="gripper: got nan; expected metres between the finger pads"):
-        execute(in_two(), arm, robot(), QUICK)
-    assert (arm.widths, arm.told, arm.held) == ([], [], [])
-
-
-def test_a_motion_too_long_to_command_is_refused_before_the_first(arm: FakeArm) -> None:
-    slow = there().unwrap()[1].dilated(1e4)
-    with pytest.raises(InvalidRequest, match=r"commands in motion; expected one at which a motion has fewer than"):
-        execute(slow, arm, robot(), replace(QUICK, speed=0.5), allow_unproven=True)
-    assert (arm.told, arm.held) == ([], [])
 
 
 class Hanging(FakeArm):
@@ -325,8 +213,7 @@ def interrupted(call: Callable[[], Any], *at: int) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("twice", [False, True])
-@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize(("fails", "twice"), [(False, True), (True, False)])
 def test_ctrl_c_on_any_line_has_a_commanded_arm_hold(fails: bool, twice: bool) -> None:
     def trouble(step: int) -> None:
         time.sleep(0.0005)  # really, so that lines of the waiting thread fall between commands

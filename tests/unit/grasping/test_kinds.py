@@ -18,7 +18,6 @@ from planner_service.certify import certify_gripper
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping import top_grasps
 from planner_service.records.evidence import save_plan, with_evidence
 from planner_service.records.plan_file import load_task
@@ -28,8 +27,6 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.tasks.pick_place import plan_pick_place
 from tests.support.optional import present
-
-CUPPED = ("ur5_vacuum", "xarm7_vacuum")
 
 
 @pytest.fixture(scope="module")
@@ -87,24 +84,8 @@ def test_a_thin_plate_between_the_fingers_stops_them(kinova: Robot) -> None:
     assert 0.0 < width < gripper.upper
 
 
-def test_a_locked_wrist_keeps_the_fingers_where_they_were(kinova: Robot) -> None:
-    locked = kinova.locked({"j2s6s200_joint_6": float(kinova.home[5])}).with_gripper(0.05)
-    whole = kinova.with_gripper(0.05)
-    for a, b in zip(locked.shapes, whole.shapes, strict=True):
-        one, other = (
-            robot.body_poses(q)[item.body] for robot, q, item in ((locked, kinova.home[:5], a), (whole, kinova.home, b))
-        )
-        np.testing.assert_allclose(_world(one, a.pose), _world(other, b.pose), atol=1e-9)
-
-
-def _world(body: tuple[float, ...], pose: Pose) -> FloatArray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.array(body[:9]).reshape(3, 3), body[9:]
-    return np.asarray(T @ pose.matrix)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["kinova_gripper", *CUPPED])
+@pytest.mark.parametrize("name", ["kinova_gripper", "xarm7_vacuum"])
 def test_a_block_is_taken_out_of_the_bin_and_the_file_shows_others_the_proof(name: str, tmp_path: Path) -> None:
     service = PlannerService(name, load_scene("bin"))
     task = plan_pick_place(service, "blue_block", "tray", PlanRequest(service.robot.home, service.robot.home))
@@ -121,14 +102,11 @@ def test_a_block_is_taken_out_of_the_bin_and_the_file_shows_others_the_proof(nam
     assert (len(moving) > 0) == (present(service.robot.gripper).kind != "vacuum")
 
 
-@pytest.mark.parametrize("name", CUPPED)
 @pytest.mark.parametrize(
     ("shape", "turn"), [(Box((0.05, 0.06, 0.07)), (0.3, 0.2, 0.5)), (Cylinder(0.03, 0.08), (0.2, 0.1, 0.0))]
 )
-def test_a_cup_lies_on_the_face_that_looks_up(
-    name: str, shape: Box | Cylinder, turn: tuple[float, float, float]
-) -> None:
-    robot, target = load_robot(name), Obstacle("thing", shape, Pose.from_rpy((0.4, 0.1, 0.2), turn))
+def test_a_cup_lies_on_the_face_that_looks_up(shape: Box | Cylinder, turn: tuple[float, float, float]) -> None:
+    robot, target = load_robot("ur5_vacuum"), Obstacle("thing", shape, Pose.from_rpy((0.4, 0.1, 0.2), turn))
     gripper = present(robot.gripper)
     for grasp in top_grasps(robot, target):
         angles = np.linspace(0.0, 2.0 * math.pi, 12)
@@ -175,21 +153,12 @@ def robot_file(folder: Path, text: str) -> Path:
 
 
 TOOL = (data_folder("robots") / "ur5_vacuum" / "robot.toml").read_text("utf-8")
-FINGERS = 'tips = ["j2s6s200_link_finger_tip_1", "j2s6s200_link_finger_tip_2"]'
 
 REFUSED = [
     ('base = "ur5"', 'base = "ur6"', "unknown robot of base 'ur6'"),
-    ('parent = "tool0"', 'parent = "tool1"', "unknown link of tool.parent 'tool1'"),
     ('link = "suction_tool"', 'link = "tool0"', "tool.link: got 'tool0'; expected a name that no link"),
-    (
-        "cylinder = { radius = 0.032, length = 0.06 }",
-        "",
-        r"tool.shape\[0\]: shape: got '0 shapes'; expected one of box",
-    ),
     ("radius = 0.015\napproach", "approach", "gripper.radius is missing; a vacuum gripper needs it"),
-    ('cup = "suction_tool"', 'cup = "cup"', "gripper.cup: 'cup' is not a link with a collision shape"),
     ('kind = "vacuum"', 'kind = "vacuum"\nclosing = [1.0, 0.0, 0.0]', "gripper.closing: a vacuum gripper has none"),
-    ('kind = "vacuum"', 'kind = "suction"', "gripper.kind: got 'suction'"),
 ]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import Box, Cylinder, InvalidRequest, Obstacle, PlannerService, PlanRequest, Pose, Reason, Scene
+from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Reason, Scene
 from planner_service.collision import CollisionChecker
 from planner_service.constraints import ToolRegion
 from planner_service.infeasibility import Explanation
@@ -46,13 +46,6 @@ def test_an_object_at_the_goal_is_moved_by_as_little_as_helps_or_taken_away() ->
     distance = float(moved[0].split()[-2]) / 1e3
     place = found.remedies[texts.index(moved[0])].scene.obstacle("cage").pose.position
     assert np.linalg.norm(np.array(place) - CAGE.pose.position) == pytest.approx(distance)
-
-
-def test_objects_that_are_moved_in_vain_are_taken_away_all_the_same() -> None:
-    twin = Obstacle("twin", CAGE.shape, CAGE.pose)
-    found = explained(Scene((CAGE, twin)), Pose.from_matrix(AT), plans=12)
-    applied(found)
-    assert found.remedies[-1].text == "remove cage, twin"
 
 
 def test_a_pose_of_which_every_solution_collides_is_proven_to_have_no_plan() -> None:
@@ -106,20 +99,6 @@ def test_walls_between_start_and_goal_are_proven_and_moved_away() -> None:
     assert found.remedies[0].text.startswith("move left")
 
 
-def test_where_there_is_a_plan_nothing_is_tried() -> None:
-    found = explained(Scene(), READY)
-    assert (str(found), found.plans, found.remedies, found.proven) == ("there is a plan", 0, (), False)
-
-
-def test_no_more_plans_are_tried_than_allowed() -> None:
-    found = explained(Scene((CAGE,)), READY, plans=3)
-    assert found.plans <= 3
-    with pytest.raises(InvalidRequest, match="plans"):
-        explained(Scene((CAGE,)), READY, plans=0)
-    with pytest.raises(InvalidRequest, match="remedies"):
-        explained(Scene((CAGE,)), READY, remedies=1.5)
-
-
 def test_the_command_says_what_helps() -> None:
     goal = "pose:0.35,0.0,0.005,0.7071,0,0.7071,0"
     told = run("explain", "--scene", "bin", "--start", "home", "--goal", goal)
@@ -159,37 +138,6 @@ def test_a_way_too_narrow_for_a_search_is_found_by_dividing_joint_space() -> Non
     assert all(checker.state_is_free(q) for q in trajectory(np.linspace(0.0, trajectory.duration, 2_000)))
     assert service.certify(path).certified
     assert "yet a way was found by dividing joint space" in str(found)
-
-
-@pytest.mark.slow
-def test_a_search_without_a_plan_says_how_far_it_came() -> None:
-    arm = load_robot("planar2")
-    disc = Obstacle("left", Cylinder(0.1, 0.2), Pose((0.5, 0.5, 0.0)))
-    service = PlannerService(arm, Scene((disc,)))
-    found = service.explain(PlanRequest([0.0, 0.0], [3.0, 0.0], max_checks=2_000, time_limit=None), plans=1)
-    reached = found.reached
-    assert reached is not None
-    assert str(reached) in str(found)
-    near, far = reached.nearest
-    assert near[0] < np.pi / 4 < far[0]  # the disc stands between
-    assert reached.gap == pytest.approx(np.linalg.norm(far - near))
-    tips = [arm.tool_pose(q)[:3, 3] for q in (near, far)]
-    assert reached.tool_gap == pytest.approx(np.linalg.norm(tips[0] - tips[1]))
-    assert service.checker.states_are_free([near, far]).all()
-    assert 0.0 <= reached.clearance <= min(service.checker.clearance(q) for q in (near, far)) + 1e-6
-    assert explained(Scene((CAGE,)), READY, plans=1).reached is None  # nothing was searched
-
-
-@pytest.mark.slow
-def test_no_object_is_moved_into_another() -> None:
-    disc = Obstacle("left", Cylinder(0.1, 0.04), Pose((0.75, 0.75, 0.0)))
-    lid = Obstacle("lid", Box((0.2, 0.2, 0.1)), Pose((0.75, 0.75, 0.08)))
-    request = PlanRequest([0.0, 0.0], [3.0, 0.0], max_checks=1_000, time_limit=None)
-    arm = load_robot("planar2")
-    alone = PlannerService(arm, Scene((disc,))).explain(request, remedies=1)
-    covered = PlannerService(arm, Scene((disc, lid))).explain(request, remedies=1)
-    assert alone.remedies[0].text.startswith("move left up by")
-    assert covered.remedies[0].text.startswith("move left down by")
 
 
 def test_of_a_start_that_is_too_deep_it_says_how_a_plan_leaves_it() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,14 +14,12 @@ from typing import Any
 
 import pytest
 
-from planner_service import PRM, PlannerService
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Sequential
 from planner_service.parallel.engine import LOOK_AHEAD
 from planner_service.parallel.pool import Answered, Backend, Event, Noted
 from tests.support.optional import present
-from tests.support.parallel_work import Echo, Faulty, Hoard, Stillborn, Talkative
-from tests.unit.planning.test_batch import equal
+from tests.support.parallel_work import Echo, Faulty, Stillborn, Talkative
 
 ROOT = Path(__file__).parents[3]
 
@@ -81,34 +78,6 @@ def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
     assert len(taken) <= 300 + 2 * LOOK_AHEAD
 
 
-@pytest.mark.slow
-def test_a_slow_item_lets_others_go_on_as_far_as_the_look_ahead(tmp_path: Path) -> None:
-    taken: list[int] = []
-    work = Faulty(tmp_path / "log", {0: "spin"})
-    with closing(Processes(2).run(work, without_end(taken), limit=lambda item: None if item else 2.0)) as answers:
-        assert isinstance(next(answers)[1], Lost)
-        assert len(answers.finished) > 2
-    assert len(taken) <= 2 * LOOK_AHEAD
-
-
-def test_no_items_start_no_worker() -> None:
-    assert list(Processes(2).run(Stillborn(), [])) == []
-
-
-@pytest.mark.slow
-def test_what_is_large_crosses_both_ways() -> None:
-    items = [bytes([k]) * 1_000_000 for k in range(6)]
-    answers = [answer for _, answer in Processes(1).run(Echo(), items)]
-    assert [answer[0] for answer in answers if not isinstance(answer, Lost)] == items
-
-
-@pytest.mark.slow
-def test_what_a_worker_has_prepared_is_left_alone_by_its_garbage_collection(workers: Engine) -> None:
-    ((_, frozen),) = workers.run(Hoard(), [0])
-    assert not isinstance(frozen, Lost)
-    assert frozen > 10_000
-
-
 # --- faults
 
 
@@ -128,7 +97,7 @@ def test_an_item_that_ends_its_worker_is_tried_twice_and_lost_alone(workers: Eng
 @pytest.mark.parametrize(
     ("fault", "told"),
     [
-        *(("exit", "exit code 3"), ("memory", "out of memory"), ("segfault", "SIGSEGV")),
+        *(("exit", "exit code 3"), ("memory", "out of memory")),
         *(("hang up", "it closed its connection"), ("leave a child", "exit code 3")),
     ],
 )
@@ -175,37 +144,6 @@ def test_an_error_comes_back_as_itself_in_its_turn_with_its_index(engine: Engine
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["picky", "unreadable"])
-def test_an_error_that_cannot_be_made_again_comes_in_its_turn_too(fault: str, tmp_path: Path) -> None:
-    answers = Processes(1).run(Faulty(tmp_path / "log", {1: fault}), range(3), limit=lambda _: 30.0)
-    assert next(answers) == (0, 0)
-    with pytest.raises(BrokenInvariant, match="a worker cannot send what it has") as raised:
-        next(answers)
-    cause = raised.value.__cause__
-    assert isinstance(cause, InWorker)
-    assert "raise " in cause.traceback
-
-
-@pytest.mark.slow
-def test_items_that_fail_do_so_when_all_before_are_answered(engine: Engine) -> None:
-    def items() -> Iterator[int]:
-        yield from range(5)
-        raise ZeroDivisionError("no sixth")
-
-    answers = engine.run(Echo(), items())
-    assert [next(answers)[0] for _ in range(5)] == list(range(5))
-    with pytest.raises(ZeroDivisionError, match="no sixth"):
-        next(answers)
-    assert list(answers) == []
-
-
-def test_what_are_no_items_are_refused_without_a_trace() -> None:
-    none: Any = 5
-    with pytest.raises(TypeError, match="not iterable"):
-        Processes(1).run(Echo(), none)
-
-
-@pytest.mark.slow
 def test_workers_that_never_become_ready_are_not_started_for_ever() -> None:
     answers = Processes(2).run(Stillborn(), range(5))
     with pytest.raises(BrokenInvariant, match=r"3 workers ended before they were ready; .* exit code 7"):
@@ -217,13 +155,6 @@ def test_what_cannot_be_sent_is_named() -> None:
     answers = Processes(1).run(Echo(), [lambda: 0])
     with pytest.raises(InvalidRequest, match=r"^item: .*lambda.* cannot be sent to a worker"):
         next(answers)
-
-
-@pytest.mark.slow
-@pytest.mark.ray
-def test_plans_on_ray_are_those_of_one_by_one(cluster: Any) -> None:
-    service = PlannerService("wxai", "post")
-    assert equal(service, service.build_roadmap(PRM(milestones=60), progress=False), Ray())
 
 
 @pytest.mark.slow
@@ -349,92 +280,3 @@ def test_workers_end_with_the_process_that_started_them_even_in_native_code(tmp_
         assert not any(map(is_gone, processes))
         running.kill()
     wait_for(lambda: all(map(is_gone, processes)))
-
-
-OWN_CLASS = """\
-from planner_service.errors import InvalidRequest
-from planner_service.parallel import Processes
-from tests.support.parallel_work import Echo
-
-class Mine:
-    pass
-
-try:
-    list(Processes(1).run(Echo(), [Mine()]))
-except InvalidRequest as error:
-    print(error)
-"""
-
-
-@pytest.mark.slow
-def test_a_script_needs_no_guard_and_what_only_it_knows_is_refused(tmp_path: Path) -> None:
-    with script(OWN_CLASS, tmp_path) as running:
-        told, errors = running.communicate()
-    assert errors == ""
-    assert told.startswith("item: got \"Can't get attribute 'Mine'")
-    assert "a worker does not run the calling script" in told
-
-
-SHADOWED = """\
-from tests.support.parallel_work import Echo
-from planner_service.parallel import Processes
-
-print([answer[0] for _, answer in Processes(1).run(Echo(), [7])])
-"""
-
-
-@pytest.mark.slow
-def test_files_of_the_working_directory_are_not_taken_for_modules(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("json", "signal"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit('not me')", "utf-8")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    with script(SHADOWED, tmp_path / "elsewhere") as running:
-        told, errors = running.communicate()
-    assert (told, errors) == ("[7]\n", "")
-
-
-@pytest.mark.slow
-def test_a_worker_has_one_thread_for_linear_algebra(tmp_path: Path) -> None:
-    [(_, answer)] = Processes(1).run(Environment(), ["OMP_NUM_THREADS"])
-    assert answer == "1"
-
-
-class Environment:
-    """Answers with variables of the worker's environment."""
-
-    def prepare(self) -> None:
-        """Nothing."""
-
-    def __call__(self, item: str) -> str | None:
-        return os.environ.get(item)
-
-
-def test_a_number_of_workers_that_is_none_is_refused() -> None:
-    workers: Any
-    for workers in [0, -1, True, 1.5]:
-        with pytest.raises(InvalidRequest, match=r"^workers: "):
-            Processes(workers)
-
-
-@pytest.mark.ray
-@pytest.mark.parametrize("scheme", ["", "ray://"])
-def test_where_nothing_listens_ray_does_not_look_for_a_cluster(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    import ray
-
-    monkeypatch.setattr(ray, "is_initialized", lambda: False)
-    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("it looks, for minutes"))
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        address = f"{scheme}127.0.0.1:{server.getsockname()[1]}"
-    with pytest.raises(InvalidRequest, match=f"address: got '{address}'; expected that of a running Ray cluster"):
-        Ray(address).run(Echo(), range(3))
-
-
-@pytest.mark.slow
-@pytest.mark.ray
-@pytest.mark.parametrize("address", ["", 5])
-def test_what_is_no_address_of_a_cluster_is_refused(address: Any) -> None:
-    with pytest.raises(InvalidRequest, match=r"address: got .*; expected the address of a Ray cluster, or None"):
-        Ray(address)

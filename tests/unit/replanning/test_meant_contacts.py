@@ -13,9 +13,9 @@ from planner_service import (
     Box,
     CollisionChecker,
     Handling,
-    InvalidRequest,
     Obstacle,
     PlannerService,
+    PlanRequest,
     PlanResult,
     Pose,
     Sphere,
@@ -33,7 +33,9 @@ def descend() -> PlanResult:
     """The way in of a pick, on which the fingers may touch the block."""
     service = PlannerService("wxai", "bin")
     grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
-    task = pick(service, service.robot.home, "blue_block", grasps, Handling(support="bin_floor"))
+    home = service.robot.home
+    handling = Handling(support="bin_floor", request=PlanRequest(home, home, time_limit=None))
+    task = pick(service, home, "blue_block", grasps, handling)
     assert task.failure is None
     return task.segments[1].result
 
@@ -54,20 +56,19 @@ def test_contact_stays_meant_with_an_object_that_stands_where_it_stood() -> None
 
 
 def test_an_object_that_moved_is_not_touched() -> None:
-    for steps in [1, 2]:
-        for aside in [0.0035, 0.012, 0.02, 0.045]:
-            service = made_by(descend())
-            block = service.scene.obstacle("blue_block")
-            closing = service.robot.tool_pose(descend().unwrap()[0].waypoints[-1])[:3, 1]
-            x, y, z = (np.array(block.pose.position) + aside * closing).tolist()
-            moved = service.scene.moved("blue_block", Pose((x, y, z), block.pose.quaternion))
-            old: PlanResult | Replanned = descend() if steps == 1 else service.replan(descend(), at_time=0.05)
-            found = service.replan(old, at_time=0.0, latency=0.1, scene=moved)
-            assert found.result.exempt == ()
-            assert any("finger_left x blue_block may no longer touch" in note for note in found.result.notes)
-            motion = trajectory_of(found)
-            there = CollisionChecker(service.robot, moved)
-            assert all(there.state_is_free(motion(t)) for t in np.linspace(0.0, motion.duration, 100))
+    for aside in [0.0035, 0.02]:
+        service = made_by(descend())
+        moved = turned_and_moved(service, tool_at_the_end(service), (0.0, aside, 0.0), 0.0)
+        old: PlanResult | Replanned = descend() if aside > 0.01 else service.replan(descend(), at_time=0.05)
+        found = service.replan(old, at_time=0.0, latency=0.1, scene=moved)
+        assert found.result.exempt == ()
+        assert any("finger_left x blue_block may no longer touch" in note for note in found.result.notes)
+        motion = trajectory_of(found)
+        assert CollisionChecker(service.robot, moved).states_are_free(motion.sample(0.01).q).all()
+
+
+def tool_at_the_end(service: PlannerService) -> Any:
+    return service.robot.tool_pose(descend().unwrap()[0].waypoints[-1])
 
 
 def turned_and_moved(service: PlannerService, tool: Any, steps: tuple[float, float, float], yaw: float) -> Scene:
@@ -78,15 +79,12 @@ def turned_and_moved(service: PlannerService, tool: Any, steps: tuple[float, flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("steps", "yaw"),
-    [((0.0, 1e-6, 0.0), 0.0), ((0.0, 0.002, 0.0), 0.0), ((0.0, -0.0025, 0.003), 0.02), ((-0.003, 0.0, 0.0), 0.02)],
-)
+@pytest.mark.parametrize(("steps", "yaw"), [((0.0, 1e-6, 0.0), 0.0), ((0.0, -0.0025, 0.003), 0.02)])
 def test_a_block_that_moved_so_little_that_the_grasp_is_sound_may_be_touched(
     steps: tuple[float, float, float], yaw: float
 ) -> None:
-    service, end = made_by(descend()), descend().unwrap()[0].waypoints[-1]
-    moved = turned_and_moved(service, service.robot.tool_pose(end), steps, yaw)
+    service = made_by(descend())
+    moved = turned_and_moved(service, tool_at_the_end(service), steps, yaw)
     found = service.replan(descend(), at_time=0.0, latency=0.5, scene=moved)
     assert found.outcome is Outcome.KEPT
     assert {pair for stretch in found.result.exempt for pair in stretch.pairs} == {
@@ -114,8 +112,8 @@ def test_a_block_that_moved_so_little_that_the_grasp_is_sound_may_be_touched(
 def test_a_block_that_the_gripper_would_not_hold_where_it_is_may_not_be_touched(
     steps: tuple[float, float, float], yaw: float, why: str
 ) -> None:
-    service, end = made_by(descend()), descend().unwrap()[0].waypoints[-1]
-    moved = turned_and_moved(service, service.robot.tool_pose(end), steps, yaw)
+    service = made_by(descend())
+    moved = turned_and_moved(service, tool_at_the_end(service), steps, yaw)
     found = service.replan(descend(), at_time=0.0, latency=0.5, scene=moved)
     assert found.result.exempt == ()
     assert any("finger_left x blue_block may no longer touch" in note and why in note for note in found.result.notes)
@@ -127,11 +125,3 @@ def test_contact_with_what_changed_its_shape_or_comes_from_a_file_is_not_meant()
     larger = service.scene.without("blue_block").with_obstacle(replace(block, shape=Box((0.045, 0.046, 0.045))))
     assert service.replan(descend(), at_time=0.05, scene=larger).result.exempt == ()
     assert service.replan(replace(descend(), origin=None), at_time=0.05).result.exempt == ()
-
-
-def test_a_motion_made_with_another_gripper_width_is_refused() -> None:
-    service = made_by(descend())
-    with pytest.raises(
-        InvalidRequest, match=r"previous: got 'a motion of wxai, .*expected one of wxai, .*gripper as wide"
-    ):
-        service.changed(gripper=0.08).replan(descend(), at_time=0.05)

@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest, Scene
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray
+from planner_service.robot.kinematic_tree import body_matrix
 from planner_service.robot.model import Robot
-from planner_service.robot_setup.loading import load_robot
 from tests.support.small_robots import joint, link, solid, urdf
 
 TREE = urdf(
@@ -66,14 +64,9 @@ def test_a_group_moves_its_joints_alone_and_its_tool_is_the_end_of_its_chain(tmp
     inside = [q[robot.joint_names.index(own)] for own in part.joint_names]
     for frame in part.link_frames:
         whole, T = robot.link_frame(frame.link)
-        there = _world(robot.body_poses(q)[whole], T)
-        np.testing.assert_allclose(_world(part.body_poses(inside)[frame.body], frame.pose.matrix), there, atol=1e-12)
-
-
-def _world(body: tuple[float, ...], T: FloatArray) -> FloatArray:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = np.array(body[:9]).reshape(3, 3), body[9:]
-    return np.asarray(out @ T)
+        there = body_matrix(robot.body_poses(q)[whole]) @ T
+        here = body_matrix(part.body_poses(inside)[frame.body]) @ frame.pose.matrix
+        np.testing.assert_allclose(here, there, atol=1e-12)
 
 
 def test_a_group_that_is_none_is_answered_by_those_that_there_are(tmp_path: Path) -> None:
@@ -89,13 +82,3 @@ def test_groups_that_hold_each_other_are_refused(tmp_path: Path) -> None:
     circle = {"a": '<group name="b"/>', "b": '<group name="a"/>'}
     with pytest.raises(InvalidFile, match="group 'a' holds itself: a -> b -> a"):
         tree(tmp_path, circle)
-
-
-@pytest.mark.slow
-def test_the_left_arm_of_a_robot_nobody_here_drew_is_a_group() -> None:
-    part = load_robot("example-robot-data:pr2").group("left_arm")
-    assert part.n == 7
-    service, rng = PlannerService(part, Scene()), np.random.default_rng(5)
-    Q = rng.uniform(part.limits.lower, part.limits.upper, (500, part.n))
-    start, goal = Q[service.checker.states_are_free(Q)][:2]
-    assert service.plan(PlanRequest(start, goal)).ok

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 import re
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.errors import InvalidFile
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.robot.elements.table import unlisted_words, words_of
+from planner_service.robot.kinematic_tree import body_matrix
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.check_robot import FindingKind, check_robot
 from planner_service.robot_setup.loading import load_robot
@@ -47,6 +47,7 @@ ARM = """<mujoco model="arm">
   <contact><exclude body1="foot" body2="boom"/></contact>
   <keyframe><key name="home" qpos="0.5 0.1 -1 0.2"/><key name="far" qpos="1 0 2 0"/></keyframe>
 </mujoco>"""
+LOOP = '<connect body1="foot" body2="tip" anchor="0 0 0"/>'
 TETRA = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 
@@ -59,13 +60,8 @@ def written(folder: Path, text: str = ARM) -> Path:
 
 
 def world_poses(robot: Robot, q: list[float]) -> dict[str, FloatArray]:
-    R, p = (each[0] for each in robot.body_poses_batch(np.array([q])))
-    out = {}
-    for frame in robot.link_frames:
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = R[frame.body], p[frame.body]
-        out[frame.link] = T @ frame.pose.matrix
-    return out
+    bodies = [body_matrix(pose) for pose in robot.body_poses(q)]
+    return {frame.link: bodies[frame.body] @ frame.pose.matrix for frame in robot.link_frames}
 
 
 def test_links_stand_where_mujoco_has_the_bodies(tmp_path: Path) -> None:
@@ -119,27 +115,11 @@ def test_a_polytope_around_an_ellipsoid_contains_it_and_says_how_much_larger_it_
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        (
-            '<joint name="wrist" axis="1 0 0" range="-1 1"/>',
-            '<joint name="w" type="ball"/>',
-            "'w': type ball; write three",
-        ),
+        ('<joint name="wrist" axis="1 0 0" range="-1 1"/>', '<joint name="w" type="ball"/>', "'w': type ball; write"),
         ('axis="1 0 0" range="0 0.2"', 'axis="1 0 0"', "'slide': slides without a range"),
-        (
-            '<body name="foot" pos="0 0 0.1" euler="0.1 0.2 0.3">',
-            '<body name="foot"><freejoint/>',
-            "type free; take it out",
-        ),
-        (
-            "<keyframe>.*",
-            "<equality><connect body1='foot' body2='tip' anchor='0 0 0'/></equality></mujoco>",
-            "closed loop",
-        ),
-        ('file="tetra.obj"', 'file="/etc/passwd"', "file '/etc/passwd' lies outside the folders"),
+        ("<keyframe>.*", f"<equality>{LOOP}</equality></mujoco>", "closed loop"),
         ('file="tetra.obj"', 'file="../../out.stl"', r"file '\.\./\.\./out.stl' lies outside"),
-        ('meshdir="meshes"', 'meshdir="/etc"', "file 'tetra.obj' lies outside"),
         ("<contact>", '<include file="/etc/passwd"/><contact>', "file '/etc/passwd' lies outside"),
-        ("<contact>", "<nonsense/><contact>", "mujoco cannot compile it: .*nonsense"),
         ("<mujoco model", "<robot model", "the root element is <robot>; expected <mujoco>|not well-formed"),
     ],
     ids=lambda value: value[:25],
@@ -150,24 +130,6 @@ def test_what_cannot_be_shown_is_refused_with_what_to_do(tmp_path: Path, old: st
         text = re.sub("<keyframe>.*</keyframe>", "", text)
     path = written(tmp_path, text)
     with pytest.raises(InvalidFile, match=problem):
-        load_robot(path)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "what"),
-    [
-        ('axis="0 0.6 0.8"', 'axis="0 inf 0"', "joint 'turn': not finite"),
-        ('range="-1 1"', 'range="-inf 1"', "joint 'wrist': not finite"),
-        ('qpos="1 0 2 0"', 'qpos="1 0 inf 0"', "key 'far': not finite"),
-        ('pos="0 0.02 0.2"', 'pos="0 1e300 0.2"', r"body 'column': at \[0.0, 1e\+300, 0.2\]; expected at most 1000 m"),
-        ('pos="0.03 0.01 0.02"', 'pos="0.03 2e3 0.02"', "joint 'turn': at"),
-    ],
-)
-def test_numbers_that_no_arm_has_are_refused_by_the_name_of_what_has_them(
-    tmp_path: Path, old: str, new: str, what: str
-) -> None:
-    path = written(tmp_path, ARM.replace(old, new))
-    with pytest.raises(InvalidFile, match=what):
         load_robot(path)
 
 
@@ -186,21 +148,6 @@ def test_sites_are_frames_and_the_tool_frame_may_be_one(tmp_path: Path) -> None:
         k = model.site(name.removeprefix("site/")).id
         assert np.abs(T[:3, :3] - data.site_xmat[k].reshape(3, 3)).max() < 1e-12
         assert np.abs(T[:3, 3] - data.site_xpos[k]).max() < 1e-12
-
-
-def test_a_hinge_without_a_range_turns_without_end(tmp_path: Path) -> None:
-    assert load_robot(written(tmp_path)).continuous == (False, False, True, False)
-    limited = ARM.replace('<joint name="swing"', '<joint name="swing" range="-1 1" limited="false"')
-    assert load_robot(written(tmp_path, limited)).continuous == (False, False, True, False)
-
-
-def test_a_geom_that_a_pair_names_is_a_shape(tmp_path: Path) -> None:
-    ghost = '<geom name="ghost" type="sphere" size="0.02" contype="0" conaffinity="0"/>'
-    path = written(tmp_path, ARM.replace('<geom type="capsule"', f'{ghost}<geom name="trunk" type="capsule"'))
-    assert sum(item.link == "column" for item in load_robot(path).shapes) == 1
-    pair = '<contact><pair geom1="ghost" geom2="trunk"/>'
-    path.write_text(path.read_text().replace("<contact>", pair))
-    assert sum(item.link == "column" for item in load_robot(path).shapes) == 2
 
 
 TENDON = '<tendon><fixed name="both" range="0 1"><joint joint="turn" coef="1"/><joint joint="wrist" coef="1"/></fixed>'
@@ -233,20 +180,3 @@ def test_each_word_that_mujoco_knows_is_in_the_table() -> None:
         open_elements.append(child)
     told = unlisted_words(open_elements[0], words_of("mjcf")).told
     assert [text for text in told if "unknown" in text or "not known" in text] == []
-
-
-@pytest.mark.parametrize("given", [{"decompose": {"tip": 2}}, {"visual_as_collision": True}, {"srdf": "arm.srdf"}])
-def test_what_only_a_urdf_takes_is_refused_for_mjcf(tmp_path: Path, given: dict[str, Any]) -> None:
-    path = written(tmp_path)
-    with pytest.raises(InvalidRequest, match="MJCF"):
-        Robot.from_urdf(path, **given)
-
-
-def test_an_mjcf_file_with_problems_is_checked_with_all_of_them(tmp_path: Path) -> None:
-    path = written(tmp_path, ARM.replace('type="slide" axis="1 0 0" range="0 0.2"', 'type="slide" axis="1 0 0"'))
-    found = check_robot(path)
-    assert not found.ok
-    assert [f.text for f in found.findings if f.is_error] == ["joint 'slide': slides without a range; expected one"]
-    assert found.robot is not None
-    path.write_text("<mujoco><worldbody><boody/></worldbody></mujoco>")
-    assert "mujoco cannot compile it" in check_robot(path).findings[0].text

@@ -97,31 +97,17 @@ def test_robot_toml_says_which_links_are_cut(folder: Path, cut: list[Any]) -> No
     assert cut[0][2] == 3
 
 
-def test_a_convex_mesh_is_one_piece(folder: Path) -> None:
-    robot = Robot.from_urdf(folder / "arm.urdf", decompose={"fork": 4})
-    assert [item.shape for item in robot.shapes] == [Mesh(CUBE)]
-
-
 @pytest.mark.parametrize(
     ("link", "count", "message"),
     [
         ("frok", 2, "decompose: 'frok' is not a link with a collision shape"),
-        ("base", 2, "decompose: 'base' is not a link with a collision shape"),
         ("fork", 0, r"link 'fork' collision\[0\]: most: got 0; expected a whole number from 1 to 64"),
-        ("fork", 65, r"link 'fork' collision\[0\]: most: got 65"),
         ("fork", "many", r"link 'fork' collision\[0\]: most: got 'many'"),
     ],
 )
 def test_a_link_that_cannot_be_cut_is_named(folder: Path, link: str, count: Any, message: str) -> None:
     with pytest.raises(InvalidFile, match=message):
         Robot.from_urdf(folder / "arm.urdf", decompose={link: count})
-
-
-@pytest.mark.parametrize("value", ["1.5", '"two"', "0"])
-def test_robot_toml_wants_a_whole_number_of_pieces(folder: Path, value: str) -> None:
-    (folder / "robot.toml").write_text(TOML + f"[decompose]\nfork = {value}\n")
-    with pytest.raises(InvalidFile, match=r"decompose\.fork"):
-        load_robot(folder / "robot.toml")
 
 
 def test_a_mesh_in_a_scene_is_cut_and_kept(folder: Path, cut: list[Any]) -> None:
@@ -132,10 +118,3 @@ def test_a_mesh_in_a_scene_is_cut_and_kept(folder: Path, cut: list[Any]) -> None
     assert scene.obstacles[0].shape == Compound.of_pieces(PRONGS)
     save_scene(scene, folder / "again.toml")
     assert load_scene(folder / "again.toml") == scene != Scene()
-
-
-def test_a_scene_that_asks_for_pieces_wrongly_is_refused(folder: Path) -> None:
-    text = '[[obstacle]]\nname = "fork"\nmesh = { file = "fork.obj", pieces = 0 }\nposition = [0, 0, 0]\n'
-    (folder / "s.toml").write_text(text)
-    with pytest.raises(InvalidFile, match=r"obstacle\[0\] 'fork'.*most: got 0"):
-        load_scene(folder / "s.toml")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import subprocess
-import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,19 +10,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-import yourdfpy
 
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.toml_reader import read_robot_file
 from planner_service.robot.urdf_assembly import assemble, transform
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 
 SHIPPED = sorted(path.parent.name for path in data_folder("robots").glob("*/robot.toml"))
-RANDOM = [f"random {seed}" for seed in range(30)]
+RANDOM = [f"random {seed}" for seed in range(10)]
 
 
 @dataclass(frozen=True)
@@ -136,102 +130,3 @@ def test_joints_and_links_are_numbered_and_placed_as_pinocchio_does_to_the_last_
         T = (frame.placement * pin.SE3(transform(item.xyz, item.rpy))).homogeneous
         assert (placed.link, placed.body, placed.shape) == (link.name, frame.parentJoint, item.shape)
         assert placed.pose.matrix == pytest.approx(T, abs=1e-14)
-
-
-def test_a_locked_joint_stands_where_pinocchio_has_it(reading: Reading) -> None:
-    locked = {
-        joint.name: 0.3 * joint.lower + 0.7 * joint.upper
-        for joint in reading.urdf.joints
-        if joint.name in reading.movable[::2]
-    }
-    assembly = assemble(reading.urdf, [name for name in reading.movable if name not in locked], locked)
-    model = pinocchios(reading)
-    q = pin.neutral(model)
-    for name, value in locked.items():
-        joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [math.cos(value), math.sin(value)]
-    model = pin.buildReducedModel(model, [model.getJointId(name) for name in locked], q)
-    assert [body.name for body in assembly.bodies[1:]] == list(model.names)[1:]
-    assert [body.parent for body in assembly.bodies[1:]] == list(model.parents)[1:]
-    for index, body in enumerate(assembly.bodies[1:], 1):
-        assert body.placement == pytest.approx(model.jointPlacements[index].homogeneous, abs=1e-14)
-    for name, (body_index, T) in assembly.frames.items():
-        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        assert body_index == frame.parentJoint
-        assert pytest.approx(frame.placement.homogeneous, abs=1e-14) == T
-
-
-def test_limits_and_inertias_are_those_pinocchio_reads(reading: Reading) -> None:
-    model = pinocchios(reading)
-    for joint in reading.urdf.joints:
-        if joint.kind != "fixed":
-            k, v = (getattr(model.joints[model.getJointId(joint.name)], at) for at in ("idx_q", "idx_v"))
-            assert joint.velocity == model.upperVelocityLimit[v]
-            assert joint.effort == model.upperEffortLimit[v]
-            if model.joints[model.getJointId(joint.name)].nq == 1:  # a continuous one has a cosine and a sine
-                limits = joint.hard or (joint.lower, joint.upper)  # Pinocchio does not read soft limits
-                assert limits == (model.lowerPositionLimit[k], model.upperPositionLimit[k])
-    inertias = [pin.Inertia.Zero() for _ in range(model.njoints)]
-    for link in reading.urdf.links:
-        if link.inertial is not None:
-            frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
-            xx, xy, xz, yy, yz, zz = link.inertial.tensor
-            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            own = pin.SE3(transform(link.inertial.xyz, link.inertial.rpy))
-            inertias[frame.parentJoint] += (frame.placement * own).act(
-                pin.Inertia(link.inertial.mass, np.zeros(3), tensor)
-            )
-    for ours, theirs in zip(inertias[1:], model.inertias.tolist()[1:], strict=True):
-        assert ours.matrix() == pytest.approx(theirs.matrix(), rel=1e-12, abs=1e-12)
-
-
-def test_links_joints_and_shapes_are_those_yourdfpy_reads(reading: Reading) -> None:
-    other = yourdfpy.URDF.load(str(reading.path), build_scene_graph=False, load_meshes=False).robot
-    assert (reading.urdf.name, len(reading.urdf.joints)) == (other.name, len(other.joints))
-    for joint, theirs in zip(reading.urdf.joints, other.joints, strict=True):
-        assert (joint.name, joint.parent, joint.child) == (theirs.name, theirs.parent, theirs.child)
-        assert joint.kind == ("revolute" if theirs.type == "continuous" else theirs.type)
-        T = np.eye(4) if theirs.origin is None else theirs.origin
-        assert transform(joint.xyz, joint.rpy) == pytest.approx(T, abs=1e-15)
-        if joint.kind != "fixed":
-            assert joint.axis == pytest.approx(theirs.axis / np.linalg.norm(theirs.axis), abs=3e-16)
-        if theirs.mimic is not None:
-            assert joint.mimic is not None
-            assert (joint.mimic.joint, joint.mimic.multiplier) == (theirs.mimic.joint, theirs.mimic.multiplier)
-    for link, theirs in zip(reading.urdf.links, other.links, strict=True):
-        assert link.name == theirs.name
-        for shape, their_shape in zip(link.collisions, theirs.collisions, strict=True):
-            T = np.eye(4) if their_shape.origin is None else their_shape.origin
-            assert transform(shape.xyz, shape.rpy) == pytest.approx(T, abs=1e-15)
-            require_same(shape.shape, their_shape.geometry)
-
-
-def require_same(shape: Shape, geometry: Any) -> None:
-    if isinstance(shape, Box):
-        assert shape.size == tuple(geometry.box.size.tolist())
-    elif isinstance(shape, Cylinder):
-        assert (shape.radius, shape.length) == (geometry.cylinder.radius, geometry.cylinder.length)
-    elif isinstance(shape, Sphere):
-        assert shape.radius == geometry.sphere.radius
-    else:
-        assert isinstance(shape, Mesh)
-        assert geometry.mesh is not None
-
-
-@pytest.mark.slow
-def test_a_chain_as_long_as_a_file_may_have_takes_no_gigabytes(tmp_path: Path) -> None:
-    """Pinocchio would fill arrays of n x n x n numbers, 1 GB each for 500 joints, if it were asked to compute."""
-    ends = '<parent link="l{}"/><child link="l{}"/><limit lower="-1" upper="1" velocity="1"/>'
-    joints = [f'<joint name="j{k}" type="revolute">{ends.format(k, k + 1)}</joint>' for k in range(499)]
-    links = [f'<link name="l{k}"/>' for k in range(500)]
-    path = tmp_path / "chain.urdf"
-    path.write_text("".join(["<robot name='chain'>", *links, *joints, "</robot>"]))
-    code = (
-        "import sys, resource, pathlib; resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, 3 * 10**9));"
-        "from planner_service.robot.urdf_reader import read_urdf;"
-        "from planner_service.robot.urdf_assembly import assemble;"
-        "urdf = read_urdf(pathlib.Path(sys.argv[1])); joints = [joint.name for joint in urdf.joints];"
-        "print(len(assemble(urdf, joints, {}).bodies))"
-    )
-    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
-    assert done.stdout == "500\n", done.stderr

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from planner_service.errors import InvalidFile
-from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.shapes import Box, Cylinder, Sphere
-from planner_service.robot.model import Robot
 from planner_service.robot.urdf_model import Mimic, Urdf
 from planner_service.robot.urdf_reader import read_urdf
 from tests.support.optional import present
@@ -78,60 +75,29 @@ BOX = '<box size="0.1 0.2 0.3"/>'
 
 BAD = [
     ("<robot name", '<!DOCTYPE robot [<!ENTITY a "b">]><robot name', "<!DOCTYPE is not allowed"),
-    ("<robot name", "<!doctype robot><robot name", "<!DOCTYPE is not allowed"),
     ("</robot>", "", "not well-formed XML"),
-    (ARM, "<scene/>", "root element is <scene>; expected <robot>"),
     ("<transmission", "<a>" * 100 + "</a>" * 100 + "<transmission", "nested deeper than 64"),
     ('<link name="base"/>', '<link name="x"/>' * 501, "504 links; at most 500"),
     (BOX, '<box size="nan 0.2 0.3"/>', r"link 'upper' collision\[0\]: size = 'nan 0.2 0.3'; expected 3 finite"),
-    ('radius="0.05"', 'radius="inf"', r"link 'hand' collision\[0\]: radius = 'inf'; expected a finite"),
     (BOX, '<box size="0.1 -0.2 0.3"/>', r"collision\[0\]: box size\[1\]: got -0.2; expected a positive"),
     ('radius="0.05"', 'radius="0"', r"sphere radius: got 0.0; expected a positive"),
-    (BOX, '<box size="0.1 0.2"/>', "size = '0.1 0.2'; expected 3 finite numbers"),
-    (BOX, '<box size="0.1,0.2,0.3"/>', "expected 3 finite numbers"),
-    (BOX, '<box size="1_0 0.2 0.3"/>', "expected 3 finite numbers"),
-    (BOX, "<box/>", "size = None; expected 3 finite numbers"),
     (BOX, '<cone radius="1"/>', "unknown geometry <cone>; expected box, cylinder, sphere, capsule or mesh"),
     (f"<geometry>{BOX}</geometry>", "", "<geometry> has 0 shapes; expected exactly one"),
-    (BOX, BOX + BOX, "<geometry> has 2 shapes; expected exactly one"),
     ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>', "'wrist': <origin> is given 2 times"),
     ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1e30"/>', "joint 'wrist': origin .* expected at most 1000"),
-    ('<origin xyz="0 0 1"/>', '<origin xyz="0 nan 1"/>', "joint 'wrist' origin: xyz = '0 nan 1'"),
     ('<mass value="1.5"/>', '<mass value="-1"/>', "'upper' inertial: mass -1; expected at least 0"),
     ('<mass value="1.5"/>', "", "'upper' inertial: expected <mass> and <inertia>"),
     (SHOULDER_LIMIT, "", "'shoulder': a revolute joint needs <limit lower upper velocity>"),
-    (SHOULDER_LIMIT, '<limit lower="2" upper="-1" velocity="3"/>', "'shoulder': lower 2 is above upper -1"),
-    (
-        SHOULDER_LIMIT,
-        '<limit lower="-1" upper="2" velocity="x"/>',
-        "limit: velocity = 'x'; expected a finite",
-    ),
+    (SHOULDER_LIMIT, '<limit lower="-1" upper="2" velocity="x"/>', "limit: velocity = 'x'; expected a finite"),
     (SHOULDER_LIMIT, '<limit lower="-1" upper="2" velocity="-1"/>', "velocity -1; expected at least 0"),
-    (SHOULDER_AXIS, '<axis xyz="0 0 0"/>', "'shoulder': axis 0 0 0 has no direction"),
     ('type="continuous"', 'type="ball"', "'wrist': type 'ball'; expected one of revolute"),
     ('type="continuous"', 'type="floating"', "'wrist': type 'floating'; write type fixed"),
-    ('type="continuous"', 'type="planar"', "'wrist': type 'planar'; write two prismatic joints and a revolute one"),
     ('<parent link="hand"/>', "", "joint 'slide': expected <parent link="),
-    ('<parent link="hand"/>', '<parent link="hnd"/>', "'slide': parent link 'hnd' does not exist"),
-    ('<link name="pad"/>', '<link name="pad"/><link name="loose"/>', "one root link; found base, loose"),
     ('<parent link="base"/>', '<parent link="hand"/>', "links in a cycle, cut off from 'base': hand, pad, upper"),
     ('<link name="base"/>', "", "parent link 'base' does not exist"),
-    (
-        "<transmission",
-        '<joint name="extra" type="fixed"><parent link="base"/><child link="pad"/></joint><transmission',
-        "link 'pad' has 2 parent joints; expected one",
-    ),
-    ('<link name="pad"/>', '<link name="pad"/><link name="pad"/>', "link 'pad' is defined 2 times"),
-    ('joint name="wrist"', 'joint name="slide"', "joint 'slide' is defined 2 times"),
-    ('<link name="pad"/>', '<link name="pad"/><link/>', "<link> name = ''; expected a name"),
+    ('<child link="hand"/>', '<child link="pad"/>', "link 'pad' has 2 parent joints; expected one"),
     ('mimic joint="wrist"', 'mimic joint="writs"', "'slide': mimics 'writs', which is not another joint"),
-    ('mimic joint="wrist"', 'mimic joint="slide"', "'slide': mimics 'slide', which is not another joint"),
     ('multiplier="0.5"', 'multiplier="1e-7"', "mimic: multiplier 1e-07; expected 0, or a size from 1e-06 to 1000"),
-    (
-        '<origin xyz="0 0 1"/></joint>',
-        '<origin xyz="0 0 1"/><mimic joint="slide"/></joint>',
-        "joints mimic each other in a circle: wrist -> slide -> wrist",
-    ),
 ]
 
 
@@ -145,12 +111,8 @@ def test_a_bad_file_is_refused_by_name(tmp_path: Path, old: str, new: str, messa
 MESHES = [
     ("package://../outside/o.stl", "lies outside the folders that may be read"),
     ("/etc/hosts.stl", "lies outside the folders that may be read"),
-    ("file:///etc/hosts.stl", "lies outside the folders that may be read"),
-    ("../outside/o.stl", "lies outside the folders that may be read"),
     ("sly/o.stl", "lies outside the folders that may be read"),
-    ("http://example.org/o.stl", "lies outside the folders that may be read"),
     ("inside.step", r"is not a .stl, .obj, .ply or .dae file"),
-    ("", "mesh filename ''; expected a path"),
     ("missing.stl", "mesh 'missing.stl' does not exist"),
     ("package://arm/inside.stl", "cannot be used: no STL: 0 bytes are not those of 0 triangles"),
 ]
@@ -184,48 +146,3 @@ def test_all_problems_are_named_at_once(tmp_path: Path) -> None:
     with pytest.raises(InvalidFile, match="3 problem") as caught:
         read(tmp_path, text)
     assert len(caught.value.problems) == 3
-
-
-def test_a_number_that_cannot_be_read_is_reported_once(tmp_path: Path) -> None:
-    text = changed('radius="0.05"', 'radius="wide"')
-    with pytest.raises(InvalidFile, match="1 problem"):
-        read(tmp_path, text)
-
-
-def test_utf16_cannot_smuggle_a_document_type_in(tmp_path: Path) -> None:
-    text = '<?xml version="1.0" encoding="utf-16"?><!DOCTYPE robot>' + ARM
-    with pytest.raises(InvalidFile, match="not UTF-8 text"):
-        read(tmp_path, text, "utf-16")
-
-
-def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "huge.urdf"
-    with path.open("wb") as file:
-        file.truncate(10_000_001)
-    with pytest.raises(InvalidFile, match="too large: more than 10,000,000 bytes"):
-        read_xml(path, "robot")
-
-
-@pytest.mark.parametrize(
-    ("joint", "link"), [("b", "b"), ("a", "b"), ("c", "b"), ("universe", "b"), ("j", "universe"), ("root_joint", "b")]
-)
-def test_a_joint_may_be_called_like_a_link_and_either_like_a_frame_of_the_kinematics_library(
-    tmp_path: Path, joint: str, link: str
-) -> None:
-    def robot(joint: str, link: str) -> Robot:
-        box = '<collision><origin xyz="0 0 .5"/><geometry><box size=".1 .1 .1"/></geometry></collision>'
-        ends = f'<parent link="a"/><child link="{link}"/>'
-        more = f'<origin xyz="0 0 .3"/><parent link="{link}"/><child link="c"/>'
-        rest = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1"/></joint>'
-        path = tmp_path / "robot.urdf"
-        path.write_text(
-            f'<robot name="r"><link name="a"/><link name="{link}">{box}</link><link name="c">{box}</link>'
-            f'<joint name="{joint}" type="revolute">{ends}{rest}<joint name="k" type="revolute">{more}{rest}</robot>'
-        )
-        return Robot.from_urdf(path)
-
-    plain, named = robot("j", "b"), robot(joint, link)
-    assert named.joint_names == (joint, "k")
-    assert {shape.link for shape in named.shapes} == {link, "c"}
-    assert np.array_equal(named.tool_pose([0.3, 0.5]), plain.tool_pose([0.3, 0.5]))
-    assert named.locked({joint: 0.3}).joint_names == ("k",)

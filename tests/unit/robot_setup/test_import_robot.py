@@ -11,12 +11,8 @@ import pytest
 
 from planner_service.errors import InvalidRequest
 from planner_service.robot.model import Robot
-from planner_service.robot.package_files import package_folder
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.loading import load_robot
-from planner_service.robot_setup.self_collision_matrix import ContactKind
-from tests.support.small_robots import joint, link, urdf
-from tests.support.small_robots import solid as ball
 
 # A ring-like mesh around a block that turns in it, and a ball far off.
 MESHED = """<robot name="meshed">
@@ -64,71 +60,6 @@ def test_meshes_are_copied_and_the_folder_can_go_anywhere(tmp_path: Path) -> Non
     assert replace(loaded, allowed_contacts=before.allowed_contacts).hash == before.hash
 
 
-@pytest.mark.slow
-def test_an_always_contact_says_that_hulls_are_solid(tmp_path: Path) -> None:
-    text = MESHED.replace(
-        '<link name="mid"/>',
-        '<link name="mid"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>',
-    )
-    source = meshed(tmp_path)
-    source.urdf.write_text(text)
-    (always,) = import_robot(source, tmp_path / "out").table.of(ContactKind.ALWAYS)
-    assert always.links == ("base", "block")
-    assert "; base and block judged as the solid hull of the mesh, hollows filled" in always.reason
-    assert "points swept over turn and swing" in always.reason
-
-
-def test_a_urdf_in_place_keeps_its_meshes_where_they_are(tmp_path: Path) -> None:
-    source = meshed(tmp_path)
-    text = MESHED.replace("package://arm/", "packages/arm/")
-    source.urdf.write_text(text)
-    before, written = sorted(tmp_path.rglob("*")), source.urdf.stat().st_ino
-    found = import_robot(source, tmp_path)
-    assert sorted(tmp_path.rglob("*")) == sorted([*before, tmp_path / "robot.toml"])
-    assert (source.urdf.read_text(), source.urdf.stat().st_ino) == (text, written)
-    assert found.meshes == (tmp_path / "packages/arm/a/part.stl", tmp_path / "packages/arm/b/part.stl")
-
-
-def test_a_urdf_in_place_whose_meshes_lie_elsewhere_is_refused(tmp_path: Path) -> None:
-    source = meshed(tmp_path)
-    (tmp_path / "robot").mkdir()
-    source = replace(source, urdf=source.urdf.rename(tmp_path / "robot" / "meshed.urdf"))
-    with pytest.raises(
-        InvalidRequest, match=r"expected another folder than the URDF's own: .*part.stl has to be copied"
-    ):
-        import_robot(source, tmp_path / "robot")
-    assert [path.name for path in (tmp_path / "robot").iterdir()] == ["meshed.urdf"]
-
-
-def test_links_that_are_only_seen_are_imported_as_they_look(tmp_path: Path) -> None:
-    (tmp_path / "part.stl").write_text(solid(0.05))
-    mesh = '<origin xyz="0 0 0.2"/><geometry><mesh filename="part.stl"/></geometry>'
-    seen = f'<link name="hand"><visual>{mesh}</visual></link>'
-    base = link("base", ball("sphere", 'radius="0.1"'))
-    text = urdf("seen", base, seen, joint("turn", "revolute base hand -1 1", xyz="0 0 0.3"))
-    (tmp_path / "arm.urdf").write_text(text)
-    source = Source(tmp_path / "arm.urdf", visual_as_collision=True)
-    imported = import_robot(source, tmp_path / "out")
-    assert [item.link for item in import_robot(Source(source.urdf), tmp_path / "bare").robot.shapes] == ["base"]
-    assert [item.link for item in imported.robot.shapes] == ["base", "hand"]
-    asked = Robot.from_urdf(source.urdf, visual_as_collision=True)
-    assert replace(imported.robot, allowed_contacts=asked.allowed_contacts).hash == asked.hash
-    with pytest.raises(InvalidRequest, match="another folder than the URDF's own, which is left as it is"):
-        import_robot(source, tmp_path)
-
-
-def test_meshes_that_are_there_are_replaced_only_on_demand(tmp_path: Path) -> None:
-    source, mesh = meshed(tmp_path), tmp_path / "out" / "meshes" / "part.stl"
-    mesh.parent.mkdir(parents=True)
-    mesh.write_text("mine")
-    with pytest.raises(InvalidRequest, match=r"part\.stl'; expected a folder without it; --force replaces it"):
-        import_robot(source, tmp_path / "out")
-    assert [path.name for path in (tmp_path / "out").rglob("*.*")] == ["part.stl"]
-    assert mesh.read_text() == "mine"
-    import_robot(source, tmp_path / "out", force=True)
-    assert mesh.read_text() == solid(0.4)
-
-
 def test_a_part_of_a_robot_is_imported_with_the_rest_locked_and_its_states(tmp_path: Path) -> None:
     source = replace(meshed(tmp_path), joints=("swing",), locked_joints={"slide": 0.25}, srdf=tmp_path / "m.srdf")
     (tmp_path / "m.srdf").write_text(
@@ -140,35 +71,6 @@ def test_a_part_of_a_robot_is_imported_with_the_rest_locked_and_its_states(tmp_p
     assert '"a b" = [0.5]   # from the SRDF' in text
     assert found.robot.joint_names == ("swing",)
     assert found.robot.pose("a b").tolist() == [0.5]
-
-
-@pytest.mark.slow
-def test_a_ur5_is_imported_with_its_meshes(tmp_path: Path) -> None:
-    share = package_folder("example-robot-data")
-    urdf = share / "robots" / "ur_description" / "urdf" / "ur5_joint_limited_robot.urdf"
-    source = Source(urdf, tool_frame="tool0", package_dirs=(share,), joints=("wrist_2_joint", "wrist_3_joint"))
-    found = import_robot(source, tmp_path / "ur5", prove=True)
-    assert len(found.meshes) == 7
-    assert {finding.kind for finding in found.table.findings} >= {ContactKind.ADJACENT, ContactKind.NEVER}
-    shipped = load_robot("ur5")
-    q = shipped.home.copy()
-    q[:4] = 0.0
-    assert np.abs(found.robot.tool_pose(q[4:]) - shipped.tool_pose(q)).max() < 1e-12
-
-
-def test_an_imported_xacro_file_is_kept_as_the_urdf_it_expands_to(tmp_path: Path) -> None:
-    pytest.importorskip("xacro")
-    foot, tip = (
-        link(name, ball("sphere", 'radius="0.05"', at)) for name, at in (("foot", "0 0 0"), ("tip", "0.5 0 0"))
-    )
-    macro = f'<xacro:macro name="tip" params="">{tip}</xacro:macro>'
-    path = tmp_path / "twice.urdf.xacro"
-    text = urdf("twice", macro, foot, "<xacro:tip/>", joint("turn", "revolute foot tip -1 1"))
-    path.write_text(text.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '))
-    imported = import_robot(Source(path), tmp_path / "out")
-    assert imported.urdf == tmp_path / "out" / "twice.urdf"
-    assert "xacro:macro" not in imported.urdf.read_text()
-    assert load_robot(imported.path).hash == imported.robot.hash
 
 
 MJCF = """<mujoco model="crane"><worldbody>

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -13,7 +12,6 @@ from planner_service.errors import InvalidFile
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.shapes import Pose
 from planner_service.robot.model import Robot
-from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.second_reader import compare_with_yourdfpy
 
 ARM = data_folder("robots") / "planar2" / "planar2.urdf"
@@ -56,26 +54,6 @@ def test_a_robot_read_wrongly_is_refused(fault: Callable[[Robot], Robot]) -> Non
         compare_with_yourdfpy(fault(Robot.from_urdf(ARM)), ARM, ROOT, {})
 
 
-def test_locked_joints_stand_where_they_are_locked() -> None:
-    robot = Robot.from_urdf(ARM, locked_joints={"shoulder": 0.5})
-    assert compare_with_yourdfpy(robot, ARM, ROOT, {"shoulder": 0.5}).difference < 1e-12
-    with pytest.raises(InvalidFile, match="elsewhere"):
-        compare_with_yourdfpy(robot, ARM, ROOT, {"shoulder": 0.4})
-
-
 def test_what_yourdfpy_cannot_read_is_refused() -> None:
     with pytest.raises(InvalidFile, match="cannot be read by yourdfpy, the second reader: "):
         compare_with_yourdfpy(Robot.from_urdf(ARM), ARM, ElementTree.fromstring("<robot name='a'><joint/></robot>"), {})
-
-
-def test_what_has_no_say_in_where_things_stand_is_not_read_twice() -> None:
-    broken = "<robot name='planar2'><link name='base'><visual><geometry/></visual></link><transmission/></robot>"
-    root = ElementTree.fromstring(broken)
-    root.extend(element for element in ROOT if element.get("name") != "base")
-    compare_with_yourdfpy(Robot.from_urdf(ARM), ARM, root, {})
-
-
-def test_an_import_reports_the_agreement(tmp_path: Path) -> None:
-    imported = import_robot(Source(ARM, locked_joints={"shoulder": 0.5}), tmp_path / "out")
-    assert imported.agreement.frames == 1 + len(imported.robot.shapes)
-    assert imported.agreement.difference < 1e-12

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planner_service.errors import InvalidFile
 from planner_service.geometry.mesh_paths import Surface
-from planner_service.geometry.shapes import Box, Sphere
 from planner_service.robot.kinematic_tree import body_matrix
-from planner_service.robot.package_files import package_folder
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.visuals import link_visuals, looks_of, visuals_of
@@ -58,23 +54,10 @@ def test_a_mesh_is_its_triangles_where_the_link_has_them(tmp_path: Path) -> None
     assert np.allclose(first.pose.matrix, turned, rtol=0.0, atol=1e-15)
 
 
-def test_boxes_and_balls_stay_what_they_are(tmp_path: Path) -> None:
-    path = arm(tmp_path, seen("cover", solid("box", "0.1 0.2 0.3"), solid("sphere", 'radius="0.2"')))
-    assert [item.appearance for item in link_visuals(path)["cover"]] == [Box((0.1, 0.2, 0.3)), Sphere(0.2)]
-
-
-def test_nothing_is_read_unless_asked_for(tmp_path: Path) -> None:
-    urdf = read_urdf(arm(tmp_path, seen("cover", mesh("none.obj"))))
-    assert (visuals_of(urdf), urdf.unread_visuals) == ({}, ())
-
-
 UNREADABLE = [
     (mesh("none.obj"), "link 'cover' visual[1]: mesh 'none.obj' does not exist"),
-    (mesh("/etc/passwd"), "is not a .stl, .obj, .ply or .dae file"),
-    (mesh("patch.obj", "0 1 1"), "scale: got"),
     (solid("box", "1 1"), "link 'cover' visual[1]: size = '1 1'; expected 3 finite numbers"),
     (solid("cone", 'radius="1"'), "unknown geometry <cone>"),
-    (mesh("patch.obj", rpy="0 x 0"), "rpy = '0 x 0'"),
     ("<visual/>", "<geometry> has 0 shapes"),
 ]
 
@@ -85,13 +68,6 @@ def test_a_visual_with_a_problem_is_left_out_and_said_so(tmp_path: Path, element
     assert len(visuals_of(urdf)["cover"]) == 1
     (told,) = urdf.unread_visuals
     assert why in told
-
-
-def test_other_problems_are_still_refused(tmp_path: Path) -> None:
-    path = arm(tmp_path, seen("cover", mesh("none.obj")))
-    path.write_text(path.read_text().replace('radius="0.1"', 'radius="-1"', 1))
-    with pytest.raises(InvalidFile, match=r"1 problem\(s\)\n.*link 'foot' collision\[0\]: sphere radius"):
-        link_visuals(path)
 
 
 def test_visuals_are_where_their_links_are_and_fingers_move_with_the_gripper(tmp_path: Path) -> None:
@@ -109,21 +85,3 @@ def test_visuals_are_where_their_links_are_and_fingers_move_with_the_gripper(tmp
             visual = looks.visuals[item.link][0]
             there = placed[item.link] @ visual.pose.matrix
             assert np.allclose(there, bodies[item.body] @ item.pose.matrix, rtol=0.0, atol=1e-12), item.link
-
-
-def test_a_robot_without_a_description_looks_like_nothing(tmp_path: Path) -> None:
-    robot = replace(load_robot("planar2"), description=None)
-    assert looks_of(robot).visuals == {}
-
-
-@pytest.mark.parametrize("name", ["panda_description/urdf/panda", "ur_description/urdf/ur10_robot"])
-def test_example_robots_look_like_something(name: str) -> None:
-    """Their COLLADA meshes have up to 20,000 triangles, and enclose about what the hulls of the links do."""
-    path = package_folder("example-robot-data") / "robots" / f"{name}.urdf"
-    found = link_visuals(path)
-    assert {"upper_arm_link", "panda_link3"} & set(found)
-    for visuals in found.values():
-        for item in visuals:
-            assert isinstance(item.appearance, Surface)
-            size = np.ptp(item.appearance.vertices[np.unique(item.appearance.triangles)], axis=0)
-            assert 0.01 < size.max() < 1.0

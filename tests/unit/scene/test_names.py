@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from planner_service import (
-    Attached,
     Box,
-    Capsule,
     Handling,
     Obstacle,
     PlannerService,
@@ -18,8 +14,6 @@ from planner_service import (
     Pose,
     Robot,
     Scene,
-    Sphere,
-    load_robot,
     load_scene,
     pick,
     place,
@@ -27,13 +21,9 @@ from planner_service import (
 )
 from planner_service.certify import Certifier, ExemptInterval
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.execute import meant_contacts, taken
-from planner_service.execute.preconditions import admitted
+from planner_service.errors import InvalidRequest
 from planner_service.planning import AllowedStretch
 from planner_service.planning.task_result import TaskResult
-from planner_service.view.scene_nodes import AMBER, colours_of
-from planner_service.view.still.composition import TOUCHING
 from tests.support.optional import present
 from tests.support.refusals import refused_pair
 from tests.support.small_robots import joint, link, solid, urdf
@@ -63,17 +53,7 @@ def wall(name: str) -> Obstacle:
     return Obstacle(name, Box((0.1, 0.1, 0.4)), Pose((0.4, 0.0, 0.1)))
 
 
-@pytest.mark.parametrize(
-    ("name", "label"),
-    [
-        ("wall", "wall"),
-        ("flange", "flange (object)"),
-        ("base", "base (object)"),
-        ("arm", "arm (object)"),
-        ("world", "world"),
-        ("universe", "universe"),
-    ],
-)
+@pytest.mark.parametrize(("name", "label"), [("wall", "wall"), ("arm", "arm (object)"), ("world", "world")])
 def test_a_wall_is_a_wall_whatever_it_is_called(name: str, label: str, swing: Robot) -> None:
     arm = "arm (link)" if name == "arm" else "arm"
     for backend in ("fcl", "native"):
@@ -108,60 +88,6 @@ def test_a_name_that_stands_for_both_is_refused_where_one_is_meant(swing: Robot)
     assert service.follow(ACROSS, contacts=[AllowedStretch(0, 1, meant, "")]).ok
 
 
-def test_names_nobody_has_are_refused_everywhere(swing: Robot) -> None:
-    service = PlannerService(swing, Scene((wall("wall"),)))
-    for pair in (("arm", "wal"), ("arm", "wall (object)"), ("arm (link)", "wall"), ("flange", "wall")):
-        with pytest.raises(UnknownName):
-            PlannerService(swing, service.scene, allowed=[pair])
-        with pytest.raises(UnknownName):
-            service.certify(ACROSS, exempt=[ExemptInterval(0.0, 0.5, (pair,), "")])
-        with pytest.raises(UnknownName):
-            service.follow(ACROSS, contacts=[AllowedStretch(0, 1, (pair,), "")])
-
-
-@pytest.mark.parametrize("link", ["wall", "held", "nobody", "flange", "arm (link)"])
-def test_touch_links_are_links_with_shapes_and_nothing_else(link: str, swing: Robot) -> None:
-    scene = Scene((wall("wall"),), (Attached("held", Sphere(0.05), Pose(), (link,)),))
-    with pytest.raises(UnknownName, match="unknown touch link"):
-        CollisionChecker(swing, scene)
-    with pytest.raises(UnknownName, match="unknown touch link"):
-        Certifier(swing, scene)
-
-
-def test_an_object_called_like_its_touch_link_is_not_that_link(swing: Robot) -> None:
-    held = Attached("arm", Capsule(0.02, 0.2), Pose((0.0, 0.0, 0.0)), ("arm",))
-    free = CollisionChecker(swing, Scene((), (held,)))
-    assert free.state_is_free([0.0])
-    blocked = CollisionChecker(swing, Scene((Obstacle("base", Sphere(0.05), Pose((0.55, 0.0, 0.2))),), (held,)))
-    assert [(c.a, c.b) for c in blocked.contacts([0.0])] == [("arm (object)", "base (object)")]
-
-
-def test_no_object_is_called_like_a_label() -> None:
-    for name in ["wall (link)", "arm (object)", "a (link) (object)"]:
-        for make in (Obstacle, Attached):
-            with pytest.raises(InvalidRequest, match=r"does not end in ' \(link\)' or ' \(object\)'"):
-                make(name, Sphere(0.1), Pose())
-
-
-def test_a_link_that_is_called_like_a_label_has_one_of_its_own(tmp_path: Path) -> None:
-    (tmp_path / "r.urdf").write_text(URDF.replace('"arm"', '"wall (object)"'), "utf-8")
-    robot = Robot.from_urdf(tmp_path / "r.urdf")
-    contacts = CollisionChecker(robot, Scene((wall("wall"),))).contacts([0.0])
-    assert [(c.a, c.b) for c in contacts] == [("wall (object) (link)", "wall")]
-
-
-def test_a_fixed_way_out_exempts_links_and_no_object_of_their_name() -> None:
-    robot = load_robot("wxai")
-    sleep, table = robot.pose("sleep"), load_scene("table")
-    far = Obstacle("link_2", Box((0.05, 0.05, 0.05)), Pose((0.0, 0.6, 0.3)))
-    result = PlannerService(robot, table.with_obstacle(far)).plan(PlanRequest(sleep, robot.home))
-    assert result.ok
-    assert result.exempt[0].pairs == (("link_2 (link)", "link_5"), ("link_2 (link)", "link_4"))
-    at = Pose(tuple(np.array(robot.tool_pose(sleep))[:3, 3].tolist()))
-    near = Obstacle("link_2", Box((0.4, 0.4, 0.02)), Pose((0.1, 0.0, at.position[2] + 0.2)))
-    assert not PlannerService(robot, table.with_obstacle(near)).plan(PlanRequest(sleep, robot.home, max_checks=500)).ok
-
-
 @pytest.fixture(scope="module")
 def carried() -> TaskResult:
     """A block called like a finger is taken from a table called like a link."""
@@ -187,21 +113,3 @@ def test_a_block_called_like_a_finger_is_taken(carried: TaskResult) -> None:
     there = Pose((pose.position[0], pose.position[1], pose.position[2] - 0.08), pose.quaternion)
     placed = place(service, carried.q, "finger_left", [there])
     assert placed.ok, str(placed.failure)
-
-
-def test_the_executor_knows_fingers_from_what_they_take(carried: TaskResult) -> None:
-    robot = load_robot("wxai")
-    _, motions, _ = admitted(carried, robot, None, allowed=(), simulated=True, allow_unproven=False, squeeze=0.0)
-    assert [motion.grips for motion in motions] == [False, True, False]
-    assert taken(carried, robot) == ("finger_left",)
-    assert frozenset(("finger_left (link)", "finger_left (object)")) in meant_contacts(carried)
-
-
-def test_only_what_touches_is_painted(swing: Robot) -> None:
-    colours = colours_of([("arm", "base (object)")], [("flange (object)", "arm")], swing)
-    told = {(owner.kind.name, owner.name): colour for owner, colour in colours.items()}
-    assert told == {
-        ("LINK", "arm"): TOUCHING,
-        ("OBJECT", "base"): TOUCHING,
-        ("OBJECT", "flange"): AMBER,
-    }

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,25 +13,20 @@ import pytest
 from planner_service import (
     Attached,
     Box,
-    Handling,
-    InvalidRequest,
     PlannerService,
     PlanRequest,
     PlanResult,
     Pose,
     Scene,
     TaskResult,
-    UnknownName,
     inverse_kinematics,
-    top_grasps,
 )
-from planner_service.constraints import Constraint, JointRange, KeepOrientation, KeepUpright, OnLine, OnPlane
+from planner_service.constraints import Constraint, JointRange, KeepUpright, OnLine, OnPlane
 from planner_service.planning.result import Reason
 from planner_service.records.plan_file import SavedTask, load_task
 from planner_service.records.recertify import recertify
-from planner_service.tasks import move_circular, move_linear
+from planner_service.tasks import move_linear
 from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.tasks.primitives import pick, place
 from tests.support.optional import present
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
@@ -67,26 +61,6 @@ def names(result: PlanResult) -> list[str]:
 # Along a given path of the tool.
 
 
-@pytest.mark.parametrize("tolerance", [0.01, 0.001])
-def test_a_line_that_keeps_them_says_so(tolerance: float) -> None:
-    kept = KeepUpright((-1, 0, 0), tolerance)
-    result = move_linear(nothing_there(), start(), FORWARD, constraints=[kept])
-    assert result.ok
-    assert result.constraints == (kept,)
-    assert names(result) == ["upright"]
-    assert result.fraction == 1.0
-
-
-def test_a_line_has_more_waypoints_where_its_own_tolerance_is_not_enough() -> None:
-    usual = move_linear(nothing_there(), start(), FORWARD, constraints=[line(0.1, 0.002)])
-    tight = move_linear(nothing_there(), start(), FORWARD, constraints=[line(0.1, 0.0002)])
-    assert usual.ok
-    assert tight.ok
-    few, more = (len(present(result.path).waypoints) for result in (usual, tight))
-    assert few < more <= 16
-    assert tight.counts.states > usual.counts.states
-
-
 def test_a_line_ends_where_it_leaves_a_constraint() -> None:
     short = [line(0.03, 0.001)]  # of 5 cm
     result = move_linear(nothing_there(), start(), FORWARD, constraints=short)
@@ -98,43 +72,6 @@ def test_a_line_ends_where_it_leaves_a_constraint() -> None:
     tool = nothing_there().robot.tool_pose(present(part.path).waypoints[-1])
     assert tool[0, 3] - START[0] == pytest.approx(0.05 * present(part.fraction), abs=1e-6)
     assert present(part.fraction) == pytest.approx(0.61, abs=0.001)
-
-
-def test_a_line_that_begins_outside_does_not_begin() -> None:
-    result = move_linear(
-        nothing_there(), start(), FORWARD, constraints=[OnPlane(Pose((0.0, 0.0, 0.3)), 0.001)], partial=True
-    )
-    assert present(result.failure).reason is Reason.START_VIOLATES_CONSTRAINT
-    assert "start does not keep plane: z is" in present(result.failure).detail
-    assert result.fraction == 0.0
-
-
-@pytest.mark.parametrize("zone", [0.0, 0.01])
-def test_lines_with_corners_keep_them(zone: float) -> None:
-    asked = [OnPlane(Pose(START), 0.0003), KeepOrientation(Pose(START, DOWN), 0.002)]
-    result = move_linear(nothing_there(), start(), [FORWARD, (0.0, 0.04, 0.0)], zone=zone, constraints=asked)
-    assert result.ok
-    assert names(result) == ["plane", "orientation"]
-    stops = [k for k in present(result.path).corners if present(result.path).blends[k] == 0.0]
-    assert len(stops) == (1 if zone == 0.0 else 0)
-
-
-def test_an_arc_keeps_them() -> None:
-    plane = OnPlane(Pose(START), 0.0002)
-    result = move_circular(nothing_there(), start(), (0.02, 0.02, 0.0), (0.04, 0.0, 0.0), constraints=[plane])
-    assert result.ok
-    assert names(result) == ["plane"]
-
-
-def test_what_is_no_constraint_is_refused() -> None:
-    for bad in [[1], KeepUpright((0, 0, 1), 0.1), "upright", [None]]:
-        with pytest.raises(InvalidRequest, match="constraints"):
-            move_linear(nothing_there(), start(), FORWARD, constraints=bad)  # type: ignore[arg-type]
-
-
-def test_an_unknown_joint_is_refused() -> None:
-    with pytest.raises(UnknownName, match="elbow"):
-        nothing_there().follow([start(), start()], constraints=[JointRange("elbow", 0.0, 1.0)])
 
 
 def test_a_polyline_that_breaks_them_between_its_waypoints_is_refused() -> None:
@@ -202,43 +139,7 @@ def test_a_task_that_breaks_what_its_object_asks_for_is_refused() -> None:
     assert any("transfer: upright is not proven kept" in problem for problem in found.problems)
 
 
-def test_all_motions_of_a_pick_keep_the_constraints_of_its_request() -> None:
-    home, block = service().robot.home, service().scene.obstacle("blue_block")
-    grasps = top_grasps(service().robot, block)
-    asked = PlanRequest(home, home, constraints=[KeepUpright((-1, 0, 0), 0.6)])
-    task = pick(service(), home, "blue_block", grasps, Handling("table", request=asked))
-    assert task.ok
-    assert [names(segment.result) for segment in task.segments] == [["upright"]] * 3
-    leaning = PlanRequest(home, home, constraints=[KeepUpright((-1, 0, 0), 0.3)])
-    refused = pick(service(), home, "blue_block", grasps, Handling("table", request=leaning))
-    assert present(refused.failure).reason is Reason.START_VIOLATES_CONSTRAINT
-
-
-def test_a_task_of_another_process_that_ignores_what_its_request_asks_for_is_refused() -> None:
-    home = service().robot.home
-    task = pick(service(), home, "blue_block", top_grasps(service().robot, service().scene.obstacle("blue_block")))
-    asked = PlanRequest(home, home, constraints=[KeepUpright((-1, 0, 0), 0.05)])
-    served = [
-        replace(s, result=replace(s.result, origin=replace(present(s.result.origin), request=None, pace=None)))
-        for s in task.segments
-    ]
-    found = recertify(replace(task, segments=tuple(served), request=asked), service())
-    assert any("to pregrasp: upright is not proven kept" in problem for problem in found.problems)
-
-
-def test_a_lean_that_is_none_is_refused() -> None:
-    bad: Any
-    for bad in [0.0, -0.1, math.nan, 4.0, "0.1"]:
-        with pytest.raises(InvalidRequest, match="upright"):
-            Handling(upright=bad)
-
-
 # Carried.
-
-
-def test_a_place_does_not_ignore_a_lean() -> None:
-    with pytest.raises(InvalidRequest, match=r"upright: got 0\.1; expected None for a place"):
-        place(carrying(), start(), "cup", [Pose(START)], Handling(upright=0.1))
 
 
 def carrying(*constraints: Constraint) -> PlannerService:
@@ -259,38 +160,3 @@ def test_every_motion_keeps_what_is_carried_as_it_asks() -> None:
         assert names(result) == ["upright"]
     both = with_cup.plan(PlanRequest(start(), goal, constraints=[JointRange("joint_0", -1.0, 1.0), upright]))
     assert names(both) == ["joint_0", "upright"]
-
-
-def test_a_service_refuses_what_its_robot_cannot_keep() -> None:
-    with pytest.raises(UnknownName, match="elbow"):
-        carrying(JointRange("elbow", 0.0, 1.0))
-
-
-def test_more_than_sixteen_are_refused() -> None:
-    ranges = [JointRange("joint_0", -1.0 - k / 100, 1.0) for k in range(16)]
-    asked = PlanRequest(start(), start(), constraints=ranges)
-    with pytest.raises(InvalidRequest, match=r"constraints: .*at most 16"):
-        carrying(KeepUpright((-1, 0, 0), 0.1)).plan(asked)
-
-
-def test_scenes_that_ask_for_different_things_have_different_hashes() -> None:
-    asked: list[tuple[Constraint, ...]] = [
-        (),
-        (KeepUpright((-1, 0, 0), 0.1),),
-        (KeepUpright((-1, 0, 0), 0.2),),
-        (JointRange("joint_0", 0.0, 1.0),),
-        (JointRange("joint_1", 0.0, 1.0),),
-        (JointRange("joint_0", 0.0, 1.0), JointRange("joint_1", 0.0, 1.0)),
-    ]
-    scenes = [carrying(*each).scene for each in asked]
-    assert len({scene.hash for scene in scenes}) == len(asked)
-    assert len({scene.attached_hash for scene in scenes}) == len(asked)
-
-
-def test_any_path_is_proven_to_keep_what_is_carried_and_what_is_asked() -> None:
-    upright, plane = KeepUpright((-1, 0, 0), 0.1), OnPlane(Pose(START), 0.001)
-    line = present(move_linear(nothing_there(), start(), FORWARD).path)
-    proof = carrying(upright).certify(line, constraints=[plane])
-    assert [kept.name for kept in proof.kept] == ["plane", "upright"]
-    away = move_linear(nothing_there(), start(), (0.0, 0.0, 0.05)).path
-    assert not carrying(upright).certify(present(away), constraints=[plane]).certified

@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks.worlds import queries
-from planner_service import (
-    Failure,
-    InvalidFile,
-    InvalidRequest,
-    JointStep,
-    MissingDependency,
-    Optimise,
-    PlannerService,
-    PlanningFailed,
-    PlanRequest,
-    PlanResult,
-    Reason,
-    Stage,
-    UnknownName,
-)
+from planner_service import InvalidRequest, JointStep, Optimise, PlannerService, PlanRequest, PlanResult
 from planner_service.parallel import Processes
 from planner_service.tasks import best_of_seeds, plan_seeds
 from planner_service.tasks.seeds import _worth
@@ -60,13 +44,6 @@ def test_each_plan_is_that_of_its_seed_whatever_the_processes(service: PlannerSe
 
 
 @pytest.mark.slow
-def test_processes_share_a_roadmap_too(service: PlannerService) -> None:
-    asked = replace(request(), planner=service.path_memory(), polish=None)
-    here, elsewhere = (plan_seeds(service, asked, SEEDS[:2], engine=engine) for engine in (None, Processes(2)))
-    assert [told(one) for one in here] == [told(one) for one in elsewhere]
-
-
-@pytest.mark.slow
 def test_the_best_is_the_fastest_of_those_that_keep_their_distance(service: PlannerService) -> None:
     plans = plan_seeds(service, request(), SEEDS)
     best = best_of_seeds(service, request(), SEEDS)
@@ -78,38 +55,7 @@ def test_the_best_is_the_fastest_of_those_that_keep_their_distance(service: Plan
     assert _worth(near) < _worth(replace(best, motion=None))
 
 
-def test_without_a_plan_the_first_failure_is_told() -> None:
-    service = PlannerService("planar2", "discs")
-    asked = PlanRequest((-2.5, 2.0), (2.2, -2.2), time_limit=None, planner=Optimise())
-    result = best_of_seeds(service, asked, (7, 8))
-    assert present(result.failure).reason is Reason.OPTIMUM_IN_COLLISION
-
-
-@pytest.mark.parametrize(
-    ("seeds", "named"),
-    [((), "seeds"), (None, "seeds"), ("12", "seeds"), ((-1,), "seed")],
-)
+@pytest.mark.parametrize(("seeds", "named"), [((), "seeds"), (None, "seeds"), ("12", "seeds"), ((-1,), "seed")])
 def test_what_makes_no_sense_is_refused(service: PlannerService, seeds: Any, named: str) -> None:
     with pytest.raises(InvalidRequest, match=f"^{named}: "):
         plan_seeds(service, request(), seeds)
-
-
-def test_errors_come_back_from_another_process_as_they_were() -> None:
-    for error in [
-        InvalidRequest("seed", -1, "at least 0"),
-        UnknownName("scene", "tabel", ["table"]),
-        InvalidFile("a.toml", ["one", "two"]),
-        MissingDependency("coacd", "decompose"),
-        PlanningFailed(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, "none")),
-    ]:
-        again = pickle.loads(pickle.dumps(error))
-        assert (type(again), str(again)) == (type(error), str(error))
-        assert again.__dict__.keys() == error.__dict__.keys()
-
-
-def test_a_service_that_is_sent_is_built_anew(service: PlannerService) -> None:
-    made, arguments = service.__reduce__()
-    other = made(*arguments)
-    assert (other.robot, other.scene) == (service.robot, service.scene)
-    assert told(other.plan(request())) == told(service.plan(request()))
-    assert np.array_equal(other.robot.home, service.robot.home)
