@@ -10,7 +10,6 @@ import sys
 import zlib
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +33,11 @@ from planner_service import (
     load_robot,
     load_scene,
 )
-from planner_service.constraints import KeepUpright
+from planner_service.infeasibility import prove_no_path
 from planner_service.path.joint_path import JointPath
+from planner_service.planning.request import World
 from planner_service.records.evidence import with_evidence
+from planner_service.records.exports.no_path_file import no_path_document
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan
 from planner_service.tasks.pick_place import plan_pick_place
 
@@ -99,20 +100,6 @@ def test_a_whole_task_is_shown_with_what_it_carries_keeps_and_opens(task: SavedT
     assert any("not judged" in line and "blue_block" in line for line in lines)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("robot", ["ur5", "panda", "kinova_gripper", "wxai_dual", "planar2"])
-def test_other_arms_are_shown_too(robot: str) -> None:
-    arm = load_robot(robot)
-    far = Obstacle("ball", Box((0.1, 0.1, 0.1)), Pose((0.0, 0.0, 3.0)))
-    service = PlannerService(arm, Scene((far,)))
-    generator, ends = np.random.default_rng(5), list[Any]()
-    while len(ends) < 2:
-        q = generator.uniform(arm.limits.lower, arm.limits.upper)
-        if service.checker.state_is_free(q):
-            ends.append(q)
-    shown(document(SavedPlan.of(service.plan(PlanRequest(ends[0], ends[1], time_limit=None)))))
-
-
 @pytest.mark.parametrize("solid", ["cloud", "heights"])
 def test_clouds_and_height_fields_are_shown_by_boxes_that_hold_them(solid: str) -> None:
     generator = np.random.default_rng(2)
@@ -139,15 +126,15 @@ def test_a_constraint_of_the_request_is_judged_whether_the_result_lists_it_or_no
         shown(kept)
 
 
-def test_evidence_that_was_written_before_is_to_be_written_anew(plain: Document) -> None:
-    old = {**plain, "sections": {"evidence": {**plain["sections"]["evidence"], "version": 2}}}
-    with pytest.raises(Invalid, match="version 2, which is not read: write it anew"):
-        shown(old)
-
-
-def test_it_runs_with_numpy_alone(plain: Document, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "last"), [("plan", "clearance, "), ("proof", "that its walls collide")])
+def test_it_runs_with_numpy_alone(kind: str, last: str, plain: Document, tmp_path: Path) -> None:
     """Whatever else is installed cannot be imported."""
-    (tmp_path / "plan.json").write_text(json.dumps(plain))
+    discs = tuple(Obstacle(f"disc {y}", Box((0.2, 0.2, 0.2)), Pose((0.5, y, 0.0))) for y in (-0.5, 0.5))
+    world, ends = World(load_robot("planar2"), Scene(discs)), ([0.0, 0.0], [[3.0, 0.0]])
+    proof = prove_no_path(world.robot, world.scene, *ends)
+    assert proof is not None
+    document = plain if kind == "plan" else no_path_document(proof, world, *ends)
+    (tmp_path / "plan.json").write_text(json.dumps(document))
     code = f"""
 import runpy, sys
 class Refused:
@@ -162,7 +149,7 @@ runpy.run_module("auditor", run_name="__main__")
 """
     done = subprocess.run([sys.executable, "-I", "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.splitlines()[-1].startswith("VALID: verified: clearance, ")
+    assert done.stdout.splitlines()[-1].startswith(f"VALID: verified: {last}")
 
 
 def test_a_plan_that_was_asked_for_with_evidence_is_saved_with_it(tmp_path: Path) -> None:
@@ -209,10 +196,6 @@ def at_wall(copy: Document, proof: Document) -> None:
     copy["scene"]["obstacles"][0]["shape"]["size"] = [0.2, 0.3, 0.8]
 
 
-def nearer(copy: Document, proof: Document) -> None:
-    copy["scene"]["obstacles"][0]["pose"]["position"][0] -= 0.1
-
-
 def through(copy: Document, proof: Document) -> None:
     copy["result"]["path"]["waypoints"][-1][0] += 0.5
 
@@ -228,14 +211,6 @@ def only_in_the_certificate(copy: Document, proof: Document) -> None:
 
 def dropped(copy: Document, proof: Document) -> None:
     rows(proof, lambda table: table[table[:, 0] != table[5, 0]])
-
-
-def shortened(copy: Document, proof: Document) -> None:
-    def cut(table: Any) -> Any:
-        table[table[:, 2] > 0, 2] -= 1
-        return table[table[:, 1] < table[:, 2]]
-
-    rows(proof, cut)
 
 
 def stretched(copy: Document, proof: Document) -> None:
@@ -270,24 +245,8 @@ def long_directions(copy: Document, proof: Document) -> None:
     rows(proof, doubled)
 
 
-def turned_directions(copy: Document, proof: Document) -> None:
-    rows(proof, lambda table: np.column_stack([table[:, :3], -table[:, 3:]]))
-
-
 def beyond_a_limit(copy: Document, proof: Document) -> None:
     copy["robot"]["limits"]["upper"][1] = max(point[1] for point in copy["result"]["path"]["waypoints"]) - 0.01
-
-
-def larger_link(copy: Document, proof: Document) -> None:
-    for shape in copy["robot"]["shapes"]:
-        if shape["shape"]["kind"] == "box":
-            shape["shape"]["size"] = [3 * x for x in shape["shape"]["size"]]
-        elif "radius" in shape["shape"]:
-            shape["shape"]["radius"] *= 3
-
-
-def another_wall(copy: Document, proof: Document) -> None:
-    copy["scene"]["obstacles"].append({**deepcopy(copy["scene"]["obstacles"][0]), "name": "second"})
 
 
 def hung_elsewhere(copy: Document, proof: Document) -> None:
@@ -298,19 +257,14 @@ def hung_elsewhere(copy: Document, proof: Document) -> None:
     ("change", "why"),
     [
         (at_wall, "wall"),
-        (nearer, "wall"),
         (through, "s =|not reach"),
         (raised, "claimed"),
         (only_in_the_certificate, "claims something else"),
         (dropped, "nothing is shown|does not reach"),
-        (shortened, "nothing is shown|does not reach"),
         (stretched, "are shown"),
         (only_at_the_start, "disorder"),
         (long_directions, "unit vector"),
-        (turned_directions, "are shown"),
         (beyond_a_limit, "limits"),
-        (larger_link, "fingers of other shapes"),
-        (another_wall, "second"),
         (hung_elsewhere, "parent"),
     ],
 )
@@ -320,35 +274,12 @@ def test_a_forgery_is_refused(plain: Document, change: Callable[[Document, Docum
 
 
 def test_an_exemption_that_no_rule_allows_is_refused(plain: Document) -> None:
-    def exempt(copy: Document, proof: Document) -> None:
-        for claim in (proof, copy["result"]["certificate"]):
-            claim["exempt"].append({"s_start": 0.0, "s_end": 0.5, "pairs": [["link_5", "wall"]], "reason": "trust me"})
-        at_wall(copy, proof)
-        dropped(copy, proof)
-
-    with pytest.raises(Invalid):
-        shown(forged(plain, exempt))
-
     def alone(copy: Document, proof: Document) -> None:
         for claim in (proof, copy["result"]["certificate"]):
             claim["exempt"].append({"s_start": 0.0, "s_end": 0.5, "pairs": [["link_5", "wall"]], "reason": "trust me"})
 
     with pytest.raises(Invalid, match=r"link_5 x wall is not judged .* no rule allows that"):
         shown(forged(plain, alone))
-
-
-def test_a_constraint_that_is_not_kept_is_refused() -> None:
-    plan = planned(Scene((WALL,)))
-    robot = plan.robot
-    tilted = KeepUpright((0.0, 0.0, 1.0), 1e-3)
-    ask = present(plan.request)
-    copy = document(plan)
-    copy["request"] = json.loads(SavedPlan(plan.begin, replace(ask, constraints=(tilted,)), plan.result).file_text())[
-        "request"
-    ]
-    assert robot.n == 6
-    with pytest.raises(Invalid, match="not kept"):
-        shown(copy)
 
 
 @pytest.mark.parametrize("bound", ["tilt", "turn", "upper"])
@@ -374,11 +305,6 @@ def test_a_region_is_shown_to_be_kept_to_a_hair_and_no_farther(plain: Document, 
     assert any("1 constraints kept" in line for line in shown(kept_to(most + 1e-4)))
     with pytest.raises(Invalid, match="region is not kept"):
         shown(kept_to(most - 1e-4))
-
-
-def present(request: PlanRequest | None) -> PlanRequest:
-    assert request is not None
-    return request
 
 
 def test_a_file_without_evidence_proves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,13 +44,10 @@ def test_a_proof_is_what_it_was() -> None:
     ("key", "value", "message"),
     [
         ("divisions", [4, 4], "one number for each of the 1 joints"),
-        ("range_lower", [], "one number for each of the 1 joints"),
         ("joints", [], "at least one"),
         ("encloses", "nothing", "encloses"),
         ("region", "%", "base64 of rows of 2"),
         ("walls", packed(np.array([[0, 1, 7]]), "<i8"), "numbers of the"),
-        ("walls", packed(np.array([[0, 1, -1]]), "<i8"), "numbers of the"),
-        ("witness", packed(np.zeros((99, 8)), "<f8"), "finite numbers for each of"),
         ("witness", packed(np.full((len(PROOF.wall_pairs), 8), math.nan), "<f8"), "finite numbers for each of"),
     ],
 )
@@ -59,9 +56,8 @@ def test_what_makes_no_sense_is_refused(key: str, value: Any, message: str) -> N
         read(written() | {key: value})
 
 
-@pytest.mark.parametrize("clearance", [0.25, math.inf])
-def test_how_far_a_search_came_is_what_it_was(clearance: float) -> None:
-    reached = Reached(np.array([[0.0, 1.0], [2.0, 3.0]]), 0.5, 0.25, clearance, (3, 4))
+def test_how_far_a_search_came_is_what_it_was() -> None:
+    reached = Reached(np.array([[0.0, 1.0], [2.0, 3.0]]), 0.5, 0.25, math.inf, (3, 4))
     document = json.loads(json.dumps(ReachedRecord.of(reached).document(), allow_nan=False))
     again: Reached = read_record(ReachedRecord, document, Path("answer"), PlanReading(joints=2)).value
     assert str(again) == str(reached)

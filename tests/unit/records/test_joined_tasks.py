@@ -16,8 +16,6 @@ from planner_service import (
     PlannerService,
     PlanRequest,
     Pose,
-    SCurve,
-    ToppRa,
     load_scene,
     pick,
     place,
@@ -65,14 +63,6 @@ def test_a_pick_and_its_place_become_one_task_that_is_proven(
     assert back.notes[0].startswith("pick block: way 1 of ")
     assert present(back.request).padding == 0.002
     assert len(recertify(back).required().motions) == 6
-
-
-def test_tasks_of_different_requests_keep_their_timing_laws(tasks: tuple[SavedTask, SavedTask]) -> None:
-    first, second = tasks
-    request = replace(present(second.request), timing=SCurve())
-    whole = first.followed_by(replace(second, request=request))
-    assert whole.request is None
-    assert [type(segment.timing) for segment in whole.segments] == [ToppRa] * 3 + [SCurve] * 3
 
 
 def test_a_task_that_begins_elsewhere_cannot_follow(tasks: tuple[SavedTask, SavedTask]) -> None:

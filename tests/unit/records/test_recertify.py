@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Callable
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from auditor.verify import verify
 from planner_service import (
     Attached,
     Box,
@@ -48,10 +46,9 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, World
 from planner_service.planning.task_result import TaskResult
-from planner_service.records.evidence import save_plan, with_evidence
+from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.records.recertify import recertify
-from planner_service.robot.model import AllowedContact
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from tests.support.arms import QUICK, FakeArm, FakeTime
@@ -148,7 +145,7 @@ def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(tmp_path: Path)
 @pytest.mark.slow
 def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(read: SavedTask) -> None:
     fingers = "finger_left x blue_block, finger_right x blue_block"
-    for plan in (task(), SavedTask.of(task()), read):
+    for plan in (task(), read):
         found = recertify(plan).required()
         assert [motion.name for motion in found.motions] == [segment.name for segment in task().segments]
         told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.not_checked if "gripper" not in line]
@@ -205,17 +202,6 @@ def test_a_gripper_that_is_told_to_press_is_free_to_close_that_far() -> None:
     assert told.certificate.distances > 0
 
 
-@pytest.mark.slow
-def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask) -> None:
-    arm = FakeArm(np.array(bin_().robot.home), stone=0.04)
-    assert execute(read, arm, bin_().robot, QUICK).ok
-    assert len(arm.widths) == 3
-
-
-def test_a_path_that_was_replaced_is_refused_though_the_certificate_was_kept(tmp_path: Path) -> None:
-    refused(saved(bin_(), through_the_post(good(), bin_()), tmp_path), "is not proven apart", bin_())
-
-
 def test_a_result_of_this_process_is_proven_again_too() -> None:
     forged = through_the_post(good(), bin_())
     assert forged.origin is not None
@@ -249,9 +235,6 @@ def test_a_stretch_that_no_rule_gives_is_honoured_once_its_pairs_are_named_again
         ]
         arm = FakeArm(np.array(bin_().robot.home))
         assert execute(plan, arm, bin_().robot, QUICK, allowed=[("link_6", "demo_post")]).ok
-
-
-def test_a_pair_that_a_plan_does_not_need_is_refused() -> None:
     with pytest.raises(InvalidRequest, match=r"a pair that this plan lets touch \(none"):
         recertify(good(), allowed=[("link_6", "demo_post")])
 
@@ -281,15 +264,6 @@ def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(tmp_p
         ):
             forged = replace(made, certificate=replace(made.certificate, exempt=(wider,)))
             refused(saved(bin_(), forged, tmp_path), "not judged from s", bin_())
-
-
-def test_an_arm_may_stay_in_the_pose_that_it_has_a_way_out_of(tmp_path: Path) -> None:
-    asleep = bin_().robot.pose("sleep")
-    made = bin_().plan(PlanRequest(asleep, asleep))
-    assert made.exempt
-    plan = saved(bin_(), made, tmp_path)
-    assert recertify(plan).certified
-    assert any("it stays in sleep" in line for line in verify(json.loads(with_evidence(plan).file_text())))
 
 
 @cache
@@ -379,7 +353,7 @@ def test_a_time_law_beyond_the_limits_is_refused(tmp_path: Path) -> None:
     refused(replace(made, trajectory=present(made.trajectory).dilated(0.5)), "times the acceleration allowed", bin_())
 
 
-SLOWER = pytest.mark.parametrize(
+@pytest.mark.parametrize(
     ("option", "value", "match"),
     [
         ("max_tool_speed", 0.05, r"the tool moves at .* m/s; the request allows 0\.05"),
@@ -388,29 +362,10 @@ SLOWER = pytest.mark.parametrize(
         ("timing", SCurve(), "times the jerk"),
     ],
 )
-
-
-@SLOWER
 def test_a_motion_faster_than_was_asked_for_is_refused(option: str, value: Any, match: str, tmp_path: Path) -> None:
     slow = PlanRequest(home(), ABOVE_TRAY, seed=7, **{option: value})
     assert recertify(saved(bin_(), bin_().plan(slow), tmp_path, slow)).certified
     refused(saved(bin_(), good(), tmp_path, slow), match, bin_())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("option", "value", "match"), [SLOWER.args[1][0], SLOWER.args[1][-1]])
-def test_motions_of_a_task_faster_than_was_asked_for_are_refused(
-    option: str, value: Any, match: str, tmp_path: Path
-) -> None:
-    slow = plan_pick_place(bin_(), "blue_block", "tray", PlanRequest(home(), home(), seed=0, **{option: value}))
-    save_plan(slow, tmp_path / "slow.json")
-    kept = load_task(tmp_path / "slow.json")
-    assert recertify(kept).certified
-    for plan, segments in ((kept, kept.segments), (SavedTask.of(slow), slow.segments[:1])):
-        for segment in segments:
-            _, trajectory = segment.result.unwrap()
-            hasty = replace(segment.result, trajectory=trajectory.dilated(0.4))
-            refused(changed(plan, segment.name, result=hasty), f"{segment.name}: .*{match}", bin_())
 
 
 def test_a_saved_pick_keeps_what_it_was_asked_and_the_law_of_its_lines(tmp_path: Path) -> None:
@@ -456,12 +411,12 @@ def length_of(task: SavedTask, name: str) -> float:
     return path.length
 
 
-@pytest.mark.parametrize("width", [5.0, -1.0, math.nan])
-def test_a_gripper_is_not_told_a_width_beyond_its_range(width: float, read: SavedTask) -> None:
-    forged = with_segments(read, *(replace(part, width=width) for part in read.segments))
-    refused(forged, r"expected a gap between the finger pads in \[0", bin_())
-    with pytest.raises(InvalidRequest, match="a gap between the finger pads"):
-        execute(forged, FakeArm(np.array(bin_().robot.home)), bin_().robot, QUICK, allow_unproven=True)
+def test_a_gripper_is_not_told_a_width_beyond_its_range(read: SavedTask) -> None:
+    for width in (5.0, -1.0, math.nan):
+        forged = with_segments(read, *(replace(part, width=width) for part in read.segments))
+        refused(forged, r"expected a gap between the finger pads in \[0", bin_())
+        with pytest.raises(InvalidRequest, match="a gap between the finger pads"):
+            execute(forged, FakeArm(np.array(bin_().robot.home)), bin_().robot, QUICK, allow_unproven=True)
 
 
 @pytest.mark.slow
@@ -482,13 +437,10 @@ def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask) -> N
     ("kept", "match"),
     [
         ((0, 3, 4, 5, 6), "transfer: got blue_block carried at another place than where it is taken"),
-        ((0, 1, 2, 4, 5, 6), "expected .*, where lift ends"),
         ((0, 1, 3, 4, 5, 6), "expected .*, where descend ends"),
         ((2, 3, 4, 5, 6), "lift: got blue_block carried; expected nothing"),
-        ((0, 1, 2, 3, 4, 6), "where lower ends"),
         ((0, 1, 2, 2, 3, 4, 5, 6), "where lift ends"),
         ((0, 2, 1, 3, 4, 5, 6), "where home -> pregrasp ends|blue_block"),
-        ((6, 0, 1, 2, 3, 4, 5), "retreat -> home"),
     ],
 )
 def test_pieces_of_a_task_left_out_repeated_or_swapped_are_refused(
@@ -543,62 +495,32 @@ def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask) -> N
     refused(ghost, "home -> pregrasp: got another scene than at the start of the plan", bin_())
 
 
-def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask) -> None:
-    block = read.scene.obstacle("blue_block")
-    x, y, z = block.pose.position
-    for shift in (0.004, 0.03):
-        there = Pose((x + shift, y + shift, z), block.pose.quaternion)
-        parts = [
-            replace(part, scene=part.scene.moved("blue_block", there))
-            if part.scene is not None and not part.scene.attached and k < 2
-            else part
-            for k, part in enumerate(read.segments)
-        ]
-        moved = replace(read, begin=replace(read.begin, scene=read.scene.moved("blue_block", there)))
-        refused(with_segments(moved, *parts), "blue_block carried at another place than where it is taken", bin_())
-
-
-@pytest.mark.parametrize("name", ["home -> pregrasp", "transfer", "retreat -> home"])
-def test_fingers_touch_an_object_only_where_they_take_or_leave_it(name: str, read: SavedTask) -> None:
-    touch = ExemptInterval(0.0, length_of(read, name), (("finger_left", "blue_block"),), "grasp")
-    refused(exempting(read, name, touch), "finger_left x blue_block is not judged", bin_())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "pair", "match"),
+    ("name", "length", "pair", "match"),
     [
-        ("lift", ("blue_block", "bin_floor"), "at most 50 mm are meant"),
-        ("lower", ("blue_block", "tray"), "at most 50 mm are meant"),
-        ("transfer", ("blue_block", "tray"), "no rule"),
-        ("descend", ("finger_left", "demo_post"), "no rule"),
-        ("lift", ("link_6", "blue_block"), "no rule"),
+        ("lift", None, ("blue_block", "bin_floor"), "at most 50 mm are meant"),
+        ("lower", None, ("blue_block", "tray"), "at most 50 mm are meant"),
+        ("transfer", None, ("blue_block", "tray"), "no rule"),
+        ("descend", None, ("finger_left", "demo_post"), "no rule"),
+        ("retreat -> home", None, ("finger_left", "blue_block"), "finger_left x blue_block is not judged"),
+        ("lift", 9.0, ("blue_block", "bin_floor"), "beyond the end"),
+        ("lift", 0.01, ("ghost", "demo_post"), "have no such pair"),
     ],
 )
 def test_a_stretch_wider_than_its_rule_is_refused(
-    name: str, pair: tuple[str, str], match: str, read: SavedTask
+    name: str, length: float | None, pair: tuple[str, str], match: str, read: SavedTask
 ) -> None:
-    refused(exempting(read, name, ExemptInterval(0.0, length_of(read, name), (pair,), "grasp")), match, bin_())
-
-
-@pytest.mark.slow
-def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: SavedTask) -> None:
-    refused(
-        exempting(read, "lift", ExemptInterval(0.0, 9.0, (("blue_block", "bin_floor"),), "")), "beyond the end", bin_()
-    )
-    refused(
-        exempting(read, "lift", ExemptInterval(0.0, 0.01, (("ghost", "demo_post"),), "")), "have no such pair", bin_()
-    )
+    stretch = ExemptInterval(0.0, length or length_of(read, name), (pair,), "grasp")
+    refused(exempting(read, name, stretch), match, bin_())
 
 
 # Real arms, and the command line.
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("simulated", [False, np.bool_(False)])
-def test_a_real_arm_is_moved_by_a_file_only_in_the_world_that_the_operator_knows(
-    simulated: Any, tmp_path: Path
-) -> None:
+def test_a_real_arm_is_moved_by_a_file_only_in_the_world_that_the_operator_knows(tmp_path: Path) -> None:
+    simulated: Any = np.bool_(False)
     plan, arm = saved(bin_(), good(), tmp_path), FakeArm(np.array(bin_().robot.home), simulated=simulated)
     made = rf"wxai \({bin_().robot.hash[:12]}\) in bin \({bin_().scene.hash[:12]}\)"
     with pytest.raises(
@@ -633,22 +555,10 @@ FILES = [["certify"], ["run", "--sim"], ARM, ["view", "--no-browser"], ["export"
 
 @pytest.mark.parametrize("words", FILES, ids=lambda words: words[0])
 def test_a_forged_file_is_refused_by_each_command(words: list[str], tmp_path: Path) -> None:
-    length = through_the_post(good(), bin_()).path.length  # type: ignore[union-attr]
-    for exempt in ((), (everything(bin_(), length),)):
-        saved(bin_(), through_the_post(good(), bin_(), *exempt), tmp_path)
-        done = CliRunner().invoke(app, [words[0], str(tmp_path / "plan.json"), *words[1:]])
-        assert done.exit_code == 1
-        assert ("--allow" if exempt else "is not proven apart") in done.output
-
-
-def test_certify_says_against_what_and_lists_what_is_not_judged(read: SavedTask, tmp_path: Path) -> None:
-    save_plan(read, tmp_path / "task.json")
-    done = CliRunner().invoke(app, ["certify", str(tmp_path / "task.json")])
-    assert done.exit_code == 0
-    told = " ".join(done.output.split())
-    assert "note: using the scene in this file: bin" in told
-    assert "note: lower: not judged from s" in told
-    assert "blue_block x tray (blue_block is to stand there)" in told
+    saved(bin_(), through_the_post(good(), bin_()), tmp_path)
+    done = CliRunner().invoke(app, [words[0], str(tmp_path / "plan.json"), *words[1:]])
+    assert done.exit_code == 1
+    assert "is not proven apart" in done.output
 
 
 @pytest.mark.slow
@@ -662,27 +572,10 @@ def test_a_dry_run_lists_what_is_not_judged_and_moves_nothing(
     told = " ".join(done.stderr.split())
     assert "Not checked: descend: not judged from s = 0.000 to" in told
     assert "finger_left x blue_block, finger_right x blue_block (fingers may touch blue_block, which they take)" in told
-    assert "lift: not judged from s = 0.000 to" in told
     assert "also give --robot and --scene" in told
     done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2", "--yes"])
     assert done.exit_code == 2
     assert "--robot and --scene, or execute(..., service=PlannerService(robot, scene))" in " ".join(done.stderr.split())
-
-
-@pytest.mark.slow
-def test_pairs_are_named_again_in_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = FakeArm(np.array(home()), simulated=False)
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    lenient = PlannerService("wxai", "bin", allowed=[("link_6", "demo_post")])
-    saved(lenient, lenient.plan(PlanRequest(home(), ABOVE_TRAY, seed=7)), tmp_path)
-    words = ["run", str(tmp_path / "plan.json"), "--arm", "::1", "--yes", "--robot", "wxai", "--scene", "bin"]
-    assert CliRunner().invoke(app, words).exit_code == 1
-    assert arm.told == []
-    assert CliRunner().invoke(app, [*words, "--allow", "link_6:demo_post"]).exit_code == 0
-    assert arm.told
-    wrong = CliRunner().invoke(app, ["certify", str(tmp_path / "plan.json"), "--allow", "link_6"])
-    assert wrong.exit_code == 2
-    assert "two different names of links or objects" in " ".join(wrong.stderr.split())
 
 
 def starting_at(task: SavedTask, name: str, robot: Robot, *segments: Segment) -> SavedTask:
@@ -704,17 +597,6 @@ def test_a_gripper_that_holds_something_does_not_open_for_the_first_motion(read:
     assert (arm.told, arm.widths) == ([], [])
 
 
-def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: SavedTask) -> None:
-    lower, retreat = (next(part for part in read.segments if part.name == name) for name in ("lower", "retreat"))
-    assert retreat.scene is not None
-    (held,) = present(lower.scene).attached
-    pin = Attached("pin", Box((0.002, 0.002, 0.002)), held.pose, ("finger_left", "finger_right"))
-    both = starting_at(read, "lower", bin_().robot)
-    segments = [replace(part, scene=part.scene.with_attached(pin)) for part in (lower, retreat) if part.scene]
-    begin = replace(both.begin, scene=present(segments[0].scene))
-    refused(replace(both, begin=begin, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_())
-
-
 def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTask) -> None:
     robot = bin_().robot
     lower = next(part for part in read.segments if part.name == "lower")
@@ -731,27 +613,6 @@ def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTa
     forged = starting_at(read, "lower", robot, *motions)
     assert "blue_block x tray is not judged from s = 0 to" in objections(forged)
     refused(forged, r"blue_block comes 8\.\d mm into tray", bin_())
-
-
-# Robots that only have a name in common.
-
-
-def test_a_robot_in_a_file_that_only_has_the_name_of_one_of_the_package_is_told_of(tmp_path: Path) -> None:
-    stay = PlanRequest(home(), home())
-    told = CliRunner().invoke(app, ["certify", saved_to(bin_(), stay, tmp_path)])
-    assert (told.exit_code, "of this package" in told.output) == (0, False)
-    lenient = AllowedContact(("link_1", "link_3"), "so it is said")
-    other = replace(bin_().robot, allowed_contacts=(*bin_().robot.allowed_contacts, lenient))
-    file = saved_to(PlannerService(other, bin_().scene), stay, tmp_path)
-    for command in (["certify", file], ["run", file, "--arm", "192.0.2.1"]):
-        said = " ".join(CliRunner().invoke(app, command).output.split())
-        assert "robot wxai in this file differs from wxai of this package" in said
-        assert "robot wxai in this file allows link_1 x link_3 to touch; wxai of this package does not" in said
-
-
-def saved_to(service: PlannerService, request: PlanRequest, folder: Path) -> str:
-    service.plan(request).save(folder / "stay.json")
-    return str(folder / "stay.json")
 
 
 # Values that are not what they seem.
@@ -776,30 +637,9 @@ def test_what_is_driven_is_made_of_the_numbers_that_were_proven() -> None:
 # Numbers chosen so that sums, products and roundings hide what the arm would do.
 
 
-def test_speeds_that_are_no_numbers_are_no_time_law() -> None:
-    path = JointPath(np.stack([home(), home() + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])]))
-    speed, vast = 0.9 * float(bin_().robot.limits.velocity[0]), 1.7e308
-    table = [[0, 0, 0, 0], [0, 0, vast, -vast], [0, speed, 0, 0], [0.5, speed, -vast, vast], [0.5, 0, 0, 0]]
-    durations = [1e-3, 1e-160, path.length / speed, 1e-160, 1e-3]
-    with pytest.raises(InvalidRequest, match="numbers whose speeds and accelerations are finite"):
-        Trajectory(path, np.array(durations), np.array(table, dtype=float))
-
-
-def test_many_small_jumps_are_one_large_jump() -> None:
-    limits = bin_().robot.limits
-    ends = np.stack([limits.lower, limits.upper])
-    far = np.tile(ends, (5_000, 1))
-    path = JointPath(np.vstack([home(), home() + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]), far]))
-    count = math.ceil(0.5 / (0.9e-9 * path.length))
-    table = np.zeros((count, 4))
-    table[:, 0] = np.arange(count) * (float(path.knots[1]) / count)
-    with pytest.raises(InvalidRequest, match="without a jump"):
-        Trajectory(path, np.full(count, 1e-6), table, 1.0, (0.0, float(path.knots[1])))
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("step", "count"), [(2e-12, 3_000), (2e-12, 20_000), (1e-9, 20_000)])
-def test_an_arm_does_not_turn_back_at_speed_by_many_tiny_turns(step: float, count: int) -> None:
+def test_an_arm_does_not_turn_back_at_speed_by_many_tiny_turns() -> None:
+    step, count = 2e-12, 3_000
     start = home() + np.array([0.0, 0.3, 0.3, 0.0, 0.0, 0.0])
     angles = np.pi * (np.arange(count) + 0.5) / count
     moves = np.zeros((count, 6))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
@@ -24,7 +23,6 @@ from planner_service import (
     InvalidFile,
     InvalidRequest,
     Mesh,
-    MissingDependency,
     MotionStep,
     Obstacle,
     PlannerService,
@@ -34,11 +32,6 @@ from planner_service import (
     Scene,
     Sphere,
     load_robot,
-    load_scene,
-    pick,
-    robot_names,
-    scene_names,
-    top_grasps,
 )
 from planner_service.certify import ExemptInterval
 from planner_service.cli.commands import app
@@ -73,12 +66,9 @@ def same(a: Any, b: Any, where: str = "") -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", robot_names())
-def test_every_robot_that_comes_with_the_package_comes_back_from_a_file(name: str, tmp_path: Path) -> None:
-    try:
-        robot = load_robot(name)
-    except MissingDependency as missing:
-        pytest.skip(str(missing))
+@pytest.mark.parametrize("name", ["planar2", "ur5", "wxai_dual", "kinova_gripper"])
+def test_a_robot_comes_back_from_a_file_and_plans_the_same_again(name: str, tmp_path: Path) -> None:
+    robot = load_robot(name)
     service = PlannerService(robot, Scene((Obstacle("ball", Sphere(0.05), TURNED),)))
     near = np.where(robot.home + 0.05 < robot.limits.upper, robot.home + 0.05, robot.home - 0.05)
     result = service.plan(PlanRequest(robot.home, near, time_limit=None))
@@ -113,14 +103,13 @@ EVERYTHING = Scene(
 )
 
 
-@pytest.mark.parametrize("scene", [*map(load_scene, scene_names()), EVERYTHING], ids=lambda scene: scene.name)
-def test_every_scene_and_every_kind_of_solid_comes_back_from_a_file(scene: Scene, tmp_path: Path) -> None:
+def test_a_scene_of_every_kind_of_solid_comes_back_from_a_file(tmp_path: Path) -> None:
     robot = load_robot("planar2")
     result = PlannerService(robot, "empty").plan(PlanRequest(robot.home, robot.home))
-    save_plan(SavedPlan(World(robot, scene), None, result), tmp_path / "plan.json")
+    save_plan(SavedPlan(World(robot, EVERYTHING), None, result), tmp_path / "plan.json")
     read = load_plan(tmp_path / "plan.json").scene
-    same(read, scene)
-    assert read.hash == scene.hash
+    same(read, EVERYTHING)
+    assert read.hash == EVERYTHING.hash
 
 
 @pytest.fixture(scope="module")
@@ -142,33 +131,6 @@ def test_each_motion_of_a_task_knows_its_gripper_and_what_it_carries(task: Saved
     assert carrying == ["lift", "transfer", "lower"]
     read.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "task.json").read_bytes()
-
-
-def test_what_is_carried_is_what_was_taken_and_not_what_is_next_to_the_fingers(tmp_path: Path) -> None:
-    """A flat block on a table: the table is nearer to the closed fingers than the block."""
-    table = load_scene("table")
-    top = max(o.pose.position[2] + o.shape.size[2] / 2 for o in table.obstacles if isinstance(o.shape, Box))
-    block = Obstacle("block", Box((0.03, 0.03, 0.003)), Pose((0.25, 0.1, top + 0.002)))
-    pad = Obstacle("pad", Box((0.1, 0.1, 0.004)), Pose((0.25, -0.12, top + 0.0025)))
-    service = PlannerService("wxai", table.with_obstacle(block).with_obstacle(pad))
-    home = service.robot.home
-    found = plan_pick_place(service, "block", "pad", PlanRequest(home, home, seed=1, time_limit=None))
-    assert found.failure is None, "this scene shows nothing then"
-    found.save(tmp_path / "task.json")
-    carried = [segment.scene.attached for segment in load_task(tmp_path / "task.json").segments if segment.scene]
-    assert {held.name for attached in carried for held in attached} == {"block"}
-
-
-def test_a_pick_is_saved_as_a_task(tmp_path: Path) -> None:
-    service = PlannerService("wxai", "bin")
-    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
-    found = pick(service, service.robot.home, "blue_block", grasps)
-    found.save(tmp_path / "task.json")
-    read = load_plan_or_task(tmp_path / "task.json")
-    assert isinstance(read, SavedTask)
-    assert [segment.name for segment in read.segments] == ["to pregrasp", "descend", "lift"]
-    assert read.counts == found.counts
-    assert read.task == "pick blue_block"
 
 
 def test_a_result_that_knows_no_service_is_not_saved_by_itself(tmp_path: Path) -> None:
@@ -236,14 +198,6 @@ def test_sections_of_later_versions_are_kept(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "again.json").read_text())["sections"] == document["sections"]
 
 
-def test_a_section_may_not_be_nested_without_end(tmp_path: Path) -> None:
-    document, deep = document_of(), list[Any]()
-    for _ in range(100):
-        deep = [deep]
-    document["sections"] = {"deep": deep}
-    assert "sections: got" in refused(document, tmp_path / "plan.json")
-
-
 def _put(*path: Any) -> Callable[[Document, Any], None]:
     def put(document: Document, value: Any) -> None:
         here: Any = document
@@ -259,30 +213,17 @@ def _put(*path: Any) -> Callable[[Document, Any], None]:
     [
         (("robot", "settle_time"), 1.0, "robot.hash: got"),
         (("scene", "obstacles", 0, "pose", "position", 0), 0.5, "scene.hash: got"),
-        (("robot", "hash"), "0" * 64, "robot.hash: got"),
         (("robot", "bodies", 2, "parent"), 2, "robot.bodies: got [-1, 0, 2"),
-        (("robot", "bodies", 2, "q_index"), 5, "robot.bodies: got [-1, 0, 5"),
         (("robot", "bodies", 1, "axis"), [0.0, 0.0, 0.5], "robot.bodies[1] 'joint_0'.axis: got [0.0, 0.0, 0.5]"),
-        (("robot", "bodies", 1, "placement", 0), [1.0, 0.0], "robot.bodies[1] 'joint_0'.placement: got"),
         (("robot", "tool_body"), 99, "robot.tool_body: got 99"),
         (("robot", "shapes", 0, "body"), 99, "robot.shapes[0].body: got 99"),
-        (("robot", "link_frames", 4, "body"), 99, "robot.link_frames[4].body: got 99"),
         (("robot", "link_frames", 4, "body"), 1, "robot.link_frames[4].body: got 1"),
-        (("robot", "link_frames", 8, "link"), "camera", "robot.link_frames: got"),
         (("robot", "shapes", 0, "shape"), {"kind": "cone"}, "robot.shapes[0].shape.kind: got 'cone'; expected one of"),
         (("robot", "named_poses"), [], 'robot.named_poses: got []; expected each pose once, "home" among them'),
         (("robot", "gripper_width"), 5.0, "robot.gripper_width: got 5.0"),
-        (("robot", "gripper", "closed"), [], "robot.gripper.directions: got"),
         (("robot", "joint_names", 0), "joint_1", "robot.joint_names: got"),
-        (("robot", "extra"), 1, "robot: unknown key 'extra'"),
         (("robot", "limits", "velocity", 0), -1.0, "robot.limits.velocity: got"),
-        (("allowed",), [["a"]], "allowed[0]: got ['a']; expected two names"),
-        (("edge_step",), {"kind": "motion", "size": 0.0}, "edge_step: distance: got 0.0"),
-        (("sections",), [], "sections: got []; expected an object"),
-        (("made_with", "numpy"), 2, "made_with.numpy: got 2; expected a text"),
-        (("result", "ok"), False, "result.ok: got False"),
         (("result", "counts", "states"), 10**6, "result.counts: got"),
-        (("result", "path", "length"), 99.0, "result.path.length: got 99.0"),
         (("result", "trajectory", "duration"), 99.0, "result.trajectory: duration: got 99.0"),
     ],
 )
@@ -290,22 +231,6 @@ def test_a_file_that_contradicts_itself_is_refused(path: Any, value: Any, proble
     document = document_of()
     _put(*path)(document, value)
     assert problem in refused(document, tmp_path / "plan.json")
-
-
-@pytest.mark.parametrize("width", [5.0, -0.01, None])
-def test_a_gripper_width_outside_its_range_is_refused(width: Any, task: SavedTask, tmp_path: Path) -> None:
-    document = task.document()
-    document["segments"][2]["gripper_width"] = width
-    assert f"segments[2].gripper_width: got {width}; expected metres in" in refused(
-        document, tmp_path / "task.json", load_task
-    )
-
-
-def test_an_obstacle_that_a_motion_only_names_has_to_be_there(task: SavedTask, tmp_path: Path) -> None:
-    document = task.document()
-    document["segments"][2]["scene"]["obstacles"][0] = "nothing"
-    told = refused(document, tmp_path / "task.json", load_task)
-    assert "segments[2].scene: obstacles: got 'nothing'; expected the name of an obstacle" in told
 
 
 UNPRINTABLE = ("\x1b[2J", "half\ud800", "a\nb", "\u202e", "bell\x07")
@@ -335,38 +260,23 @@ def with_an_exempt_stretch() -> str:
     return json.dumps(document_of(planned))
 
 
-@pytest.mark.parametrize("text", UNPRINTABLE)
 @pytest.mark.parametrize("place", PLACES, ids=lambda place: ".".join(map(str, place)))
-def test_text_that_a_terminal_would_obey_is_refused(place: tuple[Any, ...], text: str, tmp_path: Path) -> None:
-    document = json.loads(with_an_exempt_stretch())
-    _put(*place)(document, [text] if place[-1] == "notes" else text)
-    file = tmp_path / "plan.json"
-    told = refused(document, file)
-    assert "got " in told
-    assert told.replace("\n", "").isprintable()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("place", PLACES, ids=lambda place: ".".join(map(str, place)))
-@pytest.mark.parametrize("command", ["certify", "export", "view"])
-def test_no_command_prints_it(command: str, place: tuple[Any, ...], tmp_path: Path) -> None:
-    document = json.loads(with_an_exempt_stretch())
-    texts = "".join(UNPRINTABLE)
-    _put(*place)(document, [texts] if place[-1] == "notes" else texts)
-    file = tmp_path / "plan.json"
-    file.write_text(json.dumps(document), "utf-8")
-    done = CliRunner().invoke(app, [command, str(file)])
+def test_text_that_a_terminal_would_obey_is_refused_and_no_command_prints_it(
+    place: tuple[Any, ...], tmp_path: Path
+) -> None:
+    document, file = json.loads(with_an_exempt_stretch()), tmp_path / "plan.json"
+    for text in UNPRINTABLE:
+        _put(*place)(document, [text] if place[-1] == "notes" else text)
+        assert "got " in refused(document, file)
+    done = CliRunner().invoke(app, ["certify", str(file)])
     assert done.exit_code == 2
     assert (done.stdout + done.stderr).replace("\n", "").isprintable()
 
 
-def test_a_key_that_a_terminal_would_obey_is_shown_by_its_escape(tmp_path: Path) -> None:
+def test_a_key_or_a_note_that_a_terminal_would_obey_is_shown_by_its_escapes(tmp_path: Path) -> None:
     document = document_of()
     document["robot"]["\x1b[2J"] = 1
     assert r"robot: unknown key '\x1b[2J'" in refused(document, tmp_path / "plan.json")
-
-
-def test_a_note_that_a_terminal_would_obey_is_written_by_its_escapes(tmp_path: Path) -> None:
     service = PlannerService("planar2", "discs")
     result = service.plan(PlanRequest(service.robot.home, service.robot.home))
     replace(result, notes=("\x1b[2Jred\ud800",)).save(tmp_path / "plan.json")
@@ -376,27 +286,12 @@ def test_a_note_that_a_terminal_would_obey_is_written_by_its_escapes(tmp_path: P
 # Files made to cost time. Each took time in proportion to the square of its size, or would.
 
 
-def test_of_many_empty_stretches_a_hundred_problems_are_listed_and_the_others_counted(tmp_path: Path) -> None:
+def test_of_many_problems_a_hundred_are_listed_and_the_others_counted(tmp_path: Path) -> None:
     document = document_of()
     document["result"]["certificate"]["exempt"] = [{}] * 100_000
     assert "expected at most 1,000 entries; there are 100,000" in refused(document, tmp_path / "plan.json")
     document["result"]["certificate"]["exempt"] = [{}] * 900
     assert refused(document, tmp_path / "plan.json").endswith("\nand 904 more")
-
-
-def test_a_file_with_some_problems_in_a_hundred_places_names_a_hundred(tmp_path: Path) -> None:
-    document = document_of()
-    document["result"]["certificate"]["exempt"] = [{}] * 50
-    problems = refused(document, tmp_path / "plan.json").split("\n")
-    assert problems[0] == "result.certificate.exempt[0].s_start: missing"
-    assert (len(problems), problems[-1]) == (101, "and 100 more")
-
-
-def test_many_keys_of_which_one_is_there_twice_are_read_once(tmp_path: Path) -> None:
-    keys = ",".join(f'"k{i}":0' for i in range(90_000))
-    (tmp_path / "plan.json").write_text("{" + keys + ',"z":0,"z":1}')
-    with pytest.raises(InvalidFile, match="key 'z' occurs twice"):
-        load_plan(tmp_path / "plan.json")
 
 
 @pytest.mark.parametrize(
@@ -454,27 +349,8 @@ def test_a_task_file_of_before_says_how_to_plan_again(tmp_path: Path) -> None:
     old = {"format": "planner-service/task", "version": 1, "task": "pick cup from bin, place on tray"}
     told = refused(old | {"robot": {"name": "wxai"}, "scene": {"name": "bin"}}, tmp_path / "t.json", load_plan_or_task)
     assert "planner-service pick-place --robot=wxai --scene=bin --object=cup --onto=tray --out=FILE" in told
-
-
-@pytest.mark.parametrize("request_", [None, 3, {"start": [1e400]}, {"goals": {}}, {"seed": "\x1b[2J"}, {"start": "x"}])
-def test_an_old_file_that_is_damaged_says_what_it_can(request_: Any, tmp_path: Path) -> None:
-    old = {"format": "planner-service/plan", "version": 1, "request": request_, "robot": 7}
-    file = tmp_path / "plan.json"
-    file.write_text(json.dumps(old).replace("Infinity", "1e400"))
-    with pytest.raises(InvalidFile, match="plan again: planner-service plan") as caught:
-        load_plan(file)
-    assert caught.value.problems[0].isprintable()
-
-
-def test_the_page_about_plan_files_says_what_happens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (Path(__file__).parents[3] / "docs" / "reference" / "plan-files.md").read_text("utf-8")
-    blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE))
-    monkeypatch.chdir(tmp_path)
-    exec(compile(blocks["python"], "plan-files.md", "exec"), {})
-    document = json.loads(Path("plan.json").read_text())
-    document["robot"]["settel_time"] = 0.0
-    document["result"]["path"]["waypoints"][1][2] = "x"
-    Path("plan.json").write_text(json.dumps(document))
-    with pytest.raises(InvalidFile) as caught:
-        load_plan("plan.json")
-    assert str(caught.value) == blocks["text"].strip()
+    damaged: Any
+    for damaged in (None, 3, {"start": [1e300]}, {"goals": {}}, {"seed": "\x1b[2J"}, {"start": "x"}):
+        told = refused({"format": "planner-service/plan", "version": 1, "request": damaged}, tmp_path / "plan.json")
+        assert "plan again: planner-service plan" in told
+        assert told.isprintable()

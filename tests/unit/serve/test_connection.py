@@ -61,12 +61,6 @@ def test_headers_that_do_not_end_are_refused() -> None:
     assert b"header-too-large" in received
 
 
-def test_headers_that_come_at_once_have_the_same_limit() -> None:
-    received = answered(HEAD + b"X: " + b"a" * MAX_HEAD + b"\r\n\r\n")
-    assert received.startswith(b"HTTP/1.1 431")
-    assert b"header-too-large" in received
-
-
 def test_what_follows_a_body_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "MAX_REQUEST", 100_000)
     assert answered(CHUNKED + b"T: ", *[b"a" * 10_000] * 20) == b""

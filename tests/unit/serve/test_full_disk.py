@@ -5,27 +5,22 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any
 
-import httpx
 import pytest
 
 from planner_service import PlannerService
-from planner_service.parallel.pool import Answered, Event
 from planner_service.planning.request import World
-from planner_service.serve import app as apps
 from planner_service.serve import server as servers
-from planner_service.serve.app import create_app
 from planner_service.serve.problems import Refused
 from planner_service.serve.server import PlanningServer, StoredAnswer
-from planner_service.serve.state import store as stores
 from planner_service.serve.state.store import State, StateUnusable, Store
 from planner_service.serve.work import Answer
 from tests.support.optional import present
+from tests.support.workers import ScriptedWorkers
 
 BODY = b'{"scene": "cell", "planner": {"name": "prm"}}'
 
@@ -57,40 +52,6 @@ class Disk(Store):
             raise StateUnusable("index.db", ["cannot be written: database or disk is full"])
 
 
-class Echo:
-    """A backend with one worker, which answers with the request's id when it is allowed to."""
-
-    max_workers = 1
-
-    def __init__(self) -> None:
-        self.allowed = threading.Event()
-        self._events: SimpleQueue[tuple[int, Event]] = SimpleQueue()
-
-    def start(self) -> int:
-        self._events.put((1, Answered(None)))
-        return 1
-
-    def send(self, worker: int, item: Any) -> None:
-        self._events.put((worker, Answered(Answer(_echo(item.id), True))))
-
-    def tell(self, worker: int, note: Any) -> None:
-        raise AssertionError
-
-    def receive(self, workers: Sequence[int], timeout: float | None) -> list[tuple[int, Event]]:
-        if not self.allowed.wait(timeout):
-            return []
-        try:
-            return [self._events.get(timeout=timeout)]
-        except Empty:
-            return []
-
-    def kill(self, workers: Sequence[int]) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
 def _echo(job: str) -> bytes:
     return json.dumps({"id": job, "much": "." * 1000}).encode()
 
@@ -113,8 +74,8 @@ def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Disk:
 
 
 @asynccontextmanager
-async def served(world: World, disk: Disk) -> AsyncIterator[tuple[PlanningServer, Echo]]:
-    workers = Echo()
+async def served(world: World, disk: Disk) -> AsyncIterator[tuple[PlanningServer, ScriptedWorkers]]:
+    workers = ScriptedWorkers(1, lambda job: Answer(_echo(job), True))
     server = PlanningServer(world, disk, workers, capacity=8, poll=0.01)
     await server.start()
     try:
@@ -123,15 +84,12 @@ async def served(world: World, disk: Disk) -> AsyncIterator[tuple[PlanningServer
         await server.stop()
 
 
-@pytest.mark.parametrize("room", [None, 500])
-def test_answers_that_the_disk_has_no_room_for_are_told_once_they_are_kept(
-    discs: PlannerService, disk: Disk, room: int | None
-) -> None:
+def test_answers_that_the_disk_has_no_room_for_are_told_once_they_are_kept(discs: PlannerService, disk: Disk) -> None:
     async def asked() -> None:
         async with served(discs.world, disk) as (server, workers):
             jobs = [await server.accept("roadmaps", BODY, None) for _ in range(4)]
             answers = [server.pending(job) for job in jobs]
-            disk.room = room
+            disk.room = None
             workers.allowed.set()
             await until(lambda: disk.refused > 20)
             assert not any(answer is not None and answer.done() for answer in answers)
@@ -163,44 +121,3 @@ def test_answers_that_wait_to_be_kept_take_up_the_room_of_requests(
     asyncio.run(asked())
     assert len([record for record in caplog.records if "waits to be kept" in record.message]) == 8
     assert all(thread.name != "answers to keep" for thread in threading.enumerate())
-
-
-def test_an_answer_that_can_never_be_kept_says_so(
-    discs: PlannerService, disk: Disk, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(stores, "MAX_CONTENT", 900)
-
-    async def asked() -> None:
-        async with served(discs.world, disk) as (server, workers):
-            job = await server.accept("roadmaps", BODY, None)
-            workers.allowed.set()
-            told = await asyncio.wait_for(present(server.pending(job)), 10.0)
-            assert present(told).refused
-            problem = json.loads(present(told).content)
-            assert problem["status"] == 507
-            assert problem["detail"].startswith("too large")
-
-    asyncio.run(asked())
-
-
-def test_what_can_be_neither_cancelled_nor_removed_yet_is_not_said_to_be(
-    discs: PlannerService, disk: Disk, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(apps, "MAX_ENDING", 0.01)
-
-    async def asked() -> None:
-        async with served(discs.world, disk) as (server, workers):
-            transport = httpx.ASGITransport(create_app(server))
-            async with httpx.AsyncClient(transport=transport, base_url="http://here") as client:
-                disk.room = 500
-                workers.allowed.set()
-                job = await server.accept("roadmaps", BODY, None)
-                await until(lambda: disk.refused > 2)
-                refused = await client.delete(f"/plans/{job}")
-                assert (refused.status_code, refused.headers["retry-after"]) == (503, "5")
-                disk.room = 10**9
-                await asyncio.wait_for(present(server.pending(job)), 10.0)
-                assert (await client.delete(f"/plans/{job}")).status_code == 204
-                assert (await client.get(f"/plans/{job}")).status_code == 404
-
-    asyncio.run(asked())

@@ -4,54 +4,18 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from queue import Empty, SimpleQueue
 from typing import Any
 
 import pytest
 
-from planner_service.parallel.pool import Answered, Died, Event, Noted, Raised
+from planner_service.parallel.pool import Answered, Died, Noted, Raised
 from planner_service.serve import jobs
 from planner_service.serve.jobs import Dispatcher, Task
 from planner_service.serve.work import Answer, Assignment, Cancellation, Ending
-
-
-@dataclass
-class Workers:
-    """A backend whose workers answer when the test says so."""
-
-    max_workers: int
-    started: int = 0
-    sent: list[tuple[int, str]] = field(default_factory=list)
-    told: list[tuple[int, Any]] = field(default_factory=list)
-    killed: list[int] = field(default_factory=list)
-    events: SimpleQueue[tuple[int, Event]] = field(default_factory=SimpleQueue)
-
-    def start(self) -> int:
-        self.started += 1
-        self.events.put((self.started, Answered(None)))
-        return self.started
-
-    def send(self, worker: int, item: Any) -> None:
-        self.sent.append((worker, item.id))
-
-    def tell(self, worker: int, note: Any) -> None:
-        self.told.append((worker, note))
-
-    def receive(self, workers: Sequence[int], timeout: float | None) -> list[tuple[int, Event]]:
-        try:
-            worker, event = self.events.get(timeout=timeout)
-        except Empty:
-            return []
-        return [(worker, event)] if worker in workers else []
-
-    def kill(self, workers: Sequence[int]) -> None:
-        self.killed += workers
-
-    def close(self) -> None:
-        pass
+from tests.support.workers import ScriptedWorkers
 
 
 @dataclass
@@ -87,8 +51,9 @@ class Heard:
 
 
 @contextmanager
-def dispatching(workers: int, *, failing: bool = False) -> Iterator[tuple[Workers, Heard, Dispatcher[int]]]:
-    backend, heard = Workers(workers), Heard(failing)
+def dispatching(workers: int, *, failing: bool = False) -> Iterator[tuple[ScriptedWorkers, Heard, Dispatcher[int]]]:
+    backend, heard = ScriptedWorkers(workers), Heard(failing)
+    backend.allowed.set()
     dispatcher = Dispatcher(backend, heard, 0.001)
     dispatcher.start()
     try:
@@ -167,14 +132,6 @@ def test_what_goes_back_to_the_queue_can_be_cancelled_at_any_moment() -> None:
         workers.events.put((1, Died("it was ended")))
         until(lambda: bool(results))
         assert results == [True]
-
-
-def test_what_was_cancelled_has_ended_when_the_dispatcher_stops() -> None:
-    with dispatching(1) as (workers, heard, dispatcher):
-        dispatcher.submit(task("a"))
-        until(lambda: (1, "a") in workers.sent)
-        assert dispatcher.cancel("a")
-    assert heard.ends == {"a": Ending.CANCELLED}
 
 
 def test_a_deadline_ends_what_waits_and_tells_the_worker_of_what_runs() -> None:

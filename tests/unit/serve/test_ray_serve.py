@@ -13,8 +13,7 @@ import httpx
 import pytest
 
 from planner_service import PlannerService, PlanRequest
-from planner_service.errors import InvalidRequest
-from planner_service.parallel import Processes, Ray
+from planner_service.parallel import Ray
 from planner_service.records.plan_file import SavedTask
 from planner_service.serve.ray_serve import deployment
 from planner_service.serve.run import Settings
@@ -82,9 +81,3 @@ def timeless(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: timeless(entry) for key, entry in value.items() if key != "seconds"}
     return [timeless(entry) for entry in value] if isinstance(value, list) else value
-
-
-@pytest.mark.ray
-def test_a_deployment_needs_a_cluster() -> None:
-    with pytest.raises(InvalidRequest, match=r"settings\.engine: .* expected Ray"):
-        deployment(Settings("wxai", ["bin"], Processes(1)))

@@ -5,79 +5,17 @@ from __future__ import annotations
 import asyncio
 import json
 import sqlite3
-import threading
-import time
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from shutil import copytree
-from typing import Any
 
 import pytest
 
 from planner_service import PlannerService
-from planner_service.parallel.pool import Answered, Event
 from planner_service.serve.problems import Refused
 from planner_service.serve.server import PlanningServer
 from planner_service.serve.state.store import State, Store
-
-
-class NoWorkers:
-    """A backend that starts none."""
-
-    max_workers = 0
-
-    def start(self) -> Any:
-        raise AssertionError
-
-    def send(self, worker: Any, item: Any) -> None:
-        raise AssertionError
-
-    def tell(self, worker: Any, note: Any) -> None:
-        raise AssertionError
-
-    def receive(self, workers: Sequence[Any], timeout: float | None) -> list[tuple[Any, Event]]:
-        time.sleep(0.01)
-        return []
-
-    def kill(self, workers: Sequence[Any]) -> None:
-        assert not workers
-
-    def close(self) -> None:
-        pass
-
-
-class Busy(NoWorkers):
-    """A backend with one worker, which never answers.
-
-    Attributes:
-        asked: Set once it has a request.
-    """
-
-    max_workers = 1
-
-    def __init__(self) -> None:
-        self.asked = threading.Event()
-        self._events: list[tuple[Any, Event]] = []
-
-    def start(self) -> Any:
-        self._events.append((1, Answered(None)))
-        return 1
-
-    def send(self, worker: Any, item: Any) -> None:
-        self.asked.set()
-
-    def tell(self, worker: Any, note: Any) -> None:
-        pass
-
-    def receive(self, workers: Sequence[Any], timeout: float | None) -> list[tuple[Any, Event]]:
-        time.sleep(0.01)
-        events, self._events = self._events, []
-        return events
-
-    def kill(self, workers: Sequence[Any]) -> None:
-        pass
-
+from tests.support.workers import ScriptedWorkers
 
 BODY = b'{"scene": "cell", "planner": {"name": "prm"}}'
 
@@ -92,7 +30,7 @@ def states_after_start(service: PlannerService, store: Store) -> list[State]:
     """What has become of all jobs, the first one first, once a server has started."""
 
     async def started() -> list[State]:
-        server = PlanningServer(service.world, store, NoWorkers(), capacity=1, poll=0.01)
+        server = PlanningServer(service.world, store, ScriptedWorkers(0), capacity=1, poll=0.01)
         await server.start()
         found = [job.state for job in reversed(store.jobs())]
         await server.stop()
@@ -132,11 +70,12 @@ def test_what_was_cancelled_stays_cancelled_though_the_server_is_killed(discs: P
     store.put_scene("cell", "0" * 64, b'{"name": "cell"}')
 
     async def asked() -> None:
-        workers = Busy()
+        workers = ScriptedWorkers(1)
+        workers.allowed.set()
         server = PlanningServer(discs.world, store, workers, capacity=1, poll=0.01)
         await server.start()
         job = await server.accept("roadmaps", BODY, None)
-        while not workers.asked.is_set():
+        while not workers.sent:
             await asyncio.sleep(0.01)
         assert server.cancel(job)
         assert store.job(job).state is State.RUNNING  # and now it is killed
@@ -153,7 +92,7 @@ def test_a_server_that_stops_accepts_nothing_more(discs: PlannerService, tmp_pat
     store.put_scene("cell", "0" * 64, b'{"name": "cell"}')
 
     async def asked() -> None:
-        server = PlanningServer(discs.world, store, NoWorkers(), capacity=1, poll=0.01)
+        server = PlanningServer(discs.world, store, ScriptedWorkers(0), capacity=1, poll=0.01)
         await server.start()
         server.leave()
         with pytest.raises(Refused, match="stopping"):  # whose body came only now

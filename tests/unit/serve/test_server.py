@@ -18,9 +18,6 @@ from typing import Any
 import httpx
 import pytest
 
-from planner_service import PlannerService, PlanRequest
-from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.tasks import plan_pick_place
 from tests.support.optional import present
 
 pytestmark = pytest.mark.slow
@@ -137,11 +134,6 @@ def server(killed: tuple[Path, Before]) -> Iterator[Server]:
         yield server
 
 
-@pytest.fixture(scope="module")
-def service() -> PlannerService:
-    return PlannerService("wxai", "bin")
-
-
 def timeless(value: Any) -> Any:
     """A document without the seconds that something took."""
     if isinstance(value, dict):
@@ -156,52 +148,13 @@ def is_running(name: str, data: dict[str, Any]) -> bool:
 # Answers.
 
 
-def test_a_plan_is_the_file_that_the_library_saves(server: Server, service: PlannerService) -> None:
-    response = server.post("plans", PLAN)
-    assert response.headers["preference-applied"] == "wait=60"
-    saved = SavedPlan.of(service.plan(PlanRequest(service.robot.home, GOAL, seed=3)))
-    assert timeless(response.json()) == timeless(json.loads(saved.file_text()))
-    again = server.client.get(response.headers["content-location"])
-    assert again.content == response.content
-
-
-def test_a_pick_and_place_is_the_file_that_the_library_saves(server: Server, service: PlannerService) -> None:
-    body = {"scene": "bin", "target": "blue_block", "onto": "tray", "request": {"seed": 1}}
-    home = service.robot.home
-    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, seed=1))
-    assert timeless(server.post("pick_place", body).json()) == timeless(json.loads(SavedTask.of(task).file_text()))
-
-
-def test_a_place_begins_in_the_world_that_a_pick_has_left(server: Server) -> None:
-    pick = server.post(
-        "pick", {"scene": "bin", "q": "home", "target": "blue_block", "handling": {"support": "bin_floor"}}
-    )
-    assert pick.json()["ok"]
-    job = pick.headers["content-location"].removeprefix("/plans/")
-    free = {"position": [0.25, -0.25, 0.10], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
-    assert server.post("certify", {"plan": job}).json()["certified"]  # in the world that the pick began in
-    place = server.post("place", {"scene": {"after": job}, "carried": "blue_block", "poses": [free]})
-    assert place.status_code == 200
-    assert [item["name"] for item in place.json()["scene"]["attached"]] == ["blue_block"]
-
-
-def test_that_there_is_no_plan_is_an_answer(server: Server) -> None:
-    body = {"scene": "bin", "request": {"start": "home", "goals": [{"joints": [0.0, 2.0, 0.5, 0.0, 0.0, 0.0]}]}}
-    response = server.post("plans", body)
-    assert response.status_code == 200
-    assert response.json()["result"]["failure"]["reason"] == "GOAL_IN_COLLISION"
-
-
 @pytest.mark.parametrize(
     ("kind", "body", "status", "problem"),
     [
         ("plans", "{", 400, "malformed"),
-        ("plans", '{"scene": "bin", "scene": "bin"}', 400, "malformed"),
         ("plans", json.dumps({**PLAN, "more": 1}), 422, "invalid-request"),
         ("plans", json.dumps(PLAN).replace("0.9", "NaN"), 400, "malformed"),
         ("plans", json.dumps({**PLAN, "scene": "../../etc/passwd"}), 422, "unknown-name"),
-        ("plans", json.dumps({**PLAN, "deadline": -1.0}), 422, "invalid-request"),
-        ("pick", json.dumps({"scene": "bin", "q": "home", "target": "nothing"}), 422, "unknown-name"),
         ("replan", json.dumps({"plan": "0" * 32, "at_time": 0.0}), 422, "unknown-name"),
     ],
 )
@@ -241,10 +194,6 @@ def test_stages_are_told_in_their_order_also_to_those_who_come_late(server: Serv
     if len(events) > 1:
         assert events[:2] == [("state", {"state": "queued"}), ("state", {"state": "running"})]
         assert next(data["stage"] for name, data in events if name == "stage") == "endpoints"
-
-
-def test_figures_count_what_was_asked(server: Server) -> None:
-    server.post("plans", PLAN)
     text = server.client.get("/metrics").text
     assert 'planner_service_ended_total{kind="plans",reason="OK"}' in text
     assert 'planner_service_checks_total{what="states"}' in text

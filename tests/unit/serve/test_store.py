@@ -12,7 +12,6 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -91,25 +90,19 @@ def test_versions_of_a_scene_count_from_one_and_the_same_document_is_no_new_one(
     assert store.scene("cell").hash == OTHER
 
 
-@pytest.mark.parametrize("expected", [None, 1, 3])
-def test_a_scene_changes_only_from_the_version_that_was_expected(store: Store, expected: int | None) -> None:
+def test_a_scene_changes_only_from_the_version_that_was_expected(store: Store) -> None:
     store.put_scene("cell", HASH, b"first", expected=None)
     store.put_scene("cell", OTHER, b"second", expected=1)
-    with pytest.raises(StaleVersion, match="its latest version is 2") as error:
-        store.put_scene("cell", HASH, b"third", expected=expected)
-    assert error.value.latest == 2
-    with pytest.raises(StaleVersion):
-        store.delete_scene("cell", expected=expected)
+    for expected in (None, 1, 3):
+        with pytest.raises(StaleVersion, match="its latest version is 2"):
+            store.put_scene("cell", HASH, b"third", expected=expected)
+        with pytest.raises(StaleVersion):
+            store.delete_scene("cell", expected=expected)
     assert store.scene("cell").version == 2
-
-
-def test_no_version_number_is_ever_used_for_two_documents(store: Store) -> None:
-    store.put_scene("cell", HASH, b"first")
-    store.delete_scene("cell", expected=1)
+    store.delete_scene("cell", expected=2)
     with pytest.raises(UnknownName):
         store.scene("cell")
-    assert store.scenes() == []
-    assert store.put_scene("cell", OTHER, b"second", expected=None).version > 1
+    assert store.put_scene("cell", HASH, b"first", expected=None).version > 2  # no number is used for two documents
 
 
 def test_of_a_scene_the_latest_versions_are_kept_and_what_a_job_reads(
@@ -130,19 +123,6 @@ def test_of_a_scene_the_latest_versions_are_kept_and_what_a_job_reads(
     assert store.delete(job)
     store.close()
     assert contents(tmp_path / "state") == {b"4", b"5"}
-
-
-def test_room_is_made_by_forgetting_scenes_that_are_deleted_still(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(stores, "MAX_SCENES", 2)
-    store.put_scene("one", HASH, b"1")
-    store.delete_scene("one")
-    store.put_scene("one", HASH, b"1")
-    store.put_scene("two", HASH, b"2")
-    store.delete_scene("two")
-    store.put_scene("three", HASH, b"3")
-    assert [scene.name for scene in store.scenes()] == ["one", "three"]
 
 
 def test_there_can_be_no_more_scenes_and_roadmaps_than_stated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,16 +203,6 @@ def test_the_jobs_that_ended_first_make_room(tmp_path: Path, limits: dict[str, i
     assert contents(tmp_path / "state") == {job.encode()[:10] for job in jobs[:2]}
 
 
-def test_the_latest_answer_is_kept_however_large_and_the_same_answer_of_two_jobs_once(tmp_path: Path) -> None:
-    store = Store(tmp_path / "state", max_bytes=3)
-    for name in ("one", "two"):
-        job = accepted(store, name)
-        store.end(job, State.DONE, b"answer", ok=True)
-    assert store.answer(job)[1] == b"answer"
-    store.close()
-    assert contents(tmp_path / "state") == {b"answer"}
-
-
 # What a folder goes through.
 
 
@@ -269,30 +239,6 @@ def _require_all(store: Store, told: list[list[bytes]]) -> None:
     for version in range(max(1, latest - stores.MAX_VERSIONS + 1), latest + 1):
         scene = store.scene("cell", version)
         assert hashlib.sha256(store.content(scene.content)).hexdigest() == scene.hash
-
-
-def test_the_log_is_used_anew_though_somebody_always_writes(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(stores, "SYNC_SECONDS", 0.01)
-    monkeypatch.setattr(stores, "LOG_LENGTH", 400)
-
-    def size_after_many_jobs() -> int:
-        def write(thread: int) -> None:
-            for number in range(250):
-                store.accept("plan", b"work", request=b"%d %d" % (thread, number))
-
-        with ThreadPoolExecutor(4) as threads:
-            list(threads.map(write, range(4)))
-        (log,) = tmp_path.rglob("index.db-wal")
-        return log.stat().st_size
-
-    sizes = [size_after_many_jobs()]
-    while len(sizes) < 30:
-        sizes.append(size_after_many_jobs())
-        if sizes[-1] == sizes[-2]:
-            return
-    pytest.fail(f"it has grown with every thousand jobs: {sizes}")
 
 
 def test_an_answer_that_a_power_cut_took_is_a_job_to_be_done_again(
@@ -370,11 +316,10 @@ def test_the_folder_is_for_its_owner_alone(store: Store, tmp_path: Path) -> None
 # Nothing read from a file is believed.
 
 
-@pytest.mark.parametrize("damage", [b"", b"other", b"other and longer"])
-def test_an_answer_that_was_changed_on_the_disk_is_refused(store: Store, tmp_path: Path, damage: bytes) -> None:
+def test_an_answer_that_was_changed_on_the_disk_is_refused(store: Store, tmp_path: Path) -> None:
     job = accepted(store)
     store.end(job, State.DONE, b"answer", ok=True)
-    in_index(tmp_path / "state", "UPDATE contents SET data = ?", damage)
+    in_index(tmp_path / "state", "UPDATE contents SET data = ?", b"other")
     with pytest.raises(InvalidFile, match="damaged: the SHA-256 of a content is not its name"):
         store.answer(job)
 
@@ -383,14 +328,10 @@ def test_an_answer_that_was_changed_on_the_disk_is_refused(store: Store, tmp_pat
     "damage",
     [
         "CREATE TRIGGER more AFTER INSERT ON jobs BEGIN DELETE FROM scenes; END",
-        "CREATE VIEW more AS SELECT * FROM jobs",
         "DROP INDEX jobs_ended",
-        "PRAGMA application_id = 1",
         "PRAGMA ignore_check_constraints = ON; UPDATE jobs SET answer = '../../etc/passwd'",
         "PRAGMA ignore_check_constraints = ON; UPDATE jobs SET state = 'eaten'",
-        "PRAGMA ignore_check_constraints = ON; UPDATE jobs SET attempts = 'many'",
         "INSERT INTO uses SELECT 99, answer FROM jobs",
-        "PRAGMA ignore_check_constraints = ON; UPDATE contents SET data = 'text'",
     ],
 )
 def test_an_index_with_anything_else_in_it_is_refused(tmp_path: Path, damage: str) -> None:
@@ -401,7 +342,7 @@ def test_an_index_with_anything_else_in_it_is_refused(tmp_path: Path, damage: st
         Store(tmp_path / "state")
 
 
-@pytest.mark.parametrize("kept", [0, 10, 4096, 20_000])
+@pytest.mark.parametrize("kept", [0, 4096])
 def test_an_index_that_was_cut_short_is_refused(tmp_path: Path, kept: int) -> None:
     _one_answer(tmp_path / "state")
     os.truncate(tmp_path / "state" / "index.db", kept)

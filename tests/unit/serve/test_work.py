@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from planner_service.optimize import Chomp, Optimise
 from planner_service.planning.request import PlanRequest, World
 from planner_service.records.http.bodies import PlanBody, read_body
 from planner_service.records.http.verbs import VERBS
-from planner_service.records.plan_file import SavedPlan, plan_or_task
+from planner_service.records.plan_file import SavedPlan
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
 from planner_service.serve.work import Assignment, Ending, Following, ServerWork, Source, unrun
@@ -52,13 +51,6 @@ def test_what_was_made_with_another_robot_is_refused() -> None:
         assert json.loads(answer.content)["detail"].startswith("plan: got 'planar2'; expected one made with")
 
 
-def test_a_plan_that_was_not_begun_says_how_the_gripper_stood() -> None:
-    world = World(load_robot("wxai"), Scene())
-    body = read_body(PlanBody, BODY.replace(b'"scene"', b'"gripper_width": 0.02, "scene"', 1), world.robot)
-    answer = unrun(Assignment("one", "plans", body), world, Ending.DEADLINE)
-    assert plan_or_task("plan", answer.content).robot.gripper_width == 0.02
-
-
 def test_a_robot_with_another_range_of_the_gripper_is_another_robot() -> None:
     robot = load_robot("wxai")
     narrow = replace(robot, gripper=replace(present(robot.gripper), upper=0.02), gripper_width=0.01)
@@ -71,17 +63,3 @@ def test_a_robot_with_another_range_of_the_gripper_is_another_robot() -> None:
     assert json.loads(answer.content)["detail"].startswith("plan: got 'wxai'; expected one made with")
     ended = unrun(Assignment("two", "replan", body, {"plan": Source("0", file)}), work.world, Ending.CANCELLED)
     assert (ended.reason, json.loads(ended.content)["status"]) == ("PREEMPTED", 410)
-
-
-@pytest.mark.parametrize(
-    ("given", "planner"),
-    [
-        ({}, Optimise()),
-        ({"settings": {"clearance": 0.02}}, Optimise(clearance=0.02)),
-        ({"settings": {"method": {"name": "chomp"}}}, Optimise(method=Chomp())),
-    ],
-)
-def test_a_planner_is_asked_for_by_what_is_not_as_usual(given: dict[str, Any], planner: Optimise) -> None:
-    request = {"start": "home", "goals": [{"joints": "home"}], "planner": {"name": "optimise", **given}}
-    body: Any = read_body(PlanBody, json.dumps({"scene": "bin", "request": request}).encode(), load_robot("wxai"))
-    assert body.request.value.planner == planner
