@@ -61,7 +61,8 @@ class IndependentChecker:
 
     Args:
         robot_dir: Folder with robot.toml and the URDF it names; or what would be in the former, with the latter's whole
-            path and the folders of its meshes: ``{"urdf": ..., "package_dirs": [...], "joints": [...], ...}``.
+            path and the folders of its meshes: ``{"urdf": ..., "package_dirs": [...], "joints": [...], ...}``. With
+            ``"surfaces": True`` meshes are their triangles, and what is wholly inside one touches nothing; else hulls.
         scene: A scene file, or its content: ``{"obstacle": [...], "attached": [...]}``.
         gripper_width: Metres between the finger pads; the width in robot.toml if None.
         allowed: Pairs of link or object names that may touch, beside those of robot.toml and the touch links.
@@ -474,7 +475,9 @@ def _reduced(robot: Table, text: str, width: float | None, mimics: Iterable[str]
     """
     model, geometry = _read_model(robot, text)
     for g in geometry.geometryObjects:
-        if isinstance(g.geometry, coal.BVHModelBase):  # a surface, and what is inside it would touch nothing
+        if isinstance(g.geometry, coal.BVHModelBase) and not robot.get(
+            "surfaces"
+        ):  # a surface, and what is inside it would touch nothing
             g.geometry.buildConvexHull(True, "Qt")
             g.geometry = g.geometry.convex
     gripper = robot.get("gripper", {})
@@ -627,6 +630,8 @@ def _radius(shape: Any) -> float:
         return math.hypot(shape.radius, shape.halfLength)
     if isinstance(shape, coal.Capsule):
         return float(shape.radius + shape.halfLength)
+    if isinstance(shape, coal.BVHModelBase):
+        return float(np.sqrt((shape.vertices() ** 2).sum(axis=-1)).max())
     return float(np.sqrt((shape.points() ** 2).sum(axis=-1)).max() + shape.getSweptSphereRadius())
 
 

@@ -145,16 +145,24 @@ def _shoulder(robot: Robot) -> FloatArray:
 
 
 def _judged(service: PlannerService, source: str, results: list[PlanResult], states: int, seed: int) -> dict[str, Any]:
-    """What Pinocchio and Coal, reading the file themselves, say of random configurations and of the plans."""
+    """What Pinocchio and Coal, reading the file themselves, say of random configurations and of the plans.
+
+    They judge hulls as hulls, and the plans of a robot with links cut into pieces on the triangles of the meshes.
+    """
     from auditor.checker import IndependentChecker, tables_of
     from benchmarks.harness.audit import touch_on_curve
     from benchmarks.worlds.contacts import compared, random_states
     from benchmarks.worlds.foreign import table_of_robot
 
+    hulls = load_robot(source, cut_meshes=False)
     with TemporaryDirectory() as place:
-        second = IndependentChecker(table_of_robot(service.robot, source, Path(place)), tables_of(service.scene))
-    Q = random_states(service.robot, states, np.random.default_rng(seed))
-    row = compared(service.checker, second, Q)
+        world = tables_of(service.scene)
+        second = IndependentChecker(table_of_robot(hulls, source, Path(place)), world)
+        Q = random_states(hulls, states, np.random.default_rng(seed))
+        row = compared(CollisionChecker(hulls, service.scene), second, Q)
+        if hulls.hash != service.robot.hash:
+            table = table_of_robot(service.robot, source, Path(place))
+            second = IndependentChecker(table | {"surfaces": True}, world)
     paths = [result.path for result in results if result.path is not None]
     looks = [len(second.along(path, path.length, CURVE_STEP)) for path in paths]
     step = CURVE_STEP * max(1.0, max(looks, default=0) / LOOKS)

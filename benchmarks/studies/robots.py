@@ -17,14 +17,14 @@ from rich.table import Table
 
 from benchmarks.harness.environment import ROOT
 from benchmarks.harness.report import Promise, Report, Row, merged, p50, spread, table, table_of
-from benchmarks.studies import readings
+from benchmarks.studies import meshes, readings
 from benchmarks.worlds.foreign import ROBOTS, ForeignRobot
 from planner_service.errors import InvalidRequest
 from planner_service.files.disk_cache import CACHE_VARIABLE
 
 __all__ = ["PARTS", "run"]
 
-PARTS = ("plans", "readings")
+PARTS = ("plans", "readings", "meshes")
 QUERIES, STATES = 20, 10_000
 AT_MOST = 1800.0
 """Seconds for a robot, its judgement included."""
@@ -46,11 +46,13 @@ def run(
     """
     chosen = [one for one in ROBOTS if robot in (None, one.name)]
     reports = []
-    if part != "readings":
+    if part in (None, "plans"):
         rows = tuple(_rows(chosen, queries, states, seed))
         reports.append(Report("robots", rows, tuple(_tables(rows)), tuple(_promises(rows))))
-    if part != "plans":
+    if part in (None, "readings"):
         reports.append(readings.run(seed=seed, robot=robot))
+    if part in (None, "meshes"):
+        reports.append(meshes.run(seed=seed, robot=robot))
     return merged("robots", reports)
 
 

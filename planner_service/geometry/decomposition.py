@@ -12,19 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh, checked_scale
 from planner_service.geometry.mesh_formats import read_triangles
 from planner_service.geometry.plane_cuts import DIRECTIONS, Cut, CutPlan, parts_of, plan_cuts, signed_volume
-from planner_service.geometry.validation import MAX_LENGTH, in_file, number
+from planner_service.geometry.validation import MAX_LENGTH, number
 
-__all__ = ["MAX_PIECES", "hull_ratio", "pieces_of_file"]
+__all__ = ["MAX_PIECES", "MOST", "hull_ratio", "is_concave", "pieces_of_file", "pieces_of_mesh"]
 
 MAX_PIECES = 64
 """Each piece is checked against everything near it: more pieces cost more than a finer shape is worth."""
+
+MOST = 12
+"""Pieces at most where nobody says how many: links take three to six."""
 
 TIGHT = 1.02
 """Volume of a hull relative to its mesh up to which the hull is as good as any pieces."""
@@ -57,8 +60,29 @@ def pieces_of_file(
     expected = f"a whole number from 1 to {MAX_PIECES}"
     if not number("most", most, expected, 1, MAX_PIECES).is_integer():
         raise InvalidRequest("most", most, expected)
+    hull = Mesh.from_file(file, scale)
     vertices, faces = read_triangles(file, checked_scale("scale", scale))
-    return in_file(file, lambda: _pieces(Mesh.around(vertices[np.unique(faces)]), vertices, faces, int(most)))
+    return _pieces(hull, vertices, faces, int(most))
+
+
+def is_concave(mesh: Mesh) -> bool:
+    """Whether the file of a mesh is known and has triangles, and its hull fills what may be free."""
+    if mesh.source is None:
+        return False
+    try:
+        return hull_ratio(mesh, *read_triangles(mesh.source.path, mesh.source.scale)) > TIGHT
+    except InvalidFile:  # vertices alone
+        return False
+
+
+def pieces_of_mesh(mesh: Mesh) -> tuple[Mesh, ...]:
+    """A mesh whose file is known, cut into at most ``MOST`` pieces; any other, and one whose hull is as good, as it is.
+
+    Raises:
+        InvalidFile: it cannot be read any more.
+    """
+    pieces = (mesh,) if mesh.source is None else pieces_of_file(mesh.source.path, mesh.source.scale, most=MOST)
+    return pieces if len(pieces) > 1 else (mesh,)
 
 
 def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int) -> tuple[Mesh, ...]:

@@ -12,6 +12,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from planner_service.geometry.arrays import (
 from planner_service.geometry.mesh_formats import MAX_VERTICES, read_vertices
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, margin_of, numbers, points_of, vectors
 
-__all__ = ["Mesh", "checked_scale"]
+__all__ = ["Mesh", "MeshFile", "checked_scale"]
 
 MAX_HULL = 5_000
 """Most corners of a hull: every distance bound looks at each; a scanned ball of 50,000 vertices has fewer."""
@@ -52,6 +53,14 @@ ROUNDING = 1e-9
 """Relative to the size of a mesh: far above what rounding may cut off its hull (1e-15), far below what matters."""
 
 
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh file, and the factors that turn its x, y and z into metres."""
+
+    path: Path
+    scale: tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """The solid convex hull of points (n, 3) in metres, in the mesh's own frame, which may lie outside the hull.
@@ -65,6 +74,7 @@ class Mesh:
         offsets: The hull lies where ``normals . x <= offsets``, (t,).
         growth: Metres by which this hull extends at most beyond that of a file's vertices, which it contains; 0 but for
             files whose hulls have more than 5,000 corners.
+        source: The file whose hull it is; None where only its points are known. Equal meshes may be of two files.
 
     Raises:
         InvalidRequest: not finite numbers of shape (n, 3), more than 500,000 points, beyond 1 km, flat (thinner than
@@ -76,6 +86,7 @@ class Mesh:
     normals: FloatArray = field(init=False)
     offsets: FloatArray = field(init=False)
     growth: float = field(init=False, default=0.0)
+    source: MeshFile | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self._become(_checked(self.vertices), MAX_HULL)
@@ -104,8 +115,11 @@ class Mesh:
             InvalidRequest: a scale that is zero or not finite.
         """
         file = as_path("path", path)
-        points = read_vertices(file, checked_scale("scale", scale), on_faces=True)
-        return in_file(file, lambda: cls.around(points))
+        source = MeshFile(file, checked_scale("scale", scale))
+        points = read_vertices(file, source.scale, on_faces=True)
+        mesh = in_file(file, lambda: cls.around(points))
+        set_fields(mesh, source=source)
+        return mesh
 
     @classmethod
     def around(cls, points: ArrayLike) -> Mesh:

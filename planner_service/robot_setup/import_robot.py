@@ -19,6 +19,7 @@ from planner_service.files.reading import as_path, read_bytes
 from planner_service.files.toml_reader import toml_value
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
+from planner_service.geometry.decomposition import MOST
 from planner_service.geometry.mesh_formats import MAX_BYTES
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.validation import copied_in, flag, instance, items
@@ -41,6 +42,7 @@ from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
+from planner_service.robot_setup.concave_links import links_worth_cutting, with_pieces
 from planner_service.robot_setup.gripper_detection import FoundGripper, find_gripper
 from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
@@ -235,12 +237,15 @@ def _imported(
         text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
     files = {copy.name: text.encode(), **{name: read_bytes(path, MAX_BYTES) for name, path in meshes.items()}}
     _require_place(folder, [toml] if in_place else [toml, *(folder / name for name in files)], force=force)
+    cut = links_worth_cutting(robot, progress=progress)
+    urdf = with_pieces(urdf, cut, progress=False)
+    robot = robot_of(source.urdf, urdf, selection, srdf) if cut else robot
     table = contact_table(robot, engine=engine, progress=progress) if prove else quick_table(robot, progress=progress)
     if hand is not None:
         robot = robot_of(source.urdf, urdf, selection, srdf, hand.table)
         table = replace(table, findings=tuple(_standing_open(finding, robot) for finding in table.findings))
     robot = replace(robot, allowed_contacts=table.allowed)
-    files[ROBOT_FILE] = _text(robot, source, urdf, original.name, table, hand).encode()
+    files[ROBOT_FILE] = _text(robot, source, urdf, original.name, table, hand, cut).encode()
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
@@ -348,7 +353,15 @@ def _require_same(robot: Robot, files: Mapping[str, bytes], path: Path) -> None:
         raise BrokenInvariant(f"{path} would not be the robot that its URDF describes")
 
 
-def _text(robot: Robot, source: Source, urdf: Urdf, name: str, table: ContactTable, hand: FoundGripper | None) -> str:
+def _text(
+    robot: Robot,
+    source: Source,
+    urdf: Urdf,
+    name: str,
+    table: ContactTable,
+    hand: FoundGripper | None,
+    cut: Sequence[str],
+) -> str:
     """The whole robot.toml."""
     limits = robot.limits
     lines = [
@@ -367,6 +380,7 @@ def _text(robot: Robot, source: Source, urdf: Urdf, name: str, table: ContactTab
         *_poses(robot, table),
         *_locked(source, urdf),
         *_gripper(hand),
+        *_decompose(cut),
     ]
     position, velocity = _urdf_sources(robot, urdf)
     lines += ["", "[limits.position]", f"lower = {toml_value(limits.lower.tolist())}"]
@@ -424,6 +438,12 @@ def _gripper(hand: FoundGripper | None) -> list[str]:
         f"[gripper]   # {hand.whence}; axes in the tool frame",
         *(f"{key} = {toml_value(value)}" for key, value in stated.items()),
     ]
+
+
+def _decompose(cut: Sequence[str]) -> list[str]:
+    """The links whose meshes are cut into convex pieces, and how many at most."""
+    head = "[decompose]   # pieces at most: the hulls of these links touch what their meshes do not"
+    return ["", head, *(f"{toml_value(link)} = {MOST}" for link in cut)] if cut else []
 
 
 def _urdf_sources(robot: Robot, urdf: Urdf) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from planner_service.concurrency.library_import import loaded
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
+from planner_service.geometry.validation import flag
 from planner_service.robot.model import Robot, robot_names
 from planner_service.robot.package_files import EXAMPLES, example_urdf
 
@@ -22,7 +23,7 @@ def _loading() -> None:
     import planner_service.robot.loading  # noqa: F401  pydantic takes 0.1 s
 
 
-def load_robot(name_or_path: str | Path) -> Robot:
+def load_robot(name_or_path: str | Path, *, cut_meshes: bool = True) -> Robot:
     """The robot of a robot.toml, URDF, xacro or MJCF file: by name if it comes with the package, else by path.
 
     ``example-robot-data:ur5_robot`` is the URDF of that name in the package example-robot-data.
@@ -34,6 +35,12 @@ def load_robot(name_or_path: str | Path) -> Robot:
     where the robot collides with itself there, it is the nearest free configuration found. A xacro file is expanded
     with the defaults of its arguments (extra xacro); MJCF (``.xml``, ``.mjcf``) is compiled by mujoco (extra mjcf), and
     brings excluded contacts and keyframes itself.
+
+    Meshes of a URDF or xacro file are cut into convex pieces where their hulls touch what they do not: a second for
+    each, once, as the cuts are kept on disk. A robot.toml names the links to cut itself (``decompose``).
+
+    Args:
+        cut_meshes: False: all meshes of a URDF or xacro file count as their solid hulls.
 
     Raises:
         UnknownName: no robot of that name comes with the package, or with example-robot-data.
@@ -53,7 +60,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     if path.suffix.lower() in DESCRIPTIONS:
         from planner_service.robot_setup.urdf_robot import load_urdf
 
-        return load_urdf(path)
+        return load_urdf(path, cut_meshes=flag("cut_meshes", cut_meshes))
     if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):
         return robot_from_file(path)
     if name not in robot_names():

@@ -28,7 +28,16 @@ from planner_service.robot_setup.link_pair import (
 )
 from planner_service.scene.scene import Scene
 
-__all__ = ["ContactKind", "ContactTable", "PairFinding", "always_overlapping", "contact_table", "quick_table"]
+__all__ = [
+    "SAMPLES",
+    "ContactKind",
+    "ContactTable",
+    "PairFinding",
+    "always_overlapping",
+    "contact_table",
+    "draws",
+    "quick_table",
+]
 
 
 MAX_BOUNDS = 500_000
@@ -148,7 +157,7 @@ class _Findings:
 
     def __call__(self, links: tuple[str, str]) -> PairFinding:
         """The finding on a pair that is not adjacent."""
-        Q = _draws(self.robot, self.samples)
+        Q = draws(self.robot, self.samples)
         return _found(LinkPair(self.robot, links), Q, self.given.get(frozenset(links)), self.max_bounds)
 
 
@@ -172,7 +181,7 @@ def always_overlapping(robot: Robot, *, progress: bool | None = None) -> tuple[A
         return _worked_out[key]
     at_home = _touching(robot)
     touching = [links for links in robot.link_pairs if frozenset(links) in at_home]
-    Q = _draws(robot, SAMPLES)
+    Q = draws(robot, SAMPLES)
     found = []
     with bar("links that always overlap", progress if touching else False) as tell:
         for done, links in enumerate(touching, 1):
@@ -192,7 +201,7 @@ def _touching(robot: Robot) -> set[frozenset[str]]:
     return {frozenset((c.a, c.b)) for c in CollisionChecker(robot, Scene()).contacts(robot.home)}
 
 
-def _draws(robot: Robot, samples: int) -> FloatArray:
+def draws(robot: Robot, samples: int) -> FloatArray:
     """Configurations (samples, n) all over the joint box, the same in every run."""
     lower, upper = robot.limits.lower, robot.limits.upper
     unit = np.random.default_rng(0).random((samples, robot.n))

@@ -19,6 +19,7 @@ from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, usable_srdf
 from planner_service.robot.urdf_model import Urdf
+from planner_service.robot_setup.concave_links import links_worth_cutting, with_pieces
 from planner_service.robot_setup.gripper_detection import find_gripper
 from planner_service.robot_setup.link_pair import columns_between
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
@@ -40,7 +41,7 @@ TOLD = 4
 logger = logging.getLogger(__name__)
 
 
-def load_urdf(path: Path) -> Robot:
+def load_urdf(path: Path, *, cut_meshes: bool = True) -> Robot:
     """The robot of a URDF or an MJCF file, with what it does not say taken from the SRDF beside it or from its shapes.
 
     The SRDF is the one with the same stem, else the only one that names the same robot, in the URDF's folder,
@@ -65,7 +66,7 @@ def load_urdf(path: Path) -> Robot:
         more = f" and {len(found.problems) - TOLD} more" if len(found.problems) > TOLD else ""
         of_it = "" if found.path is None else "not used of it: "
         logger.warning("%s: %s%s%s", found.path or path, of_it, "; ".join(found.problems[:TOLD]), more)
-    robot = described_robot(path, urdf, found)
+    robot = described_robot(path, urdf, found, cut_meshes=cut_meshes)
     home = free_home(robot)
     if home is robot.home:
         return robot
@@ -90,18 +91,25 @@ class FoundSrdf:
     problems: tuple[str, ...] = ()
 
 
-def described_robot(path: Path, urdf: Urdf, found: FoundSrdf) -> Robot:
+def described_robot(path: Path, urdf: Urdf, found: FoundSrdf, *, cut_meshes: bool = True) -> Robot:
     """The robot that was read from ``path``, as ``load_urdf`` gives it, but with a home that may collide."""
     file, srdf = found.path, found.content
     hand, tool = find_gripper(urdf, srdf), next(iter(srdf.tips), None)
     if hand is None:
-        robot = robot_of(path, urdf, Selection(tool), srdf)
+        selection, table = Selection(tool), None
+        robot = robot_of(path, urdf, selection, srdf)
         logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
     else:
-        robot = robot_of(path, urdf, Selection(hand.tool_frame), srdf, hand.table)
+        selection, table = Selection(hand.tool_frame), hand.table
+        robot = robot_of(path, urdf, selection, srdf, table)
         logger.info(
             "%s: gripper of %s, %s; tool frame %s", path, ", ".join(hand.table.joints), hand.whence, hand.tool_frame
         )
+    links = links_worth_cutting(robot) if cut_meshes else ()
+    if links:
+        robot = robot_of(path, with_pieces(urdf, links), selection, srdf, table)
+        pieces = ", ".join(f"{link} ({sum(item.link == link for item in robot.shapes)})" for link in links)
+        logger.info("%s: hulls touch what their meshes do not, so these are cut into convex pieces: %s", path, pieces)
     silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not joint.velocity]
     if silent:
         logger.info("%s: no velocity is stated for %s; a slow one is assumed", path, ", ".join(silent))
