@@ -54,8 +54,7 @@ from planner_service.robot.model import Robot, joint_vector
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
-from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.problem import require_seed
+from planner_service.search.problem import SearchOracle, require_seed
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND, shortcut
 from planner_service.timing.laws import Trapezoidal

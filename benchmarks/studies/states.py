@@ -16,8 +16,7 @@ from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
 from planner_service.collision import EdgeStep
 from planner_service.geometry.arrays import FloatArray
-from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import SearchOracle, SearchProblem
 
 __all__ = ["STEPS", "LessonRun", "plan", "run", "run_lesson"]
 

@@ -185,7 +185,7 @@ class AskedOracle(Oracle):
     ) -> None: ...
 
 class EdgeOracle(Oracle):
-    """What compiled searches ask: ``SearchOracle.core`` (edge_cache.py). Used by one thread at a time.
+    """What compiled searches ask: ``SearchOracle.core`` (search/problem.py). Used by one thread at a time.
 
     Args:
         kernel: Configured for edges.
@@ -231,7 +231,7 @@ class EdgeOracle(Oracle):
         """Free and colliding motions tried at starts, then at goals."""
 
 class TieredOracle(Oracle):
-    """``TieredOracle`` of edge_cache.py: what its oracles judge is counted by ``roomy``.
+    """``TieredOracle`` of search/problem.py: what its oracles judge is counted by ``roomy``.
 
     Args:
         roomy: Judges what is not near one of the ends.
@@ -244,12 +244,12 @@ class TieredOracle(Oracle):
     ) -> None: ...
 
 class ConstrainedOracle(Oracle):
-    """What search/constrained.py says of its own."""
+    """``ConstrainedOracle`` of search/problem.py."""
 
     def __init__(self, oracle: Oracle, projector: Projector) -> None: ...
 
 class BalancedSearch:
-    """One search as search/balanced.py describes it; releases the interpreter's lock."""
+    """One search as ``BalancedRRTConnect`` describes it; releases the interpreter's lock."""
 
     def __init__(
         self,

@@ -24,9 +24,7 @@ from planner_service.planning.accounting import NoPlan, PlanAccounting, certifie
 from planner_service.planning.kept_padding import padding_kept
 from planner_service.planning.request import Pace, clamp_note, clamped, kept_in, torques_of
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.search.compiled_oracle import CompiledOracle
-from planner_service.search.constrained import ConstrainedOracle
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import CompiledOracle, ConstrainedOracle, SearchOracle
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]

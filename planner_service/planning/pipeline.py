@@ -40,7 +40,7 @@ from planner_service.planning.search_stage import Candidates, NoProgress, Search
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
-from planner_service.search.constrained import ConstrainedOracle
+from planner_service.search.problem import ConstrainedOracle
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import blended
 from planner_service.timing.torque_limits import TorqueLimits

@@ -18,8 +18,7 @@ from planner_service.roadmap.planners import PRM, LazyPRM, PRMstar, Progress
 from planner_service.roadmap.roadmap import RoadmapSearchResult
 from planner_service.roadmap.verdicts import Knowledge, Lesson
 from planner_service.robot.model import Robot
-from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.problem import SearchProblem, SearchSpace
+from planner_service.search.problem import SearchOracle, SearchProblem, SearchSpace
 
 __all__ = ["GROWERS", "Grower", "RoadmapUpdate", "ask", "grow", "require_grower", "require_robot", "update"]
 

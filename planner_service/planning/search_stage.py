@@ -28,10 +28,8 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow
 from planner_service.roadmap import Roadmap, Terms
-from planner_service.search.constrained import ConstrainedOracle
-from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.planners import BalancedRRTConnect, RRTConnect
-from planner_service.search.problem import Planner, SearchProblem
+from planner_service.search.problem import ConstrainedOracle, Planner, SearchOracle, SearchProblem
 from planner_service.smoothing.smoothing import (
     pulled_in,
     shortcut,

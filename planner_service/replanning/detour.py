@@ -27,9 +27,8 @@ from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.planning.search_stage import FIRST_TRIES, alternating, fresh_seed
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
-from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.planners import BalancedRRTConnect
-from planner_service.search.problem import Configuration, SearchProblem
+from planner_service.search.problem import Configuration, SearchOracle, SearchProblem, TieredOracle
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 
 __all__ = ["CandidatePath", "Detours", "Place"]

@@ -19,8 +19,7 @@ from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import Graph
 from planner_service.roadmap.nearest import places_of
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
-from planner_service.search.compiled_oracle import compiled
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import SearchProblem, compiled
 
 __all__ = ["Carried", "Query"]
 

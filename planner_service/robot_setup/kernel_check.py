@@ -24,9 +24,8 @@ from planner_service.geometry.validation import whole
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
-from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.planners import BalancedRRTConnect
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import SearchOracle, SearchProblem
 from planner_service.smoothing.smoothing import pulled_in, shortcut
 from planner_service.timing.laws import ToppRa
 

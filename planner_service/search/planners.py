@@ -1,7 +1,7 @@
 """The tree planners: small frozen dataclasses of settings with one method, ``search``.
 
-``BalancedRRTConnect`` is our own; the others run OMPL's algorithm of the same name (Sucan, Moll & Kavraki, IEEE RAM
-19(4), 2012) through ``search/ompl.py``.
+``BalancedRRTConnect`` is our own, compiled (native/search/balanced.cpp); the others run OMPL's algorithm of the same
+name (Sucan, Moll & Kavraki, IEEE RAM 19(4), 2012) through ``search/ompl.py``.
 Distances are L2 norms over the joints, in radians if all of them are revolute. Equal problems with equal seeds have
 equal results.
 """
@@ -9,11 +9,15 @@ equal results.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import ClassVar
 
+import numpy as np
+
 from planner_service.geometry.validation import number, whole
-from planner_service.search import balanced, ompl
-from planner_service.search.problem import SearchProblem, SearchResult
+from planner_service.native.loading import load_core
+from planner_service.search import ompl
+from planner_service.search.problem import SearchProblem, SearchResult, compiled
 
 __all__ = [
     "AORRTC",
@@ -34,6 +38,8 @@ __all__ = [
 
 _DEFAULT_CHECKS = 20_000
 """States after which an anytime planner stops improving: about ten times what a first path costs."""
+
+_WORD = 2**64 - 1
 
 MIN_RANGE, MAX_RANGE = 1e-6, 1e6
 """Of edges: with shorter ones a search fills the memory before it gets anywhere, and a longer range is no bound."""
@@ -130,7 +136,16 @@ class _Batch(Settings):
 
 @dataclass(frozen=True)
 class BalancedRRTConnect(_Tree):
-    """The default: RRTConnect that always grows the smaller of its trees, with dynamic domains (search/balanced.py).
+    """The default: RRTConnect that always grows the smaller of its trees, with dynamic domains.
+
+    Two trees grow, one from the start and one from all goals. The smaller one takes a step towards a random
+    configuration, and the other then grows towards that step as far as it is free; that the smaller one grows is what
+    keeps hard searches short (Kuffner & LaValle, CMU-RI-TR-05-34, 2005). A node that could not be extended is from then
+    on extended only towards samples near it (Yershova, Jaillet, Simeon & LaValle, ICRA 2005; Jaillet, Yershova, LaValle
+    & Simeon, IROS 2005).
+
+    Most edges never become part of a path. So each is judged coarsely first, and in full only when the trees have met
+    over it; one that collides then is cut off with all that grew from it.
 
     Attributes:
         range: Longest edge, in joint distance (rad). Measured on public problems of a seven-joint arm, the states of
@@ -142,7 +157,19 @@ class BalancedRRTConnect(_Tree):
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """See ``Planner``."""
-        return balanced.search(problem, self.range)
+        start, goals = tuple(problem.start.tolist()), list(map(tuple, problem.goals.tolist()))
+        seed = (problem.seed ^ problem.seed >> 64) & _WORD
+        oracle, bounds = compiled(problem.oracle, problem.poll), (problem.lower.tolist(), problem.upper.tolist())
+        run = load_core().BalancedSearch(oracle.core, *bounds, self.range, seed, problem.projector)
+        try:
+            path = oracle.counted(partial(run.run, start, goals))
+        finally:
+            if problem.grown is not None:
+                milestones, edges = run.grown()
+                problem.grown(np.array(milestones), edges)
+        if not path:
+            return SearchResult(waypoints=None)
+        return SearchResult(waypoints=np.array(path), goal_index=goals.index(tuple(path[-1])))
 
 
 @dataclass(frozen=True)

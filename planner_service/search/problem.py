@@ -1,23 +1,27 @@
-"""A search problem, its oracle and its result, as all planners share them.
+"""A search problem, the oracles that it asks, and its result, as all planners share them.
 
 A planner knows neither robot nor scene, only joint bounds and an oracle that checks configurations and edges and
-counts its checks. Tests use discs in a plane instead.
+counts its checks. Tests use discs in a plane instead. Compiled searches and smoothing ask the ``core`` of an oracle; a
+caller's own oracle gets one (``compiled``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
 import numpy as np
 
 from planner_service.collision.budget import SearchStopped
-from planner_service.collision.edge_sampling import Known
+from planner_service.collision.checker import CollisionChecker, EdgeHit
+from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, all_read_only
 from planner_service.geometry.validation import whole
+from planner_service.native.loading import load_core
 
 if TYPE_CHECKING:
     from planner_service.native import _core
@@ -25,22 +29,36 @@ if TYPE_CHECKING:
 __all__ = [
     "SELF",
     "CoarseOracle",
+    "CompiledOracle",
     "Configuration",
+    "ConstrainedOracle",
     "Oracle",
     "Planner",
+    "SearchOracle",
     "SearchProblem",
     "SearchResult",
     "SearchSpace",
     "Space",
+    "TieredOracle",
+    "compiled",
     "distances",
     "of_tuples",
     "require_seed",
 ]
 
+T = TypeVar("T")
+
+Configuration = tuple[float, ...]
+State = FloatArray | Configuration
+
 SELF = ""
 """Takes the place of an obstacle's name where the robot collides with itself or with what it carries."""
 
-Configuration = tuple[float, ...]
+MIN_MOTIONS_BOXED_IN = 20
+"""Motions tried at a start or goal, none of them free, before it is reported as boxed in."""
+
+NEAR_END = 0.2
+"""Radians from a start or goal within which an edge needs no more clearance than that state."""
 
 
 class Oracle(Protocol):
@@ -101,6 +119,223 @@ def of_tuples(oracle: Oracle) -> CoarseOracle:
     if hasattr(oracle, "edge_is_free_coarse"):  # isinstance of a Protocol takes longer than an edge
         return oracle  # type: ignore[return-value]
     return _OfArrays(oracle)
+
+
+class CompiledOracle(Protocol):
+    """What compiled searching and smoothing ask."""
+
+    @property
+    def core(self) -> _core.Oracle:
+        """What answers."""
+
+    def counted(self, ask: Callable[[], T]) -> T:
+        """What ``ask`` returns, which asks ``core``: what that judges is counted, and limits hold."""
+
+    def blocker_of(self, pair: int) -> str | None:
+        """The obstacle of a pair that ``core`` found to collide, by its number; None if that is not known."""
+
+
+def compiled(oracle: Oracle | CoarseOracle, poll: Callable[[], None] = lambda: None) -> CompiledOracle:
+    """The oracle itself if it is compiled, else one that asks its methods.
+
+    Args:
+        poll: Called often by the latter; what it raises ends the search.
+    """
+    return cast(CompiledOracle, oracle) if hasattr(oracle, "core") else _Asked(oracle, poll)
+
+
+class _Asked:
+    """An oracle behind its methods, for one call; the numbers of its pairs are those of the collisions that were told.
+
+    After the call nothing leads to the oracle any more: through the core no cycle of references is ever found.
+    """
+
+    def __init__(self, oracle: Oracle | CoarseOracle, poll: Callable[[], None]) -> None:
+        held, self._blockers = [of_tuples(cast(Oracle, oracle))], list[str | None]()
+        told, blockers, self._held = [oracle], self._blockers, held
+        self._told = told
+
+        def edge(a: Configuration, b: Configuration, known: int) -> bool:
+            return bool(held[0].edge_is_free(a, b, known=KNOWN_ENDS[known]))
+
+        def coarse(a: Configuration, b: Configuration, known: int) -> bool:
+            return bool(held[0].edge_is_free_coarse(a, b, known=KNOWN_ENDS[known]))
+
+        def last() -> tuple[float, int]:
+            hit = getattr(told[0], "last_hit", None)
+            blockers.append(getattr(told[0], "blocker", None))
+            return 0.5 if hit is None else hit.fraction, len(blockers) - 1
+
+        glance = coarse if hasattr(oracle, "edge_is_free_coarse") else None
+        self.core: _core.AskedOracle = load_core().AskedOracle(
+            lambda q: bool(held[0].state_is_free(q)), edge, glance, last, poll
+        )
+
+    def counted(self, ask: Callable[[], T]) -> T:
+        """What ``ask`` returns; the oracle counts by itself."""
+        try:
+            return ask()
+        finally:
+            self._held.clear()
+            self._told.clear()
+
+    def blocker_of(self, pair: int) -> str | None:
+        """As of ``CompiledOracle``."""
+        return self._blockers[pair]
+
+
+class Counted(Protocol):
+    """Returns what a function returns that asks compiled code: what that judges is counted, and limits hold."""
+
+    def __call__(self, ask: Callable[[], T]) -> T: ...
+
+
+class SearchOracle:
+    """The checker with the padding of the search and a memory of free edges.
+
+    It also counts free and colliding motions at the starts and goals, to report which of them is boxed in.
+
+    Attributes:
+        core: The same compiled, which answers. Whoever asks it does so within ``counted``.
+        counted: Returns what a function returns that asks ``core``.
+    """
+
+    def __init__(
+        self, checker: CollisionChecker, starts: Iterable[FloatArray] = (), goals: Iterable[FloatArray] = ()
+    ) -> None:
+        self._checker = checker
+        self.core = checker.oracle([_tuple(q) for q in starts], [_tuple(q) for q in goals])
+        self.counted: Counted = cast(Counted, partial(checker.counted, self.core))
+
+    @property
+    def states(self) -> int:
+        """States that this thread has counted so far."""
+        return self._checker.ledger.own.states
+
+    @property
+    def last_hit(self) -> EdgeHit | None:
+        """The last collision found."""
+        return self._checker.last_hit
+
+    @property
+    def blocker(self) -> str | None:
+        """The obstacle of the last collision, ``SELF`` if it was a self-collision; None before the first."""
+        hit = self._checker.last_hit
+        return None if hit is None else self._obstacle(hit.b)
+
+    def blocker_of(self, pair: int) -> str:
+        """The same of a pair that ``core`` found to collide, by its number."""
+        return self._obstacle(self._checker.parts.names[pair][1])
+
+    def _obstacle(self, name: str) -> str:
+        return name if name in self._obstacles else SELF
+
+    @cached_property
+    def _obstacles(self) -> frozenset[str]:
+        return frozenset(obstacle.name for obstacle in self._checker.scene.obstacles)
+
+    def state_is_free(self, q: State) -> bool:
+        """Whether q (n,) is free with the padding of the search."""
+        return self._checker.state_is_free(q)
+
+    def edge_is_free(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> bool:
+        """Whether the edge is free with the padding of the search; a free edge is checked only once."""
+        return self.counted(partial(self.core.edge_is_free, _tuple(q1), _tuple(q2), known._value_))
+
+    def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision; ``edge_is_free`` judges the others."""
+        return self.counted(partial(self.core.edge_is_free_coarse, q1, q2, known._value_))
+
+    def edge_hit(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+        """Where the edge collides with the padding of the search, None if free; a free edge is checked only once."""
+        return None if self.edge_is_free(q1, q2, known=known) else self.last_hit
+
+    def boxed_in(self) -> str:
+        """Which ends no motion could leave, as the end of a sentence; empty if both could be left."""
+        tried = zip(("start", "goal"), self.core.motions, strict=True)
+        return "".join(
+            f"; none of the {colliding} motions tried at the {end} was free: it is boxed in"
+            for end, (free, colliding) in tried
+            if colliding >= MIN_MOTIONS_BOXED_IN and not free
+        )
+
+
+class _Around:
+    """An oracle around a ``SearchOracle``, which counts; its ``core`` answers.
+
+    Attributes:
+        inner: That oracle.
+        core: As of ``SearchOracle``.
+        counted: The same.
+    """
+
+    def __init__(self, inner: SearchOracle, core: _core.Oracle) -> None:
+        self.inner, self.core, self.counted = inner, core, inner.counted
+
+    @property
+    def states(self) -> int:
+        """States that this thread has counted so far."""
+        return self.inner.states
+
+    def blocker_of(self, pair: int) -> str:
+        """As of ``SearchOracle``."""
+        return self.inner.blocker_of(pair)
+
+    def state_is_free(self, q: State) -> bool:
+        """Whether q (n,) is free."""
+        return self.counted(partial(self.core.state_is_free, _tuple(q)))
+
+    def edge_is_free(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> bool:
+        """Whether the edge is free."""
+        return self.counted(partial(self.core.edge_is_free, _tuple(q1), _tuple(q2), known._value_))
+
+    def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision."""
+        return self.counted(partial(self.core.edge_is_free_coarse, q1, q2, known._value_))
+
+
+class TieredOracle(_Around):
+    """An oracle with less padding near starts and goals that are closer to something than the padding of the rest.
+
+    Args:
+        roomy: Checks all other states, and edges beyond 0.2 rad from such a start or goal.
+        tight: For each such start or goal the oracle of that state and of edges within 0.2 rad.
+    """
+
+    def __init__(self, roomy: SearchOracle, tight: Mapping[Configuration, SearchOracle]) -> None:
+        self._tight = dict(tight)  # kept alive for ``core``
+        cores = [(q, oracle.core) for q, oracle in tight.items()]
+        super().__init__(roomy, load_core().TieredOracle(roomy.core, cores, NEAR_END))
+
+
+class ConstrainedOracle(_Around):
+    """What ``SearchOracle`` says, but an edge is free only if it keeps the constraints, too.
+
+    Attributes:
+        projector: Says which edges keep them.
+    """
+
+    core: _core.ConstrainedOracle
+
+    def __init__(self, oracle: SearchOracle, projector: _core.Projector) -> None:
+        self.projector = projector
+        super().__init__(oracle, load_core().ConstrainedOracle(oracle.core, projector))
+
+    def edge_hit(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+        """Where the edge collides with the padding of the search, constraints aside; None if it does not."""
+        return self.inner.edge_hit(q1, q2, known=known)
+
+    def boxed_in(self) -> str:
+        """As of ``SearchOracle``."""
+        return self.inner.boxed_in()
+
+    def keeps(self, q1: State, q2: State) -> bool:
+        """Whether the edge keeps the constraints."""
+        return self.projector.keeps(_tuple(q1), _tuple(q2))
+
+
+def _tuple(q: State) -> Configuration:
+    return q if isinstance(q, tuple) else tuple(q.tolist())
 
 
 def _never() -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +21,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
-from planner_service.search.compiled_oracle import CompiledOracle, compiled
-from planner_service.search.constrained import ConstrainedOracle
-from planner_service.search.problem import CoarseOracle, Oracle
+from planner_service.search.problem import CoarseOracle, CompiledOracle, ConstrainedOracle, Oracle, compiled
 
 __all__ = [
     "MIN_BLEND",
@@ -71,7 +68,7 @@ def shortcut(
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
         raise InvalidRequest("waypoints", points.tolist(), "at least one row of finite joint values")
     draws = rng.random(2 * tries).tolist()
-    asked = _compiled(oracle)
+    asked = compiled(oracle)
     shorter: FloatArray = asked.counted(partial(load_core().shortcut, points, asked.core, draws, misses))
     return shorter
 
@@ -83,7 +80,7 @@ def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
     moves to the last of these places where a full check finds them free. The ends stay.
     """
     points = read_only(waypoints)
-    asked = _compiled(oracle)
+    asked = compiled(oracle)
     pulled: FloatArray = asked.counted(partial(load_core().pulled_in, points, asked.core))
     return pulled
 
@@ -94,7 +91,7 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
     The ends stay, and the result is never longer. Each corner tried costs one edge check.
     """
     points = read_only(waypoints)
-    asked = _compiled(oracle)
+    asked = compiled(oracle)
     kept: FloatArray = asked.counted(partial(load_core().without_short_pieces, points, asked.core))
     return kept
 
@@ -144,8 +141,3 @@ def blended(
     curve = path.waypoints, path.knots, path.tangents
     widths[chosen] = oracle.counted(partial(load_core().blend_widths, *curve, chosen, sizes, oracle.core, least))
     return path.with_blends(widths)
-
-
-def _compiled(oracle: Oracle | CoarseOracle) -> CompiledOracle:
-    """The oracle as the core asks it; here, since a plan asks thrice and its oracle is compiled."""
-    return cast(CompiledOracle, oracle) if hasattr(oracle, "core") else compiled(oracle)

@@ -13,7 +13,7 @@ from rich.console import Console
 from benchmarks.harness import gate, pins, runner
 from benchmarks.harness.suite import Suite, stored, suite_named
 from planner_service import RRTConnect
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchOracle
 
 SMALL = Suite("small", "", {"rrtconnect": RRTConnect()}, range(2), (lambda: stored(["bin", "window"], [0]),))
 

@@ -29,11 +29,11 @@ from planner_service.collision import checker as judging
 from planner_service.concurrency import fair_lock as turns
 from planner_service.planners import AORRTC, Planner
 from planner_service.planning import accounting, pipeline, search_stage
-from planner_service.search import balanced, edge_cache, ompl
+from planner_service.search import ompl, planners, problem
 
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 
-HELD = (ledger, turns, accounting, ompl, balanced, edge_cache, service, pipeline, search_stage, judging)
+HELD = (ledger, turns, accounting, ompl, planners, problem, service, pipeline, search_stage, judging)
 FILES = {str(module.__file__) for module in HELD}
 """Where Ctrl-C strikes: whatever holds a limit, a lock or a turn."""
 

@@ -1,4 +1,4 @@
-// RRT-Connect with balanced trees and dynamic domains, as search/balanced.py says.
+// RRT-Connect with balanced trees and dynamic domains, as search/planners.py says.
 #pragma once
 
 #include <utility>

@@ -1,6 +1,6 @@
 // The collision kernel as searching and smoothing use it: free edges are remembered, everything is counted, limits hold.
 //
-// Its Python side is ``SearchOracle`` of search/edge_cache.py.
+// Its Python side is ``SearchOracle`` of search/problem.py.
 #pragma once
 
 #include <array>

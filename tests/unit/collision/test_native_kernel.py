@@ -24,7 +24,7 @@ from planner_service.native.loading import load_core
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchOracle
 from tests.support.backends import CASES, case, checkers, compare, edges_of, states_of
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, JointLimits, Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchOracle
 from planner_service.smoothing.smoothing import blended
 from tests.support.optional import present
 

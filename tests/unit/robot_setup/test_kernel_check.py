@@ -9,13 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from planner_service.certify import Certificate, Certifier
-from planner_service.certify.prover import Prover
+from planner_service.certify.certifier import Prover
 from planner_service.cli.commands import app
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot_setup import kernel_check as health
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchOracle
 from planner_service.timing.laws import ToppRa
 
 WORDS = ["doctor", "--states", "200"]

@@ -28,8 +28,7 @@ from planner_service import (
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance
-from planner_service.search.edge_cache import SearchOracle, TieredOracle
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import SearchOracle, SearchProblem, TieredOracle
 from tests.reference.edges import ReferenceOracle
 from tests.reference.search import ReferenceSearch
 from tests.support.optional import present

@@ -11,7 +11,7 @@ from planner_service import CollisionChecker, JointPath, load_robot
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.geometry.arrays import FloatArray
 from planner_service.scene.loading import load_scene
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchOracle
 from planner_service.smoothing.smoothing import MIN_BLEND, blended, pulled_in, shortcut, without_short_pieces
 from tests.reference import smoothing as reference
 from tests.reference.edges import ReferenceOracle

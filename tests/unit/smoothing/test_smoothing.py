@@ -9,7 +9,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
-from planner_service.search.compiled_oracle import compiled
+from planner_service.search.problem import compiled
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from tests.support.discs import WALL, DiscWorld, GlancingWorld, Stop, across, length
 from tests.support.optional import present
