@@ -1,4 +1,7 @@
-"""The proof that a whole curve is free, between samples too; it shares no code with the search."""
+"""The proof that a whole curve is free, between samples too; it shares no code with the search or its kernel.
+
+It is compiled (native/), and takes the tables and constants of the modules of this folder.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,21 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import NoneType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
-from planner_service.certify.interval_proof import NO_LEAVES, Roots, Span
+from planner_service.certify import clearance, hulls, separation
+from planner_service.certify import edge_proof as edge
+from planner_service.certify import interval_proof as tree
+from planner_service.certify import motion_bounds as motion_terms
+from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict, Judged
+from planner_service.certify.interval_proof import NO_LEAVES, Obstruction, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
+from planner_service.certify.native.loading import load_proof
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK, Prover
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest
@@ -37,16 +45,25 @@ from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
 __all__ = [
+    "LIMIT_SLACK",
     "MARGIN",
     "MAX_OVERLAP",
     "Certificate",
     "Certifier",
+    "Charge",
     "ExemptInterval",
+    "Proof",
+    "Prover",
     "Refusal",
     "Trail",
     "certify",
+    "instruction_sets",
 ]
 
+Charge = Callable[[int], None]
+
+LIMIT_SLACK = 1e-9
+"""How far a waypoint may lie outside a joint limit by rounding, in rad or m."""
 
 MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
@@ -67,6 +84,11 @@ CARRIED_TOGETHER = "carried together"
 """Why two objects on the tool are not judged: nothing moves them against each other."""
 
 FREE_EDGE = EdgeProof(EdgeVerdict.FREE)
+
+FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
+
+PROVEN, CLOSE, SPENT = range(3)
+"""How a compiled proof ends; any other number means that a stretch was too short to be halved."""
 
 NANO = 1e9
 """Bounds are reported in whole nanometres, rounded to the safe side."""
@@ -202,6 +224,102 @@ class Trail:
     leaves: FloatArray = field(default_factory=lambda: NO_LEAVES)
 
 
+class Proof(NamedTuple):
+    """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so.
+
+    ``leaves`` is what was proven, if that was asked for: rows of nine float64, the pair, from where to where in s,
+    and unit directions at both ends from the second piece towards the first, in the second's axes; zero at an end where
+    none was needed.
+    """
+
+    bounds: int
+    proven: float
+    obstruction: Obstruction | None
+    leaves: bytes = b""
+
+
+class Prover:
+    """Proves motions of one robot in one scene.
+
+    Args:
+        variant: One of ``instruction_sets()``; the fastest if empty.
+    """
+
+    def __init__(self, motion: Motion, variant: str = "") -> None:
+        self._prover = load_proof().Prover(_terms(), *motion.tables, variant)
+
+    def prove(
+        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
+    ) -> Proof:
+        """Prove that the pairs of ``roots`` are more than ``enough`` metres apart on their spans.
+
+        If ``enough`` is negative, that they overlap by less.
+
+        Args:
+            path: The curve; no subclass, whose curve may be another one.
+            charge: Called with the number of bounds before each batch; what it raises comes out unchanged.
+            tracing: Keep what is proven as ``leaves``, and prove it by plain bounds of motions: those that are checked
+                with the least effort.
+        """
+        spans = np.array(roots.spans, dtype=np.float64).reshape(-1, 2)
+        walked = path.walked.tables if tracing else None
+        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, walked)
+        bounds, most, proven, end, pair, start, stop, s, gap, leaves = outcome
+        if end == PROVEN:
+            return Proof(bounds, proven, None, leaves)
+        detail = tree.too_close(s, gap, enough) if end == CLOSE else tree.no_end(most if end == SPENT else None)
+        return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
+
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
+        """The verdict on a straight edge; none if an end is not n float64 within the limits.
+
+        Args:
+            enough: Metres by which every pair must be proven apart, and more.
+            nearer: Metres; a pair that is proven nearer collides.
+        """
+        if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # others may hide entries
+            return NOT_TAKEN
+        answer = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
+        if not answer.taken:
+            return NOT_TAKEN
+        return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
+
+    def clearances(self, Q: FloatArray) -> FloatArray:
+        """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs.
+
+        Of a row that is not finite, and wherever a gap is no number, it is -infinity.
+        """
+        out = np.zeros(len(Q))
+        self._prover.clearances(Q, out)
+        return out
+
+    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+        """Pairs less than ``within`` metres apart at configurations Q (m, n): rows of Q, pairs and signed gaps.
+
+        A gap below 0 is an overlap of no more than that. Pairs with bundles are opened. Sorted by rows and pairs.
+        """
+        found = self._prover.near(np.ascontiguousarray(Q), np.ascontiguousarray(pairs, dtype=np.int64), within)
+        table = np.frombuffer(found).reshape(-1, 6)
+        table = table[np.lexsort((table[:, 1], table[:, 0]))]
+        rows, near = table[:, :2].astype(np.intp).T
+        return rows, near, Bounds(table[:, 2].copy(), table[:, 3:].T.copy())
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Instruction sets of the compiled prover on this processor, the fastest last."""
+    return tuple(load_proof().instruction_sets())
+
+
+def _terms() -> list[float]:
+    """The constants, in the order of ``Terms`` in native/model.hpp."""
+    return [
+        *(motion_terms.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND, separation.DRAWS),
+        *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
+        *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
+        *(edge.MAX_EDGE_BOUNDS, edge.OVERLAP_STEPS, edge.CERTAIN, clearance.CLEARANCE_ROUNDS),
+    ]
+
+
 class Certifier:
     """Proves curves of one robot in one scene; build it once and use it for many.
 
@@ -245,7 +363,7 @@ class Certifier:
         exempt: Sequence[ExemptInterval] = (),
         constraints: Sequence[Constraint] = (),
         part: Span | None = None,
-        charge: Callable[[int], None] | None = None,
+        charge: Charge | None = None,
         trail: Trail | None = None,
     ) -> Certificate:
         """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
@@ -290,7 +408,7 @@ class Certifier:
         stretches: tuple[ExemptInterval, ...] = (),
         constraints: tuple[Constraint, ...] = (),
         checked_part: Span | None = None,
-        charge: Callable[[int], None] | None = None,
+        charge: Charge | None = None,
         trail: Trail | None = None,
     ) -> Certificate:
         """``certify`` of a path of the robot's joints, and of values that are known to be of their kinds.

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, Refusal, Trail
+from planner_service.certify.certifier import LIMIT_SLACK, Certificate, Certifier, ExemptInterval, Refusal, Trail
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, items, number, numbers
