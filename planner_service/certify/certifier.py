@@ -40,7 +40,7 @@ from planner_service.geometry.validation import (
     numbers,
 )
 from planner_service.path.joint_path import JointPath
-from planner_service.presentation.measures import proof_text, range_text
+from planner_service.presentation.measures import range_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
@@ -57,7 +57,9 @@ __all__ = [
     "Refusal",
     "Trail",
     "certify",
+    "clearance_text",
     "instruction_sets",
+    "proof_text",
 ]
 
 Charge = Callable[[int], None]
@@ -193,9 +195,16 @@ class Certificate:
         copied_in(self, "exempt", "kept", "contacts")
 
     def __str__(self) -> str:
-        if self.refusal is not None:
-            return f"refused: {self.refusal}"
-        return "; ".join([f"proven: {proof_text(self.clearance, self.distances)}", *map(str, self.kept)])
+        return self._said(proof_text(self.clearance, self.distances))
+
+    @property
+    def verdict(self) -> str:
+        """The same without what it cost."""
+        return self._said(clearance_text(self.clearance))
+
+    def _said(self, proven: str) -> str:
+        refused = f"refused: {self.refusal}"
+        return "; ".join([f"proven: {proven}", *map(str, self.kept)]) if self.refusal is None else refused
 
     @property
     def certified(self) -> bool:
@@ -590,6 +599,18 @@ def certify(
     return Certifier(robot, scene, allowed=allowed).certify(
         path, padding=padding, exempt=exempt, constraints=constraints
     )
+
+
+def clearance_text(metres: float) -> str:
+    """A proven clearance in words, rounded down."""
+    if metres == math.inf:
+        return "nothing to touch"
+    return f"{math.floor(metres * 1e5) / 100:.2f} mm clear" if metres < 0.1 else f"{metres:.3f} m clear"
+
+
+def proof_text(clearance: float, bounds: int) -> str:
+    """What is proven of one or more motions: their smallest clearance in metres, and what it cost."""
+    return f"{clearance_text(clearance)}, between samples too ({bounds:,} bounds)"
 
 
 def _floored(gap: float) -> float:

@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from planner_service.certify import Certificate
+from planner_service.certify.certifier import clearance_text
 from planner_service.cli import options
 from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
 from planner_service.cli.options import option
 from planner_service.cli.output import show
-from planner_service.presentation.measures import clearance_text
 from planner_service.records.evidence import with_evidence
 from planner_service.records.plan_file import load_plan_or_task
 from planner_service.records.recertify import Recertified, recertify

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +17,6 @@ __all__ = [
     "FloatArray",
     "IntArray",
     "Vector",
-    "all_read_only",
     "along",
     "as_sent",
     "axis_matrix",
@@ -30,7 +28,6 @@ __all__ = [
     "frozen",
     "joint_distance",
     "minus",
-    "polyline_length",
     "product",
     "quartered",
     "read_only",
@@ -57,11 +54,6 @@ _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
 def read_only(values: ArrayLike) -> FloatArray:
     """An immutable float64 copy of ``values`` that are known to be numbers; for others see ``validation.numbers``."""
     return frozen(np.array(values, dtype=np.float64))
-
-
-def all_read_only(*values: ArrayLike) -> tuple[FloatArray, ...]:
-    """``read_only`` of each."""
-    return tuple(map(read_only, values))
 
 
 def frozen(array: AnyArray) -> AnyArray:
@@ -96,12 +88,6 @@ def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:
     for x, y in zip(a, b, strict=True):
         total += (y - x) * (y - x)
     return math.sqrt(total)
-
-
-def polyline_length(points: FloatArray) -> float:
-    """L2 length of a polyline (N, n)."""
-    rows = points.tolist()
-    return math.fsum(joint_distance(a, b) for a, b in pairwise(rows))
 
 
 def vector(values: Sequence[float]) -> Vector:

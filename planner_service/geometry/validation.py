@@ -13,7 +13,7 @@ import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.xml_reader import Malformed
-from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, frozen, set_fields
 
 __all__ = [
     "FLOAT64",
@@ -94,18 +94,19 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
             hidden (masked) entries, rows of unequal length, integers that no float holds, or 20 million numbers.
     """
     if type(values) is np.ndarray and values.dtype is FLOAT64 and values.size <= MAX_NUMBERS:
-        return read_only(values)
-    try:
-        _count(values)
-        array = np.asarray(values)
-    except Exception:  # an object of another library may raise anything here
-        raise InvalidRequest(field, values, expected) from None
-    if array.dtype.kind not in "iuf":
-        raise InvalidRequest(field, values, expected)
-    if array.dtype.itemsize == 8 and array.dtype.kind == "f":
-        return read_only(array)
-    with np.errstate(over="ignore"):  # a long double may become infinite; the caller checks for finite numbers
-        return read_only(array)
+        array = np.array(values)
+    else:
+        try:
+            _count(values)
+            given = np.asarray(values)
+        except Exception:  # an object of another library may raise anything here
+            raise InvalidRequest(field, values, expected) from None
+        if given.dtype.kind not in "iuf":
+            raise InvalidRequest(field, values, expected)
+        with np.errstate(over="ignore"):  # a long double may become infinite; the caller checks for finite numbers
+            array = np.array(given, dtype=np.float64)
+    array.flags.writeable = False
+    return array
 
 
 def finite_numbers(field: str, values: object, n: int) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, items, number, numbers, whole
 from planner_service.kinematics.tool_arm import descended, tool_arm
@@ -264,7 +264,9 @@ def configurations_at(
         solutions = WxaiInverse.of(chain.robot).solve(pose, [q.tolist() for q in given])
     else:
         solutions = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
-    return frozen(chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n)))
+    found = chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n))
+    found.flags.writeable = False
+    return found
 
 
 def inverse_is_complete(robot: Robot, pose: Pose) -> bool:

@@ -404,7 +404,7 @@ class ToolArm:
         """The rows that keep the tool on its line, ``stops`` among them."""
 
 Peak = tuple[float, int, float]
-"""Ratio to the limit, joint and time, as in ``limit_check.Peak``."""
+"""Ratio to the limit, joint and time, as in ``trajectory.Peak``."""
 
 def time_path(
     waypoints: NDArray[np.float64],

@@ -21,7 +21,7 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_
 from planner_service.geometry.validation import FLOAT64, numbers, whole
 from planner_service.path.corner_blend import Blends
 
-__all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
+__all__ = ["OVERSHOOT", "JointPath", "polyline_length", "require_order", "within"]
 
 OVERSHOOT = 1e-9
 """An argument at most this far outside its interval is rounding, and is moved to the interval's end."""
@@ -57,6 +57,11 @@ def _distances(points: FloatArray) -> FloatArray:
     with np.errstate(over="ignore"):  # an infinite length is refused later
         steps = points[1:] - points[:-1]
         return np.asarray(np.sqrt(np.add.accumulate(steps * steps, axis=1)[:, -1]))
+
+
+def polyline_length(points: FloatArray) -> float:
+    """L2 length of a polyline (N, n)."""
+    return math.fsum(_distances(points).tolist())
 
 
 def within(name: str, value: ArrayLike, end: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Trajectories: a path with a timing law s(t), q(t) = path(s(t)).
+"""Trajectories: a path with a timing law s(t), q(t) = path(s(t)); and how close one comes to limits.
 
 A trajectory only evaluates its path, so it cannot leave the certified curve. Time is in seconds.
 """
@@ -20,7 +20,7 @@ from planner_service.geometry.arrays import FloatArray, IntArray, as_sent, read_
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers
 from planner_service.path.joint_path import OVERSHOOT, JointPath, require_order, within
 
-__all__ = ["Samples", "Trajectory"]
+__all__ = ["LimitPeaks", "Peak", "Samples", "Trajectory"]
 
 MAX_SAMPLES = 1_000_000
 """About 17 minutes at 1 kHz; a longer list is probably a wrong unit of ``dt``."""
@@ -30,6 +30,42 @@ ROUNDING = 1e-14
 
 MAX_DILATION = 1e9
 """The cube of a larger factor would leave no digits of a sensible trajectory; it is probably a wrong unit."""
+
+
+class Peak(NamedTuple):
+    """Where a motion comes closest to a limit: its ratio to the limit, the joint's index, and the time in seconds."""
+
+    ratio: float
+    joint: int
+    time: float
+
+
+@dataclass(frozen=True)
+class LimitPeaks:
+    """How close a trajectory comes to each kind of limit; a ratio above 1 exceeds it.
+
+    Attributes:
+        torques: For each joint where its torque comes closest to its limit, known to ``torque_limits.BETWEEN`` of that;
+            empty where no torque limits are kept.
+    """
+
+    velocity: Peak
+    acceleration: Peak
+    jerk: Peak
+    torques: tuple[Peak, ...] = ()
+
+    @property
+    def highest(self) -> float:
+        """The larger of the velocity and acceleration ratios."""
+        return max(self.velocity.ratio, self.acceleration.ratio)
+
+    def dilated(self, factor: float) -> LimitPeaks:
+        """The peaks of the same motion ``factor`` times slower, without those of torques, which do not scale."""
+        by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)
+        velocity, acceleration, jerk = (
+            Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order
+        )
+        return LimitPeaks(velocity, acceleration, jerk)
 
 
 class Samples(NamedTuple):

@@ -27,7 +27,6 @@ from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set
 from planner_service.kinematics.projection import projector_of
-from planner_service.kinematics.tool_speed import peak_tool_speed, tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Pace, PlanRequest
@@ -43,12 +42,11 @@ from planner_service.planning.result import (
     Stage,
     StageReport,
 )
-from planner_service.presentation.measures import clearance_text
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND
-from planner_service.timing.laws import TimingFailed, stop_duration, time_with_peaks
+from planner_service.timing.laws import TimingFailed, peak_tool_speed, stop_duration, time_with_peaks, tool_speeds
 from planner_service.timing.segments import SpeedLimit
 from planner_service.timing.torque_limits import TorqueLimits
 
@@ -65,7 +63,6 @@ __all__ = [
     "certified_path",
     "certify",
     "narrower",
-    "proof_note",
     "require_proven",
     "timed",
     "told_of_stages",
@@ -407,15 +404,8 @@ def certify(
     with accounting.during(Stage.CERTIFY) as entry:
         constraints = () if accounting.constraints is None else accounting.constraints.constraints
         proof = certifier.proven(path, padding, tuple(exempt), constraints, part, accounting.ledger.charge)
-        entry.note = proof_note(proof)
+        entry.note = proof.verdict
         return proof
-
-
-def proof_note(proof: Certificate) -> str:
-    """What the CERTIFY stage says of a proof, or of its refusal."""
-    if proof.refusal is not None:
-        return f"refused: {proof.refusal}"
-    return "; ".join([f"proven: {clearance_text(proof.clearance)}", *map(str, proof.kept)])
 
 
 def certified_path(

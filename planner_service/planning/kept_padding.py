@@ -13,7 +13,7 @@ from dataclasses import replace
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CollisionChecker
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import PlanAccounting, proof_note
+from planner_service.planning.accounting import PlanAccounting
 from planner_service.planning.result import KeptPadding, NearEnd, Stage
 
 __all__ = ["free_but_for", "line_keeps_padding", "padding_kept"]
@@ -73,7 +73,7 @@ def padding_kept(
         return certifier.certify(path, padding=padding, exempt=exempt, part=span, charge=accounting.ledger.charge)
 
     with accounting.during(Stage.CERTIFY, improving="proven with more padding") as entry:
-        entry.note = proof_note(certificate)
+        entry.note = certificate.verdict
         proof = proven(asked, ())
         if proof.certified:
             return KeptPadding(asked, proof=replace(proof, exempt=certificate.exempt, kept=certificate.kept))

@@ -14,10 +14,10 @@ from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.values import Constraint
 from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, joint_distance, polyline_length
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.optimize import Optimise, Optimum
-from planner_service.path.joint_path import JointPath
+from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning import search_stage
 from planner_service.planning.accounting import (

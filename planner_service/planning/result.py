@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from planner_service.certify import Certificate, ExemptInterval
+from planner_service.certify.certifier import proof_text
 from planner_service.collision import CheckCounts, Contact
 from planner_service.constraints import Constraint
 from planner_service.decomposition.no_path import NoPath
@@ -19,16 +20,15 @@ from planner_service.geometry.validation import copied_in
 from planner_service.kinematics.reachability import Unreachable
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import LimitPeaks, Trajectory
 from planner_service.planning.request import Pace, PlanRequest, World
-from planner_service.presentation.measures import proof_text
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
 from planner_service.provided import Provided
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import length_unit
 from planner_service.search.trace import Trace
-from planner_service.timing.limit_check import ORDERS, LimitPeaks
+from planner_service.timing.limit_check import ORDERS
 
 __all__ = [
     "Failure",

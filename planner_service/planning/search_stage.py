@@ -17,9 +17,9 @@ from planner_service.certify import Certificate
 from planner_service.collision import Cancelled, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, joint_distance, polyline_length
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise
-from planner_service.path.joint_path import JointPath
+from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Ends, padded_ends

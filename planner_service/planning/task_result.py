@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from planner_service.certify import GripperMotion
+from planner_service.certify.certifier import clearance_text, proof_text
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.constraints.values import MIN_ANGLE, KeepUpright
 from planner_service.errors import InvalidRequest
@@ -19,7 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, items, number
 from planner_service.planning.request import PlanRequest, World, keeps_torques, require_timing
 from planner_service.planning.result import Failure, PlanResult, Stage, allowed_lines, cost_row, save_plan, stage_row
-from planner_service.presentation.measures import clearance_text, numbers_text, proof_text
+from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
 from planner_service.robot.model import length_unit

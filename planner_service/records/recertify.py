@@ -36,7 +36,6 @@ from planner_service.certify import (
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
-from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest, World, keeps_torques, kept_in, torques_of
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.task_result import Segment, TaskResult
@@ -55,7 +54,7 @@ from planner_service.robot.model import Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.timing.laws import SCurve, TimingFailed
+from planner_service.timing.laws import SCurve, TimingFailed, peak_tool_speed
 from planner_service.timing.limit_check import peaks
 from planner_service.timing.torque_limits import BETWEEN, EXCESS
 

@@ -30,11 +30,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.files import schema
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import LimitPeaks, Peak, Trajectory
 from planner_service.planning.result import MotionReport, NearEnd, PlanResult, PolishReport, Stage, StageReport
 from planner_service.records.failure import MAX_PAIRS, FailureRecord, StageName
 from planner_service.records.values import Constraints
-from planner_service.timing.limit_check import LimitPeaks, Peak
 
 __all__ = [
     "CountsRecord",

@@ -17,10 +17,10 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent
-from planner_service.geometry.arrays import FloatArray, joint_distance, polyline_length
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise
 from planner_service.path.corner_blend import STEEPEST
-from planner_service.path.joint_path import JointPath
+from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.endpoints import GoalState
 from planner_service.planning.result import Failure, Reason, Stage

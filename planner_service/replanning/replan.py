@@ -25,9 +25,8 @@ from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.guards import reach_objection
 from planner_service.kinematics.pose_goal import PoseGoal
-from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import LimitPeaks, Trajectory
 from planner_service.planning.accounting import (
     NoPlan,
     PlanAccounting,
@@ -47,8 +46,8 @@ from planner_service.replanning.result import OldMotion, Outcome, Replanned, req
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.scene.names import Names
 from planner_service.scene.scene import KIND_SUFFIXES
-from planner_service.timing.laws import TimingFailed, ToppRa
-from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, peaks
+from planner_service.timing.laws import TimingFailed, ToppRa, peak_tool_speed
+from planner_service.timing.limit_check import TOLERANCE, peaks
 
 __all__ = ["replan"]
 

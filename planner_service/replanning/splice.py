@@ -21,10 +21,10 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import LimitPeaks, Trajectory
 from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import TimingFailed, ToppRa
-from planner_service.timing.limit_check import MIN_SHARE, TOLERANCE, LimitPeaks, peaks
+from planner_service.timing.limit_check import MIN_SHARE, TOLERANCE, peaks
 from planner_service.timing.segments import SpeedLimit
 
 __all__ = ["HOLD", "SwitchPoint", "Underway"]

@@ -19,8 +19,8 @@ from planner_service.collision.budget import SearchStopped
 from planner_service.collision.checker import CollisionChecker, EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, all_read_only
-from planner_service.geometry.validation import whole
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import numbers, whole
 from planner_service.native.loading import load_core
 
 if TYPE_CHECKING:
@@ -361,7 +361,7 @@ class SearchSpace:
     reach: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        lower, upper = all_read_only(self.lower, self.upper)
+        lower, upper = numbers("lower", self.lower, "joint values"), numbers("upper", self.upper, "joint values")
         _require_bounds(lower, upper)
         self.__dict__.update(lower=lower, upper=upper)
 
@@ -398,7 +398,9 @@ class SearchProblem:
     projector: _core.Projector | None = None
 
     def __post_init__(self) -> None:
-        start, goals, lower, upper = all_read_only(self.start, self.goals, self.lower, self.upper)
+        fields = (self.start, self.goals, self.lower, self.upper)
+        names = ("start", "goals", "lower", "upper")
+        start, goals, lower, upper = (numbers(name, q, "joint values") for name, q in zip(names, fields, strict=True))
         _require_bounds(lower, upper)
         if start.shape != lower.shape:
             raise InvalidRequest("start", start.tolist(), f"{lower.size} joint values")

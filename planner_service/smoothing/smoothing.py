@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, CompiledOracle, ConstrainedOracle, Oracle, compiled
@@ -64,7 +64,7 @@ def shortcut(
         InvalidRequest: ``waypoints`` has no rows, or a number that is not finite. What the oracle raises passes
             through.
     """
-    points = read_only(waypoints)
+    points = np.array(waypoints, dtype=np.float64)
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
         raise InvalidRequest("waypoints", points.tolist(), "at least one row of finite joint values")
     draws = rng.random(2 * tries).tolist()
@@ -79,7 +79,7 @@ def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
     First all joints go half the way, then one joint at a time, while a coarse check finds both pieces free. The corner
     moves to the last of these places where a full check finds them free. The ends stay.
     """
-    points = read_only(waypoints)
+    points = np.array(waypoints, dtype=np.float64)
     asked = compiled(oracle)
     pulled: FloatArray = asked.counted(partial(load_core().pulled_in, points, asked.core))
     return pulled
@@ -90,7 +90,7 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
 
     The ends stay, and the result is never longer. Each corner tried costs one edge check.
     """
-    points = read_only(waypoints)
+    points = np.array(waypoints, dtype=np.float64)
     asked = compiled(oracle)
     kept: FloatArray = asked.counted(partial(load_core().without_short_pieces, points, asked.core))
     return kept
@@ -113,7 +113,7 @@ def shortcut_on_constraints(
         tries: The most random cuts to draw.
         misses: Stop after so many cuts in a row that gain too little or are not free.
     """
-    points, draws = read_only(waypoints), rng.random(2 * tries).tolist()
+    points, draws = np.array(waypoints, dtype=np.float64), rng.random(2 * tries).tolist()
     shorter: FloatArray = oracle.counted(partial(load_core().shortcut_on, points, oracle.core, draws, misses, LONGEST))
     return shorter
 

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 
 from planner_service.errors import InvalidRequest
@@ -13,10 +9,10 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import LimitPeaks, Peak, Trajectory
 from planner_service.robot.model import JointLimits
 
-__all__ = ["MIN_SHARE", "ORDERS", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "require_limits"]
+__all__ = ["MIN_SHARE", "ORDERS", "TOLERANCE", "peaks", "require_limits"]
 
 TOLERANCE = 1e-9
 """How far a ratio to a limit may exceed 1 by rounding: six orders of magnitude below what an encoder resolves."""
@@ -25,44 +21,8 @@ MIN_SHARE = 1e-12
 """A joint whose share of a direction, abs(dq_i/ds), is smaller stands still: its limits are ignored."""
 
 
-class Peak(NamedTuple):
-    """Where a motion comes closest to a limit: its ratio to the limit, the joint's index, and the time in seconds."""
-
-    ratio: float
-    joint: int
-    time: float
-
-
 ORDERS = ("velocity", "acceleration", "jerk")
 """Names of the limits, by the order of the derivative."""
-
-
-@dataclass(frozen=True)
-class LimitPeaks:
-    """How close a trajectory comes to each kind of limit; a ratio above 1 exceeds it.
-
-    Attributes:
-        torques: For each joint where its torque comes closest to its limit, known to ``torque_limits.BETWEEN`` of that;
-            empty where no torque limits are kept.
-    """
-
-    velocity: Peak
-    acceleration: Peak
-    jerk: Peak
-    torques: tuple[Peak, ...] = ()
-
-    @property
-    def highest(self) -> float:
-        """The larger of the velocity and acceleration ratios."""
-        return max(self.velocity.ratio, self.acceleration.ratio)
-
-    def dilated(self, factor: float) -> LimitPeaks:
-        """The peaks of the same motion ``factor`` times slower, without those of torques, which do not scale."""
-        by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)
-        velocity, acceleration, jerk = (
-            Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order
-        )
-        return LimitPeaks(velocity, acceleration, jerk)
 
 
 def require_limits(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:

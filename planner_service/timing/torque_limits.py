@@ -21,11 +21,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, IntArray, read_only, set_fields
 from planner_service.geometry.validation import instance, number
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import Peak, Trajectory
 from planner_service.robot.inertia import LinkInertia
 from planner_service.robot.model import Robot
 from planner_service.timing.inverse_dynamics import GRAVITY, InverseDynamics
-from planner_service.timing.limit_check import Peak
 from planner_service.timing.profiles import TimingFailed
 from planner_service.timing.torque_bound import torque_curvature
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from planner_service.certify.certifier import clearance_text
 from planner_service.collision import Contact
 from planner_service.planning.result import PlanResult, plan_row, plan_rows
-from planner_service.presentation.measures import clearance_text
 from planner_service.presentation.tables import CostTable, markdown_escaped
 from planner_service.view.collision_report import CollisionReport
 from planner_service.view.state import ViewState

@@ -21,11 +21,11 @@ from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.projection import projector_of
 from planner_service.kinematics.tool_arm import descended
-from planner_service.kinematics.tool_speed import tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.records.robot import RobotRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
+from planner_service.timing.laws import tool_speeds
 from tests.laws.test_proof_laws import agreed
 from tests.reference.projector import ReferenceProjector
 from tests.support.random_robots import random_robot

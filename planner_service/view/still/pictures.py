@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner_service.certify.certifier import clearance_text
 from planner_service.collision import CheckCounts, CollisionChecker, Contact
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
@@ -32,7 +33,6 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason
 from planner_service.planning.task_result import TaskResult
-from planner_service.presentation.measures import clearance_text
 from planner_service.records.plan_file import SavedTask
 from planner_service.robot.kinematic_tree import LinkShape
 from planner_service.robot.model import Robot, length_unit
