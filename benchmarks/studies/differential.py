@@ -27,8 +27,7 @@ from planner_service.collision.budget import SearchStopped
 from planner_service.collision.native_kernel import MARGIN, build_kernel, instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.parallel import Lost, Processes, Sequential
-from planner_service.search.problem import SearchOracle
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import SearchOracle, SearchProblem
 
 __all__ = [
     "CASES",

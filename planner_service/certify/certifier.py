@@ -195,16 +195,16 @@ class Certificate:
         copied_in(self, "exempt", "kept", "contacts")
 
     def __str__(self) -> str:
-        return self._said(proof_text(self.clearance, self.distances))
+        if self.refusal is not None:
+            return self.verdict
+        return "; ".join([f"proven: {proof_text(self.clearance, self.distances)}", *map(str, self.kept)])
 
     @property
     def verdict(self) -> str:
         """The same without what it cost."""
-        return self._said(clearance_text(self.clearance))
-
-    def _said(self, proven: str) -> str:
-        refused = f"refused: {self.refusal}"
-        return "; ".join([f"proven: {proven}", *map(str, self.kept)]) if self.refusal is None else refused
+        if self.refusal is not None:
+            return f"refused: {self.refusal}"
+        return "; ".join([f"proven: {clearance_text(self.clearance)}", *map(str, self.kept)])
 
     @property
     def certified(self) -> bool:

@@ -38,7 +38,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, items, numbers, whole
 from planner_service.grasping.grasps import top_grasps
 from planner_service.infeasibility.remedies import Explanation
-from planner_service.kinematics.inverse import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
+from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.batch import Batch

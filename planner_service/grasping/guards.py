@@ -10,7 +10,7 @@ from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray, cross
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
-from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS
+from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.model import Robot

@@ -1,14 +1,9 @@
 """Where the tool is and how to bring it somewhere: inverse kinematics, tool poses as goals, straight tool lines."""
 
-from planner_service.kinematics.inverse import (
-    LineStop,
-    LineStopReason,
-    ToolLine,
-    inverse_kinematics,
-    straight_tool_line,
-)
+from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Suggestion, Unreachable, why_unreachable
+from planner_service.kinematics.tool_line import LineStop, LineStopReason, ToolLine, straight_tool_line
 
 __all__ = [
     "Cause",

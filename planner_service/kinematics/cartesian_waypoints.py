@@ -10,8 +10,8 @@ import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose, Sphere
-from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS
 from planner_service.kinematics.tool_arm import tool_arm
+from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS
 from planner_service.kinematics.tool_path import ToolPath
 from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
@@ -56,7 +56,7 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
         waypoints: A straight tool line, each piece of which is within that tolerance.
         keep: Rows that must stay, in addition to the first and last.
     """
-    arm, stops = tool_arm(robot), sorted({*keep, len(waypoints) - 1} - {0})
+    arm, stops = tool_arm(robot, numeric=True), sorted({*keep, len(waypoints) - 1} - {0})
     return waypoints[arm.thinned(np.ascontiguousarray(waypoints, dtype=np.float64), stops)]
 
 

@@ -18,7 +18,8 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, Vector, cross_of, dot, minus, read_only
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import (
+from planner_service.kinematics.inverse import ToolChain, nearest_configuration, tool_error
+from planner_service.kinematics.tool_line import (
     LINE_METRES,
     LINE_RADIANS,
     MAX_HALVINGS,
@@ -27,14 +28,11 @@ from planner_service.kinematics.inverse import (
     SAMPLED_SHARE,
     LineStop,
     LineStopReason,
-    ToolChain,
     ToolLine,
     interpolate,
-    nearest_configuration,
     require_within_limits,
     rotation_distance,
     stop_at,
-    tool_error,
     travel,
 )
 from planner_service.path.corner_blend import integral

@@ -369,7 +369,7 @@ class ToolArm:
         tool: Rows of T_body_tool (12,).
         scale: Radians that a metre counts as.
         lower, upper: The joint limits (n,).
-        closed_form: The numbers of a ``WxaiInverse``; empty for an arm without a closed form.
+        closed_form: The numbers of ``ClosedForm`` (native/kinematics/line.hpp); empty for an arm without one.
         hypot: ``math.hypot``.
     """
 
@@ -395,10 +395,25 @@ class ToolArm:
     ) -> tuple[NDArray[np.float64], list[bool]]:
         """Where the starts (m, n) end, within bounds (n,), on their way to tool rows ``target`` (12,); which arrive."""
 
+    def solve(self, pose: Sequence[float], near: Sequence[ArrayLike]) -> list[list[float]]:
+        """Every configuration for a pose (position, quaternion) by the closed form, verified by forward kinematics.
+
+        Those that reach forward come before those backwards. A pose may leave an angle free (approach axis parallel to
+        the shoulder's axis, or wrist above the waist): then an even spread of infinitely many, after those with the
+        angles of ``near``.
+        """
+
+    def determined(self, pose: Sequence[float]) -> bool:
+        """Whether a pose leaves no angle free: then ``solve`` returns every solution there is."""
+
     def walk(
         self, begin: Sequence[float], end: Sequence[float], start: NDArray[np.float64], points: int
-    ) -> NDArray[np.float64] | None:
-        """Waypoints of the line between two poses (position, quaternion); None if it is left to Python."""
+    ) -> tuple[NDArray[np.float64], list[float], float | None, list[float]]:
+        """The line between two poses (position, quaternion): waypoints, and the share of it behind each.
+
+        If it ends early, also the share at which the pose is that was not reached, and the nearest configuration there,
+        if there is one.
+        """
 
     def thinned(self, waypoints: NDArray[np.float64], stops: Sequence[int]) -> list[int]:
         """The rows that keep the tool on its line, ``stops`` among them."""

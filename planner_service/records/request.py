@@ -26,8 +26,8 @@ from planner_service.files.schema import (
 )
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import rotation_distance
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.tool_line import rotation_distance
 from planner_service.optimize import METHODS, Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest

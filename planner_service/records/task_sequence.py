@@ -16,7 +16,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
 from planner_service.grasping.guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE, grasp_objection
-from planner_service.kinematics.inverse import rotation_distance
+from planner_service.kinematics.tool_line import rotation_distance
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult

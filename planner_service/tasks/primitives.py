@@ -28,8 +28,9 @@ from planner_service.geometry.validation import instance, text
 from planner_service.grasping.grasps import width_across
 from planner_service.grasping.guards import LONGEST_APPROACH, grasp_objection, unwanted
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
-from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
+from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.reachability import why_unreachable
+from planner_service.kinematics.tool_line import straight_tool_line
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage

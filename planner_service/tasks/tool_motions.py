@@ -23,7 +23,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, flag, instance, number
 from planner_service.kinematics.cartesian_waypoints import line_blends, stop_rows, thinned, thinned_along
 from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.kinematics.inverse import (
+from planner_service.kinematics.tool_line import (
     LINE_POINTS,
     MAX_JOINT_RATE,
     ToolLine,

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, hulls, separation
+from planner_service.certify import certifier as proof
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
-from planner_service.certify import certifier as proof
-from planner_service.certify.native.loading import load_proof
 from planner_service.certify.certifier import Proof, Prover, instruction_sets
+from planner_service.certify.native.loading import load_proof
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray

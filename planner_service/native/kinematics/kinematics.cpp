@@ -1,7 +1,9 @@
 // Inverse kinematics as Python sees it (_core.pyi).
 #include "kinematics.hpp"
 
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include "../arrays.hpp"
@@ -123,11 +125,23 @@ class ToolArm {
         return {matrix_of(std::move(out), arm_.joints), std::move(arrived)};
     }
 
-    nb::object walk(const std::vector<double>& begin, const std::vector<double>& end, const Row& start, int points) const {
+    std::vector<std::vector<double>> solve(const std::vector<double>& pose, const std::vector<std::vector<double>>& near) const {
+        require(closed_form_.has_value(), "an arm with a closed form");
+        for (const auto& q : near) require(q.size() == arm_.joints, "configurations of this arm");
+        return kinematics::solve(arm_, *closed_form_, pose_of(pose), near, hypot());
+    }
+
+    bool determined(const std::vector<double>& pose) const {
+        require(closed_form_.has_value(), "an arm with a closed form");
+        return kinematics::determined(arm_, *closed_form_, pose_of(pose), hypot());
+    }
+
+    std::tuple<nb::object, std::vector<double>, std::optional<double>, std::vector<double>> walk(
+        const std::vector<double>& begin, const std::vector<double>& end, const Row& start, int points) const {
         require(start.shape(0) == arm_.joints && points >= 2, "a configuration of this arm, and at least two points");
-        const auto found = kinematics::walk(arm_, closed_form_ ? &*closed_form_ : nullptr, pose_of(begin), pose_of(end),
-                                            start.data(), points, hypot());
-        return found ? matrix_of(std::move(*found), arm_.joints) : nb::none();
+        Walked found = kinematics::walk(arm_, closed_form_ ? &*closed_form_ : nullptr, pose_of(begin), pose_of(end),
+                                        start.data(), points, hypot());
+        return {matrix_of(std::move(found.waypoints), arm_.joints), found.fractions, found.stop, found.beyond};
     }
 
     std::vector<int> thinned(const Rows& waypoints, const std::vector<int>& stops) const {
@@ -158,6 +172,8 @@ void bind(nb::module_& m) {
         .def(nb::init<const Rows&, std::size_t, const Rows&, const Row&, double, const Row&, const Row&,
                       const std::vector<double>&, nb::callable>())
         .def("descend", &ToolArm::descend)
+        .def("solve", &ToolArm::solve)
+        .def("determined", &ToolArm::determined)
         .def("walk", &ToolArm::walk)
         .def("thinned", &ToolArm::thinned);
 }

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cstring>
+#include <stdexcept>
+#include <utility>
 
 #include "descent.hpp"
 
@@ -12,7 +14,7 @@ namespace {
 constexpr double pi = 3.14159265358979323846;
 constexpr double limit_slack = 1e-9, verified = 1e-7, singular = 1e-8, same = 1e-8;
 constexpr double line_metres = 1e-3, line_radians = 5e-3, sampled_share = 0.9, max_step = 0.2;
-constexpr int max_halvings = 6, steps = 40;
+constexpr int max_halvings = 6, steps = 40, spread = 36;
 constexpr double thinned_share = 0.6;
 
 double (*const volatile arc_sine)(double) = std::asin;
@@ -59,7 +61,11 @@ class Line {
             return out;
         }
         const double near = sine((1.0 - u) * half_) / sine_, far = std::copysign(sine(u * half_) / sine_, product_);
-        for (int k = 0; k < 4; ++k) out.quaternion[k] = near * a_.quaternion[k] + far * b_.quaternion[k];
+        double* q = out.quaternion;
+        for (int k = 0; k < 4; ++k) q[k] = near * a_.quaternion[k] + far * b_.quaternion[k];
+        const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+        if (std::fabs(norm - 1.0) > 1e-12)  // as ``Pose``
+            for (int k = 0; k < 4; ++k) q[k] /= norm;
         return out;
     }
 
@@ -67,12 +73,6 @@ class Line {
     const Pose &a_, &b_;
     double half_, sine_, product_ = 0.0;
 };
-
-// Whether ``Pose`` would leave its quaternion as it is.
-bool is_unit(const Pose& pose) {
-    const double* q = pose.quaternion;
-    return std::fabs(std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) - 1.0) <= 5e-13;
-}
 
 // Three rows of four: the rotation, and the position.
 void rows_of(const Pose& pose, double* out) {
@@ -104,69 +104,105 @@ Pose pose_of(const double* T) {
 void within(double angle, double low, double high, std::vector<double>& out) {
     const double full = 2.0 * pi;
     out.clear();
-    for (double base = angle - full * std::ceil((angle - high - limit_slack) / full); base >= low - limit_slack; base -= full)
+    const double turns = std::ceil((angle - high - limit_slack) / full) + 0.0;  // no -0: an angle keeps the sign of its zero
+    for (double base = angle - full * turns; base >= low - limit_slack; base -= full)
         out.push_back(std::min(std::max(base, low), high));
 }
 
-// ``WxaiInverse.solve`` for an ordinary pose; false if the pose leaves an angle free, or forward kinematics disagrees.
+// A sum of three numbers, rounded once, as ``math.fsum``.
+double sum_of(double a, double b, double c) {
+    const auto two = [](double x, double y, double& off) {
+        const double sum = x + y, part = sum - x;
+        off = (x - (sum - part)) + (y - part);
+        return sum;
+    };
+    double first = 0.0, second = 0.0;
+    const double sum = two(two(a, b, first), c, second);
+    return sum + (first + second);
+}
+
 class Solver {
   public:
     Solver(const ClosedForm& form, Work& work) : form_(form), work_(work) {}
 
-    bool solve(const Pose& pose, std::vector<Configuration>& solutions) {
-        solutions.clear();
-        rows_of(pose, rows_);
-        double axes[3][3], turned[3][3], arm[3], at[3], wrist[3];
-        for (int k = 0; k < 3; ++k)
-            for (int i = 0; i < 3; ++i) axes[k][i] = along(rows_ + 4 * i, form_.tool + 3 * k);
-        for (int i = 0; i < 3; ++i)
-            arm[i] = pose.position[i] - form_.base_offset[i] - axes[0][i] * form_.tool_offset[0] -
-                     axes[1][i] * form_.tool_offset[1] - axes[2][i] * form_.tool_offset[2];
-        for (int i = 0; i < 3; ++i) {
-            for (int k = 0; k < 3; ++k) turned[k][i] = along(form_.waist + 3 * i, axes[k]);
-            at[i] = along(form_.waist + 3 * i, arm);
-        }
-        const double *x = turned[0], *y = turned[1], *z = turned[2];
-        for (int i = 0; i < 3; ++i) wrist[i] = at[i] - form_.last * x[i];
-        const double reach = work_.hypot(wrist, 2), ahead = arc_tangent(wrist[1], wrist[0]);
+    bool determined(const Pose& pose) {
+        target(pose);
+        const double reach = work_.hypot(wrist_, 2);
         if (reach < singular) return false;
-        for (const bool back : {false, true}) {
-            const double waist = back ? ahead + pi : ahead, radius = back ? -reach : reach;
+        const double direction[2] = {(wrist_[0] * x_[0] + wrist_[1] * x_[1]) / reach, x_[2]};
+        return work_.hypot(direction, 2) >= singular;
+    }
+
+    void solve(const Pose& pose, const std::vector<Configuration>& near, std::vector<Configuration>& solutions) {
+        solutions.clear();
+        target(pose);
+        const double reach = work_.hypot(wrist_, 2), ahead = arc_tangent(wrist_[1], wrist_[0]);
+        Pairs waists{{ahead, reach}, {ahead + pi, -reach}};
+        if (reach < singular) waists = free([&](const Configuration& q) { return form_.signs[0] * q[0]; }, near, 0.0);
+        for (const auto& [waist, radius] : waists) {
             if (!possible(0, waist)) continue;
             const double c = cosine(waist), s = sine(waist);
-            const double across = c * x[1] - s * x[0], flat_of[2] = {c * x[0] + s * x[1], x[2]};
-            const double flat = work_.hypot(flat_of, 2);
-            if (flat < singular) return false;
-            const double level = arc_tangent(-x[2], flat_of[0]);
-            for (const bool over : {false, true}) {
-                const double yaw = arc_tangent(across, over ? -flat : flat), pitch = over ? level + pi : level;
+            const double across = c * x_[1] - s * x_[0], flat_of[2] = {c * x_[0] + s * x_[1], x_[2]};
+            const double flat = work_.hypot(flat_of, 2), level = arc_tangent(-x_[2], flat_of[0]);
+            Pairs wrists{{level, arc_tangent(across, flat)}, {level + pi, arc_tangent(across, -flat)}};
+            if (flat < singular) wrists = free([&](const Configuration& q) { return pitch_of(q); }, near, std::copysign(pi / 2.0, across));
+            for (const auto& [pitch, yaw] : wrists) {
                 if (!possible(4, yaw)) continue;
                 const double sp = sine(pitch), cp = cosine(pitch), up[3] = {sp * c, sp * s, cp};
-                const double roll = arc_tangent(along(y, up), along(z, up));
+                const double roll = arc_tangent(along(y_, up), along(z_, up));
                 const double joint[2] = {radius - (form_.hand[0] * cp - form_.hand[1] * -sp) - form_.shoulder[0],
-                                         wrist[2] - (form_.hand[0] * -sp + form_.hand[1] * cp) - form_.shoulder[1]};
-                if (!elbows(joint, waist, pitch, yaw, roll, solutions)) return false;
+                                         wrist_[2] - (form_.hand[0] * -sp + form_.hand[1] * cp) - form_.shoulder[1]};
+                elbows(joint, waist, pitch, yaw, roll, solutions);
             }
         }
-        return true;
     }
 
   private:
     const ClosedForm& form_;
     Work& work_;
     double rows_[12] = {};
+    double x_[3] = {}, y_[3] = {}, z_[3] = {}, wrist_[3] = {};  // the last body's axes and the wrist, in the waist's frame
     std::vector<double> turns_[6];
+
+    using Pairs = std::vector<std::pair<double, double>>;
+
+    void target(const Pose& pose) {
+        rows_of(pose, rows_);
+        double axes[3][3], arm[3];
+        for (int k = 0; k < 3; ++k)
+            for (int i = 0; i < 3; ++i) axes[k][i] = along(rows_ + 4 * i, form_.tool + 3 * k);
+        for (int i = 0; i < 3; ++i)
+            arm[i] = pose.position[i] - form_.base_offset[i] - axes[0][i] * form_.tool_offset[0] -
+                     axes[1][i] * form_.tool_offset[1] - axes[2][i] * form_.tool_offset[2];
+        double* const turned[3] = {x_, y_, z_};
+        for (int i = 0; i < 3; ++i)
+            for (int k = 0; k < 3; ++k) turned[k][i] = along(form_.waist + 3 * i, axes[k]);
+        for (int i = 0; i < 3; ++i) wrist_[i] = along(form_.waist + 3 * i, arm) - form_.last * x_[i];
+    }
+
+    double pitch_of(const Configuration& q) const {
+        return sum_of(form_.signs[1] * q[1], form_.signs[2] * q[2], form_.signs[3] * q[3]);
+    }
+
+    // A free angle: that of the given configurations, then every ten degrees; each beside the same number.
+    template <typename Angle>
+    static Pairs free(const Angle& angle, const std::vector<Configuration>& near, double beside) {
+        Pairs out;
+        for (const Configuration& q : near) out.emplace_back(angle(q), beside);
+        for (int k = 0; k < spread; ++k) out.emplace_back(2.0 * pi * k / spread, beside);
+        return out;
+    }
 
     bool possible(std::size_t joint, double angle) {
         within(form_.signs[joint] * angle, form_.low[joint], form_.high[joint], turns_[0]);
         return !turns_[0].empty();
     }
 
-    bool elbows(const double* joint, double waist, double pitch, double yaw, double roll, std::vector<Configuration>& solutions) {
+    void elbows(const double* joint, double waist, double pitch, double yaw, double roll, std::vector<Configuration>& solutions) {
         const double square = joint[0] * joint[0] + joint[1] * joint[1];
         double cosine_of = (square - form_.upper_square - form_.fore_square) / 2.0 / form_.fold;
         if (std::fabs(cosine_of) > 1.0) {
-            if (std::fabs(cosine_of) > 1.0 + 1e-14) return true;
+            if (std::fabs(cosine_of) > 1.0 + 1e-14) return;
             cosine_of = std::copysign(1.0, cosine_of);
         }
         const double bend = arc_cosine(cosine_of);
@@ -176,13 +212,12 @@ class Solver {
                                        form_.upper[1] + (form_.fore[0] * s + form_.fore[1] * c)};
             const double first = arc_tangent(reached[1], reached[0]) - arc_tangent(joint[1], joint[0]);
             const double angles[6] = {waist, first, elbow, pitch - first - elbow, yaw, roll};
-            if (!add(angles, solutions)) return false;
+            add(angles, solutions);
         }
-        return true;
     }
 
-    // The configurations of these angles within the limits that are not there yet; false if one is wrong.
-    bool add(const double* angles, std::vector<Configuration>& solutions) {
+    // The configurations of these angles within the limits that are not there yet.
+    void add(const double* angles, std::vector<Configuration>& solutions) {
         std::size_t count = 1;
         for (std::size_t k = 0; k < 6; ++k) {
             within(form_.signs[k] * angles[k], form_.low[k], form_.high[k], turns_[k]);
@@ -200,25 +235,22 @@ class Solver {
             if (std::any_of(solutions.begin(), solutions.end(), is_same)) continue;
             tool_rows(work_.arm, q.data(), work_.frames, work_.rows);
             for (int k = 0; k < 12; ++k)
-                if (!(std::fabs(work_.rows[k] - rows_[k]) <= verified)) return false;
+                if (!(std::fabs(work_.rows[k] - rows_[k]) <= verified)) throw std::logic_error("the closed form is off");
             solutions.push_back(std::move(q));
         }
-        return true;
     }
 };
 
-enum class Step { there, none, unknown };
-
-// The configuration nearest to ``before`` for a pose, into ``q``.
-Step next(Work& work, Solver* solver, const Pose& pose, const double* before, std::vector<Configuration>& solutions, double* q) {
+// The configuration nearest to ``before`` for a pose, into ``q``; false if there is none.
+bool next(Work& work, Solver* solver, const Pose& pose, const double* before, std::vector<Configuration>& solutions, double* q) {
     const std::size_t n = work.arm.joints;
     if (solver == nullptr) {
         double target[12];
         rows_of(pose, target);
         std::copy_n(before, n, q);
-        return descend(work.arm, target, work.arm.lower.data(), work.arm.upper.data(), steps, q, work.frames) ? Step::there : Step::none;
+        return descend(work.arm, target, work.arm.lower.data(), work.arm.upper.data(), steps, q, work.frames);
     }
-    if (!solver->solve(pose, solutions)) return Step::unknown;
+    solver->solve(pose, {Configuration(before, before + n)}, solutions);
     double least = 0.0;
     const Configuration* nearest = nullptr;
     for (const Configuration& solution : solutions) {
@@ -229,16 +261,16 @@ Step next(Work& work, Solver* solver, const Pose& pose, const double* before, st
             nearest = &solution;
         }
     }
-    if (nearest == nullptr) return Step::none;
+    if (nearest == nullptr) return false;
     std::copy(nearest->begin(), nearest->end(), q);
-    return Step::there;
+    return true;
 }
 
 void between(const double* a, const double* b, double u, std::vector<double>& out) {
     for (std::size_t k = 0; k < out.size(); ++k) out[k] = a[k] + u * (b[k] - a[k]);
 }
 
-// ``_Walk._fits``: whether the tool stays at its line while the joints go straight from ``before`` to ``q``.
+// Whether the tool stays at its line while the joints go straight from ``before`` to ``q``.
 bool fits(Work& work, const double* before, const double* q, const Pose& first, const Pose& last) {
     double most = 0.0;
     for (std::size_t k = 0; k < work.arm.joints; ++k) most = std::max(most, std::fabs(q[k] - before[k]));
@@ -306,35 +338,48 @@ ClosedForm::ClosedForm(const double* values) {
     for (double* one : {&upper_square, &fore_square, &fold, &fold_angle}) take(one, 1);
 }
 
-std::optional<std::vector<double>> walk(const Arm& arm, const ClosedForm* closed_form, const Pose& begin, const Pose& end,
-                                        const double* start, int points, const Hypot& hypot) {
+std::vector<Configuration> solve(const Arm& arm, const ClosedForm& closed_form, const Pose& pose,
+                                 const std::vector<Configuration>& near, const Hypot& hypot) {
+    Work work(arm, hypot);
+    std::vector<Configuration> solutions;
+    Solver(closed_form, work).solve(pose, near, solutions);
+    return solutions;
+}
+
+bool determined(const Arm& arm, const ClosedForm& closed_form, const Pose& pose, const Hypot& hypot) {
+    Work work(arm, hypot);
+    return Solver(closed_form, work).determined(pose);
+}
+
+Walked walk(const Arm& arm, const ClosedForm* closed_form, const Pose& begin, const Pose& end, const double* start, int points,
+            const Hypot& hypot) {
     const std::size_t n = arm.joints;
     Work work(arm, hypot);
     std::optional<Solver> solver;
     if (closed_form != nullptr) solver.emplace(*closed_form, work);
     const Line line(begin, end);
     const double shortest = 1.0 / (points - 1) / (1 << max_halvings);
-    std::vector<double> out(start, start + n), q(n), pending;
+    Walked out{{start, start + n}, {0.0}, std::nullopt, {}};
+    std::vector<double> q(n), pending;
     std::vector<Configuration> solutions;
     Pose here = begin;
-    double fraction = 0.0;
     for (int k = 1; k < points; ++k) {
         pending.push_back(static_cast<double>(k) / (points - 1));
         while (!pending.empty()) {
             const Pose pose = line.at(pending.back());
-            if (!is_unit(pose)) return std::nullopt;
-            const double* before = out.data() + out.size() - n;
-            const Step step = next(work, solver ? &*solver : nullptr, pose, before, solutions, q.data());
-            if (step == Step::unknown) return std::nullopt;
-            if (step == Step::there && fits(work, before, q.data(), here, pose)) {
-                out.insert(out.end(), q.begin(), q.end());
-                fraction = pending.back();
+            const double *before = out.waypoints.data() + out.waypoints.size() - n, behind = out.fractions.back();
+            const bool found = next(work, solver ? &*solver : nullptr, pose, before, solutions, q.data());
+            if (found && fits(work, before, q.data(), here, pose)) {
+                out.waypoints.insert(out.waypoints.end(), q.begin(), q.end());
+                out.fractions.push_back(pending.back());
                 here = pose;
                 pending.pop_back();
-            } else if (pending.back() - fraction <= shortest * (1.0 + 1e-9)) {
-                return std::nullopt;
+            } else if (pending.back() - behind <= shortest * (1.0 + 1e-9)) {
+                out.stop = pending.back();
+                if (found) out.beyond = q;
+                return out;
             } else {
-                pending.push_back((fraction + pending.back()) / 2.0);
+                pending.push_back((behind + pending.back()) / 2.0);
             }
         }
     }

@@ -32,8 +32,8 @@ from planner_service.files.schema import (
     recorded,
 )
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.optimize import Optimise
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.task_result import MAX_SUPPORT_GAP, Handling

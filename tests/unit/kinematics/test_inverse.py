@@ -13,15 +13,15 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
-from planner_service.kinematics.inverse import (
+from planner_service.kinematics.inverse import inverse_kinematics
+from planner_service.kinematics.tool_arm import descended
+from planner_service.kinematics.tool_line import (
     LineStopReason,
     ToolLine,
     interpolate,
-    inverse_kinematics,
     rotation_distance,
     straight_tool_line,
 )
-from planner_service.kinematics.tool_arm import descended
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, JointLimits, Robot
 from planner_service.robot_setup.loading import load_robot

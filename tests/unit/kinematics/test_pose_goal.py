@@ -21,7 +21,7 @@ from planner_service import (
     Reason,
     load_scene,
 )
-from planner_service.kinematics.inverse import rotation_distance
+from planner_service.kinematics.tool_line import rotation_distance
 from tests.support.optional import present
 
 DOWN = Pose((0.25, -0.20, 0.10), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))

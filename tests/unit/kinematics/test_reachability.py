@@ -20,7 +20,7 @@ from planner_service.kinematics import (
     inverse_kinematics,
     why_unreachable,
 )
-from planner_service.kinematics.inverse import rotation_distance
+from planner_service.kinematics.tool_line import rotation_distance
 from tests.support.optional import present
 
 ROBOTS = Path(__file__).parents[3] / "robots"

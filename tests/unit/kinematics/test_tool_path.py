@@ -13,7 +13,7 @@ from planner_service import InvalidRequest, Pose, Robot, load_robot
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import LineStopReason, straight_tool_line
 from planner_service.kinematics.cartesian_waypoints import thinned_along
-from planner_service.kinematics.inverse import rotation_distance
+from planner_service.kinematics.tool_line import rotation_distance
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
 from planner_service.path.joint_path import JointPath
 

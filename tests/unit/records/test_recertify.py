@@ -41,8 +41,9 @@ from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.execute import execute
 from planner_service.execute import stream as execution
-from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
+from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.tool_line import straight_tool_line
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, World
 from planner_service.planning.task_result import TaskResult

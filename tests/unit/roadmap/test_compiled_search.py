@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from planner_service import InvalidRequest, PlannerService, Roadmap
-from planner_service.search.problem import SearchOracle
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import SearchOracle, SearchProblem
 
 if TYPE_CHECKING:
     pass

@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import Peak, Trajectory
 from planner_service.timing.laws import within_limits
 from planner_service.timing.limit_check import peaks
-from planner_service.path.trajectory import Peak
 from planner_service.timing.profiles import s_curve
 from tests.unit.timing.test_laws import HELD, limits
 
