@@ -17,9 +17,7 @@ from planner_service.kinematics.constraint_set import ConstraintSet
 from planner_service.kinematics.projection import projector_of
 from planner_service.native._core import Projector
 from planner_service.scene.loading import load_scene
-from planner_service.search.problem import ConstrainedOracle
-from planner_service.search.problem import SearchOracle
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import ConstrainedOracle, SearchOracle, SearchProblem
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut_on_constraints, without_short_pieces
 from tests.reference.edges import ReferenceOracle
 from tests.reference.projector import ReferenceProjector
