@@ -19,27 +19,7 @@ import numpy as np
 import pytest
 
 import planner_service as library
-from planner_service import (
-    PRM,
-    Box,
-    CancelToken,
-    Handling,
-    InvalidFile,
-    InvalidRequest,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    Pose,
-    Reason,
-    RRTConnect,
-    Scene,
-    SCurve,
-    Sphere,
-    TaskResult,
-    client,
-    top_grasps,
-)
+import planner_service as ps
 from planner_service.client import Remote, ServerRefused
 from planner_service.constraints import KeepUpright
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -62,10 +42,10 @@ class Planner:
     """The library, or a server through its client, by the same names."""
 
     service: Any
-    pick: Callable[..., TaskResult]
-    place: Callable[..., TaskResult]
-    plan_pick_place: Callable[..., TaskResult]
-    move_linear: Callable[..., PlanResult]
+    pick: Callable[..., ps.TaskResult]
+    place: Callable[..., ps.TaskResult]
+    plan_pick_place: Callable[..., ps.TaskResult]
+    move_linear: Callable[..., ps.PlanResult]
 
     def with_scene(self, scene: Any) -> Planner:
         return replace(self, service=self.service.with_scene(scene))
@@ -84,16 +64,16 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 @pytest.fixture(scope="module")
 def there(url: str) -> Iterator[Planner]:
     with Remote(url, "bin") as remote:
-        yield Planner(remote, client.pick, client.place, client.plan_pick_place, client.move_linear)
+        yield Planner(remote, ps.client.pick, ps.client.place, ps.client.plan_pick_place, ps.client.move_linear)
 
 
 @pytest.fixture(scope="module")
 def here() -> Planner:
-    service = PlannerService("wxai", "bin")
+    service = ps.PlannerService("wxai", "bin")
     return Planner(service, library.pick, library.place, plan_pick_place, library.move_linear)
 
 
-def bits(result: PlanResult) -> dict[str, Any]:
+def bits(result: ps.PlanResult) -> dict[str, Any]:
     """All of a result but the clock's part."""
     record = result_record(result)
     for stage in record["stages"]:
@@ -101,7 +81,7 @@ def bits(result: PlanResult) -> dict[str, Any]:
     return {**record, "fraction": result.fraction}
 
 
-def task_bits(task: TaskResult) -> list[Any]:
+def task_bits(task: ps.TaskResult) -> list[Any]:
     """The same of a task, with the worlds before and after it."""
     motions = [
         (
@@ -114,28 +94,28 @@ def task_bits(task: TaskResult) -> list[Any]:
     return [motions, worlds, task.q.tolist(), str(task.failure), task.choosing, task.notes, task.task]
 
 
-HOME = PlannerService("wxai", "empty").robot.home
+HOME = ps.PlannerService("wxai", "empty").robot.home
 ASIDE = HOME + np.array([0.8, 0.1, -0.1, 0.1, 0.0, 0.0])
 ROUND = HOME + np.array([1.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 LOW = np.array([0.0, 2.3, 0.0, 0.0, 0.0, 0.0])
 """In the table."""
 
-ABOVE = Pose((0.25, -0.2, 0.2), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+ABOVE = ps.Pose((0.25, -0.2, 0.2), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
 
 
-def asked(goal: Any = ASIDE, start: Any = HOME, **settings: Any) -> PlanRequest:
-    return PlanRequest(**{"start": start, "goal": goal, "time_limit": None, **settings})
+def asked(goal: Any = ASIDE, start: Any = HOME, **settings: Any) -> ps.PlanRequest:
+    return ps.PlanRequest(**{"start": start, "goal": goal, "time_limit": None, **settings})
 
 
 # -- plans ----------------------------------------------------------------------------------------
 
 
 REQUESTS = {
-    "rrt-connect": asked(ROUND, planner=RRTConnect(), seed=2),
-    "prm": asked(ROUND, planner=PRM(milestones=60)),
+    "rrt-connect": asked(ROUND, planner=ps.RRTConnect(), seed=2),
+    "prm": asked(ROUND, planner=ps.PRM(milestones=60)),
     "pose with room": asked(PoseGoal(ABOVE, 0.01, 0.1)),
-    "nowhere": asked(Pose((3.0, 0.0, 0.3))),
-    "slowly": asked(timing=SCurve(), velocity_scale=0.3, acceleration_scale=0.5, max_tool_speed=0.1),
+    "nowhere": asked(ps.Pose((3.0, 0.0, 0.3))),
+    "slowly": asked(timing=ps.SCurve(), velocity_scale=0.3, acceleration_scale=0.5, max_tool_speed=0.1),
     "touching": asked(LOW),
     "in no time": asked(time_limit=0.0),
     "clamped": asked(start=[0.0, -0.005, 0.0, 0.0, 0.0, 0.0]),
@@ -157,17 +137,19 @@ def test_many_plans_are_the_same_in_their_order(here: Planner, there: Planner) -
 
 
 def test_a_running_plan_is_cancelled_at_once(there: Planner) -> None:
-    d, cancel = 0.5**0.5, CancelToken()
+    d, cancel = 0.5**0.5, ps.CancelToken()
     across = (math.cos(math.pi / 8), 0.0, 0.0, math.sin(math.pi / 8))  # between the start and the goal, to both sides
     walls = [
-        Obstacle(f"wall_{k}", Box((1.15, 0.02, 1.8)), Pose((d * r, d * r, 0.9), across))
+        ps.Obstacle(f"wall_{k}", ps.Box((1.15, 0.02, 1.8)), ps.Pose((d * r, d * r, 0.9), across))
         for k, r in ((0, 0.7), (1, -0.7))
     ]
-    closed = there.with_scene(Scene((*walls, Obstacle("lintel", Box((0.5, 0.02, 1.0)), Pose((0.0, 0.0, 1.1), across)))))
+    closed = there.with_scene(
+        ps.Scene((*walls, ps.Obstacle("lintel", ps.Box((0.5, 0.02, 1.0)), ps.Pose((0.0, 0.0, 1.1), across))))
+    )
     began = time.monotonic()
     threading.Timer(0.5, cancel.cancel).start()
     result = closed.service.plan(asked(ROUND, max_checks=10**9), cancel=cancel)
-    assert present(result.failure).reason is Reason.PREEMPTED
+    assert present(result.failure).reason is ps.Reason.PREEMPTED
     assert time.monotonic() - began >= 0.5
 
 
@@ -189,27 +171,27 @@ def test_states_and_edges_are_judged_as_by_the_library(here: Planner, there: Pla
 # -- tasks ----------------------------------------------------------------------------------------
 
 
-def taken(planner: Planner, **handling: Any) -> TaskResult:
+def taken(planner: Planner, **handling: Any) -> ps.TaskResult:
     service = planner.service
-    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
-    return planner.pick(service, HOME, "blue_block", grasps, Handling(**{"support": "bin_floor", **handling}))
+    grasps = ps.top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    return planner.pick(service, HOME, "blue_block", grasps, ps.Handling(**{"support": "bin_floor", **handling}))
 
 
 def test_picks_and_places_are_the_librarys_to_the_bit(here: Planner, there: Planner) -> None:
     request = asked(seed=4, velocity_scale=0.5)
-    for handling in ({}, {"request": request, "line_timing": SCurve(), "upright": 0.3, "open_width": 0.07}):
+    for handling in ({}, {"request": request, "line_timing": ps.SCurve(), "upright": 0.3, "open_width": 0.07}):
         assert task_bits(taken(there, **handling)) == task_bits(taken(here, **handling))
     pick = taken(here)
     scene = here.service.scene
     poses = list(places_on(scene.obstacle("blue_block"), scene.obstacle("tray")))
     results = [
-        planner.place(planner.of(pick.world).service, pick.q, "blue_block", poses, Handling(support="tray"))
+        planner.place(planner.of(pick.world).service, pick.q, "blue_block", poses, ps.Handling(support="tray"))
         for planner in (here, there)
     ]
     assert task_bits(results[0]) == task_bits(results[1])
-    far = [Pose((3.0, 0.0, 0.0))]
+    far = [ps.Pose((3.0, 0.0, 0.0))]
     results = [
-        planner.pick(planner.service, HOME, "blue_block", far, Handling(support="bin_floor"))
+        planner.pick(planner.service, HOME, "blue_block", far, ps.Handling(support="bin_floor"))
         for planner in (here, there)
     ]
     assert not results[0].ok
@@ -219,7 +201,7 @@ def test_picks_and_places_are_the_librarys_to_the_bit(here: Planner, there: Plan
 @pytest.mark.parametrize(
     ("goal", "settings"),
     [
-        ([(0.0, 0.0, 0.05), (0.0, 0.05, 0.0)], {"zone": 0.01, "pace": Pace(SCurve(), 0.5)}),
+        ([(0.0, 0.0, 0.05), (0.0, 0.05, 0.0)], {"zone": 0.01, "pace": Pace(ps.SCurve(), 0.5)}),
         ((0.0, 0.0, -0.5), {"partial": True}),
     ],
 )
@@ -235,7 +217,7 @@ def test_lines_of_the_tool_are_the_librarys(here: Planner, there: Planner, goal:
 def test_a_moving_robot_gets_the_librarys_motion(here: Planner, there: Planner) -> None:
     firsts = [planner.service.plan(asked()) for planner in (here, there)]
     tool = tuple(here.service.robot.tool_pose(ASIDE)[:3, 3])
-    changed = here.service.scene.with_obstacle(Obstacle("new", Sphere(0.06), Pose(tool)))
+    changed = here.service.scene.with_obstacle(ps.Obstacle("new", ps.Sphere(0.06), ps.Pose(tool)))
     outcomes = set()
     for scene, goal in ((None, ASIDE * 0.9), (changed, None)):
         seconds = [
@@ -255,7 +237,7 @@ def test_a_moving_robot_gets_the_librarys_motion(here: Planner, there: Planner) 
 
 
 def test_a_motion_that_the_server_has_not_made_is_not_replanned(here: Planner, there: Planner) -> None:
-    with pytest.raises(InvalidRequest, match="a motion that this server has not made"):
+    with pytest.raises(ps.InvalidRequest, match="a motion that this server has not made"):
         there.service.replan(here.service.plan(asked()), at_time=0.1)
 
 
@@ -364,32 +346,32 @@ def deaf(url: str) -> Iterator[Remote]:
 
 def test_a_motion_that_begins_elsewhere_is_refused_whatever_its_request_says(url: str) -> None:
     with asked_through(Elsewhere, url) as remote:
-        grasps = top_grasps(remote.robot, remote.scene.obstacle("blue_block"))
+        grasps = ps.top_grasps(remote.robot, remote.scene.obstacle("blue_block"))
         for ask in (
             lambda: remote.plan(asked(ROUND)),
-            lambda: client.move_linear(remote, HOME, (0.0, 0.0, 0.02)),
-            lambda: client.pick(remote, HOME, "blue_block", grasps, Handling("bin_floor", request=asked(HOME))),
+            lambda: ps.client.move_linear(remote, HOME, (0.0, 0.0, 0.02)),
+            lambda: ps.client.pick(remote, HOME, "blue_block", grasps, ps.Handling("bin_floor", request=asked(HOME))),
         ):
-            with pytest.raises(InvalidFile, match="path: it begins at"):
+            with pytest.raises(ps.InvalidFile, match="path: it begins at"):
                 ask()
 
 
 def test_the_answer_to_another_question_is_refused(deaf: Remote) -> None:
     slowly, lying = asked(HOME, velocity_scale=0.5), [KeepUpright((0.0, 0.0, 1.0), 0.02)]
-    grasps = top_grasps(deaf.robot, deaf.scene.obstacle("blue_block"))
+    grasps = ps.top_grasps(deaf.robot, deaf.scene.obstacle("blue_block"))
     underway = deaf.plan(asked())
     for ask in (
         lambda: deaf.plan(replace(slowly, goal=ASIDE)),
         lambda: deaf.explain(replace(slowly, goal=LOW), plans=1),
         lambda: deaf.replan(underway, at_time=0.1, request=slowly),
         lambda: deaf.certify([HOME, ASIDE], constraints=[KeepUpright((1.0, 0.0, 0.0), 3.0)]),
-        lambda: client.move_linear(deaf, HOME, (0.0, 0.0, 0.02), constraints=lying),
-        lambda: client.pick(deaf, HOME, "blue_block", grasps, Handling("bin_floor", request=slowly)),
-        lambda: client.pick(deaf, HOME, "blue_block", grasps, Handling("bin_floor", upright=0.3)),
-        lambda: client.plan_pick_place(deaf, "blue_block", "tray", slowly),
-        lambda: client.plan_pick_place(deaf, "blue_block", "tray", asked(HOME), upright=0.3),
+        lambda: ps.client.move_linear(deaf, HOME, (0.0, 0.0, 0.02), constraints=lying),
+        lambda: ps.client.pick(deaf, HOME, "blue_block", grasps, ps.Handling("bin_floor", request=slowly)),
+        lambda: ps.client.pick(deaf, HOME, "blue_block", grasps, ps.Handling("bin_floor", upright=0.3)),
+        lambda: ps.client.plan_pick_place(deaf, "blue_block", "tray", slowly),
+        lambda: ps.client.plan_pick_place(deaf, "blue_block", "tray", asked(HOME), upright=0.3),
     ):
-        with pytest.raises(InvalidFile, match=r"(was sent|was asked|asked for)$"):
+        with pytest.raises(ps.InvalidFile, match=r"(was sent|was asked|asked for)$"):
             ask()
 
 

@@ -20,23 +20,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import planner_service as ps
 from auditor.checker import IndependentChecker, tables_of
-from planner_service import (
-    Box,
-    Capsule,
-    Compound,
-    Cylinder,
-    Mesh,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    Pose,
-    Robot,
-    Scene,
-    Sphere,
-    load_robot,
-    load_scene,
-)
 from planner_service.execute import ExecutionStopped, SimulatedArm, Streaming, execute, rehearse
 from planner_service.execute.mjcf import mjcf_text
 from planner_service.execute.simulator import arm_file
@@ -48,12 +33,12 @@ pytestmark = pytest.mark.sim
 ROBOTS = Path(__file__).parents[2] / "robots"
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PATIENT = Streaming(latest=0.5, gripper_time=0.6)
-TURNED = Pose((0.4, 0.3, 0.5), (0.8, 0.36, -0.48, 0.0))
+TURNED = ps.Pose((0.4, 0.3, 0.5), (0.8, 0.36, -0.48, 0.0))
 
 
 @pytest.fixture(scope="module")
-def robot() -> Robot:
-    return load_robot("wxai")
+def robot() -> ps.Robot:
+    return ps.load_robot("wxai")
 
 
 def compiled(text: str) -> Any:
@@ -76,8 +61,8 @@ def placed(model: Any, joints: dict[str, float]) -> dict[str, tuple[Any, Any]]:
     }
 
 
-def test_the_geoms_are_the_robots_shapes_wherever_it_stands(robot: Robot) -> None:
-    model = compiled(mjcf_text(arm_file(), robot, Scene()))
+def test_the_geoms_are_the_robots_shapes_wherever_it_stands(robot: ps.Robot) -> None:
+    model = compiled(mjcf_text(arm_file(), robot, ps.Scene()))
     assert model.ngeom == len(robot.shapes)
     assert robot.gripper is not None
     rng = np.random.default_rng(3)
@@ -96,17 +81,19 @@ def test_the_geoms_are_the_robots_shapes_wherever_it_stands(robot: Robot) -> Non
             assert rotation == pytest.approx(turn @ item.pose.rotation, abs=1e-9)
 
 
-def test_obstacles_of_every_kind_are_where_they_are_in_the_scene(robot: Robot) -> None:
+def test_obstacles_of_every_kind_are_where_they_are_in_the_scene(robot: ps.Robot) -> None:
     corners = np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.04, 0.04) for z in (-0.03, 0.03)])
     shapes: dict[str, Any] = {
-        "box": Box((0.1, 0.2, 0.3)),
-        "ball": Sphere(0.05),
-        "post": Cylinder(0.03, 0.4),
-        "pill": Capsule(0.03, 0.4),
-        "stone": Mesh(corners),
-        "stool": Compound(((Box((0.1, 0.1, 0.02)), Pose((0.0, 0.0, 0.1))), (Cylinder(0.02, 0.2), Pose()))),
+        "box": ps.Box((0.1, 0.2, 0.3)),
+        "ball": ps.Sphere(0.05),
+        "post": ps.Cylinder(0.03, 0.4),
+        "pill": ps.Capsule(0.03, 0.4),
+        "stone": ps.Mesh(corners),
+        "stool": ps.Compound(
+            ((ps.Box((0.1, 0.1, 0.02)), ps.Pose((0.0, 0.0, 0.1))), (ps.Cylinder(0.02, 0.2), ps.Pose()))
+        ),
     }
-    scene = Scene(tuple(Obstacle(name, shape, TURNED) for name, shape in shapes.items()))
+    scene = ps.Scene(tuple(ps.Obstacle(name, shape, TURNED) for name, shape in shapes.items()))
     model = compiled(mjcf_text(arm_file(), robot, scene))
     found = placed(model, {})
     for name in ("box", "ball", "post", "pill", "stone", "stool"):
@@ -115,11 +102,11 @@ def test_obstacles_of_every_kind_are_where_they_are_in_the_scene(robot: Robot) -
         if name != "stone":  # MuJoCo turns a mesh to its own axes
             assert rotation == pytest.approx(TURNED.rotation, abs=1e-9)
     seat, _ = found["stool#0"]
-    assert seat == pytest.approx((TURNED @ Pose((0.0, 0.0, 0.1))).position, abs=1e-9)
+    assert seat == pytest.approx((TURNED @ ps.Pose((0.0, 0.0, 0.1))).position, abs=1e-9)
 
 
-def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: Robot) -> None:
-    model = compiled(mjcf_text(arm_file(), robot, load_scene("bin"), loose=("blue_block",)))
+def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: ps.Robot) -> None:
+    model = compiled(mjcf_text(arm_file(), robot, ps.load_scene("bin"), loose=("blue_block",)))
 
     def can_touch(a: str, b: str) -> bool:
         (one, other) = model.geom(a), model.geom(b)
@@ -132,9 +119,9 @@ def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: Robot) -> None:
     assert not can_touch("bin_floor#0", "bin_left#0")
 
 
-def test_the_arm_stands_where_it_is_to_begin_and_is_the_robot(robot: Robot) -> None:
+def test_the_arm_stands_where_it_is_to_begin_and_is_the_robot(robot: ps.Robot) -> None:
     start = robot.poses["ready"]
-    with SimulatedArm(robot, load_scene("table"), start) as arm, closing(arm.connect()) as driver:
+    with SimulatedArm(robot, ps.load_scene("table"), start) as arm, closing(arm.connect()) as driver:
         assert driver.positions() == pytest.approx(start, abs=1e-3)
         assert driver.gripper_width() == pytest.approx(robot.gripper_width, abs=1e-4)
         limits = driver.limits()
@@ -161,9 +148,9 @@ def test_the_simulation_ends_with_a_process_that_is_killed(tmp_path: Path) -> No
     pytest.fail("the simulation is still there")
 
 
-def test_seven_legs_touch_nothing_they_should_not_and_end_where_they_should(robot: Robot) -> None:
+def test_seven_legs_touch_nothing_they_should_not_and_end_where_they_should(robot: ps.Robot) -> None:
     taken = "blue_block"
-    with SimulatedArm(robot, load_scene("bin"), loose=(taken,)) as arm:
+    with SimulatedArm(robot, ps.load_scene("bin"), loose=(taken,)) as arm:
         work = errands.errand(arm)
         done = rehearse(arm, work.task, robot, PATIENT)
     assert done.report.stopped is None
@@ -180,21 +167,21 @@ def test_seven_legs_touch_nothing_they_should_not_and_end_where_they_should(robo
         assert checker.path_touch(motion.recording.measured, motion_step=0.002) is None
 
 
-def test_a_motion_through_an_obstacle_reports_a_contact(robot: Robot) -> None:
+def test_a_motion_through_an_obstacle_reports_a_contact(robot: ps.Robot) -> None:
     motion, done = errands.control()
     assert any("demo_post" in contact.pair for contact in done.contacts)
     assert not done.ok
     assert max(contact.force for contact in done.contacts) > 1.0
-    scene = load_scene("bin").without("blue_block")
+    scene = ps.load_scene("bin").without("blue_block")
     checker = IndependentChecker(ROBOTS / "wxai", tables_of(scene))
     assert not checker.path_is_free(motion.path.waypoints)
 
 
-def test_an_arm_that_is_stopped_on_its_way_stays_there(robot: Robot) -> None:
-    service = PlannerService(robot, "empty")
+def test_an_arm_that_is_stopped_on_its_way_stays_there(robot: ps.Robot) -> None:
+    service = ps.PlannerService(robot, "empty")
     off = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
-    plan = service.plan(PlanRequest(robot.home - off, robot.home + off))
-    with SimulatedArm(robot, Scene(), robot.home - off) as arm, closing(arm.connect()) as driver:
+    plan = service.plan(ps.PlanRequest(robot.home - off, robot.home + off))
+    with SimulatedArm(robot, ps.Scene(), robot.home - off) as arm, closing(arm.connect()) as driver:
         cut = errands.Cut(driver, 0.5 * plan.unwrap()[1].duration)
         with pytest.raises(ExecutionStopped, match="hold where it was") as caught:
             execute(plan, cut, robot, PATIENT)

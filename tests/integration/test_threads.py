@@ -10,18 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from planner_service import (
-    CollisionChecker,
-    Handling,
-    MotionStep,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    load_robot,
-    load_scene,
-    pick,
-    top_grasps,
-)
+import planner_service as ps
 from planner_service.collision.checker import BackendName
 from planner_service.geometry.arrays import FloatArray
 
@@ -65,17 +54,17 @@ class Meeting:
         if not hasattr(self._own, "met"):
             self._own.met = True
             self._met.wait(20.0)
-        return MotionStep().segments(dq, reach)
+        return ps.MotionStep().segments(dq, reach)
 
 
 def test_two_calls_of_one_service_are_under_way_at_the_same_time() -> None:
-    service = PlannerService("planar2", "discs", edge_step=Meeting())
-    line = PlanRequest((0.0, 0.0), (0.3, -0.3), time_limit=None)
+    service = ps.PlannerService("planar2", "discs", edge_step=Meeting())
+    line = ps.PlanRequest((0.0, 0.0), (0.3, -0.3), time_limit=None)
     found = in_threads([[lambda: service.plan(line).ok], [lambda: service.follow(((0.0, 0.0), (0.2, 0.1))).ok]])
     assert found == [[True], [True]]
 
 
-def told(result: PlanResult) -> tuple[object, ...]:
+def told(result: ps.PlanResult) -> tuple[object, ...]:
     """All of a plan but the clock's part."""
     path = None if result.path is None else (result.path.waypoints.tobytes(), result.path.blends.tobytes())
     times = None if result.trajectory is None else result.trajectory.coefficients.tobytes()
@@ -83,7 +72,7 @@ def told(result: PlanResult) -> tuple[object, ...]:
     return path, times, stages, result.attempts, result.notes, str(result.failure), str(result.certificate)
 
 
-def works(service: PlannerService) -> list[Work]:
+def works(service: ps.PlannerService) -> list[Work]:
     """Plans that search, that fail, and whose line is free, a pick, proofs, and checks with their counts and names."""
     robot, home, checker = service.robot, service.robot.home, service.checker
     rng = np.random.default_rng(4)
@@ -91,22 +80,22 @@ def works(service: PlannerService) -> list[Work]:
     free = Q[checker.states_are_free(Q)]
 
     def planned(k: int) -> Work:
-        request = PlanRequest(home, free[k], seed=k, time_limit=None, max_checks=3_000)
+        request = ps.PlanRequest(home, free[k], seed=k, time_limit=None, max_checks=3_000)
         return lambda: told(service.plan(request))
 
     def proven(k: int) -> Work:
         return lambda: str(service.certify(np.stack([home, free[k]])))
 
     def picked() -> object:
-        grasps = top_grasps(robot, service.scene.obstacle("blue_block"))
-        unhurried = PlanRequest(home, home, time_limit=None)
-        task = pick(service, home, "blue_block", grasps, Handling(support="bin_floor", request=unhurried))
+        grasps = ps.top_grasps(robot, service.scene.obstacle("blue_block"))
+        unhurried = ps.PlanRequest(home, home, time_limit=None)
+        task = ps.pick(service, home, "blue_block", grasps, ps.Handling(support="bin_floor", request=unhurried))
         return [(segment.name, told(segment.result)) for segment in task.segments], task.counts, str(task.failure)
 
     return [*map(planned, range(6)), *map(proven, range(3)), *(judged(checker, free[k:]) for k in (0, 3)), picked]
 
 
-def judged(checker: CollisionChecker, Q: FloatArray) -> Work:
+def judged(checker: ps.CollisionChecker, Q: FloatArray) -> Work:
     """The edges between configurations (m, n): verdicts, counts and hits."""
 
     def edges() -> object:
@@ -129,11 +118,11 @@ def require_same(asked: list[Work]) -> None:
 
 
 def test_mixed_calls_of_one_service_are_the_same_in_2_and_8_threads() -> None:
-    require_same(works(PlannerService("wxai", "bin")))
+    require_same(works(ps.PlannerService("wxai", "bin")))
 
 
 @pytest.mark.parametrize("backend", ["native", "fcl"])
 def test_checks_of_one_checker_are_the_same_in_2_and_8_threads(backend: BackendName) -> None:
-    checker = CollisionChecker(load_robot("planar2"), load_scene("discs"), backend=backend)
+    checker = ps.CollisionChecker(ps.load_robot("planar2"), ps.load_scene("discs"), backend=backend)
     Q = np.random.default_rng(2).uniform(-2.6, 2.6, (12, 2))
     require_same([judged(checker, Q[k : k + 6]) for k in range(4)])

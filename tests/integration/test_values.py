@@ -10,31 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import (
-    Box,
-    Capsule,
-    CheckCounts,
-    Compound,
-    JointLimits,
-    JointPath,
-    Mesh,
-    Obstacle,
-    PlanRequest,
-    PlanResult,
-    Pose,
-    Scene,
-    TaskResult,
-    Trajectory,
-    Trapezoidal,
-    load_robot,
-)
+import planner_service as ps
 from planner_service.planning.request import World
 from planner_service.roadmap import Built
 
 CORNERS = [[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)]
-PATH = JointPath(np.array([[0.0, 0.0], [1.0, 1.0]]))
-DRIVEN = Trapezoidal().time_path(PATH, JointLimits(*(np.array([v, v]) for v in (-3.0, 3.0, 1.0, 1.0, 10.0))))
-BOX = Box((0.1, 0.1, 0.1))
+PATH = ps.JointPath(np.array([[0.0, 0.0], [1.0, 1.0]]))
+DRIVEN = ps.Trapezoidal().time_path(PATH, ps.JointLimits(*(np.array([v, v]) for v in (-3.0, 3.0, 1.0, 1.0, 10.0))))
+BOX = ps.Box((0.1, 0.1, 0.1))
 
 
 def given(value: Any) -> tuple[Any, Callable[[], None]]:
@@ -61,22 +44,22 @@ def given(value: Any) -> tuple[Any, Callable[[], None]]:
 
 
 def arm_with(**changes: Any) -> Any:
-    return replace(load_robot("planar2"), **changes)
+    return replace(ps.load_robot("planar2"), **changes)
 
 
 VALUES: list[tuple[Callable[[Any], Any], str, Any]] = [
-    (lambda v: PlanRequest(v, [0.0, 0.0]), "start", np.array([0.0, 0.5])),
-    (lambda v: PlanRequest([0.0, 0.0], v), "goal", [0.0, 0.5]),
-    (lambda v: PlanRequest([0.0, 0.0], v), "goal", [[0.0, 0.5], Pose(), np.array([0.1, 0.2])]),
-    (JointPath, "waypoints", np.array([[0.0, 0.5], [0.1, 0.2], [0.5, 0.3]])),
-    (lambda v: Trajectory(PATH, v, DRIVEN.coefficients), "durations", DRIVEN.durations),
-    (Mesh, "vertices", np.array(CORNERS)),
-    (lambda v: Compound(v), "parts", [(BOX, Pose()), (Capsule(0.1, 0.2), Pose())]),
-    (Pose, "position", np.array([0.1, 0.2, 0.3])),
-    (Scene, "obstacles", [Obstacle("a", BOX)]),
-    (lambda v: Built("prm", v, 0, CheckCounts()), "settings", {"milestones": 5}),
-    (lambda v: PlanResult(None, None, None, (), notes=v), "notes", ["clamped"]),
-    (lambda v: TaskResult((), World(load_robot("planar2"), Scene()), v), "q", np.array([0.0, 0.5])),
+    (lambda v: ps.PlanRequest(v, [0.0, 0.0]), "start", np.array([0.0, 0.5])),
+    (lambda v: ps.PlanRequest([0.0, 0.0], v), "goal", [0.0, 0.5]),
+    (lambda v: ps.PlanRequest([0.0, 0.0], v), "goal", [[0.0, 0.5], ps.Pose(), np.array([0.1, 0.2])]),
+    (ps.JointPath, "waypoints", np.array([[0.0, 0.5], [0.1, 0.2], [0.5, 0.3]])),
+    (lambda v: ps.Trajectory(PATH, v, DRIVEN.coefficients), "durations", DRIVEN.durations),
+    (ps.Mesh, "vertices", np.array(CORNERS)),
+    (lambda v: ps.Compound(v), "parts", [(BOX, ps.Pose()), (ps.Capsule(0.1, 0.2), ps.Pose())]),
+    (ps.Pose, "position", np.array([0.1, 0.2, 0.3])),
+    (ps.Scene, "obstacles", [ps.Obstacle("a", BOX)]),
+    (lambda v: Built("prm", v, 0, ps.CheckCounts()), "settings", {"milestones": 5}),
+    (lambda v: ps.PlanResult(None, None, None, (), notes=v), "notes", ["clamped"]),
+    (lambda v: ps.TaskResult((), World(ps.load_robot("planar2"), ps.Scene()), v), "q", np.array([0.0, 0.5])),
     (lambda v: arm_with(base_links=v), "base_links", ["stand"]),
 ]
 

@@ -6,13 +6,11 @@ import ctypes
 import os
 import re
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
-__all__ = ["Echo", "Faulty", "Picky", "Stillborn", "Talkative", "spin"]
+__all__ = ["Echo", "Faulty", "Picky", "Stillborn", "spin"]
 
 
 def spin() -> None:
@@ -90,24 +88,3 @@ class Stillborn:
 
     def __call__(self, item: Any) -> None:
         """Is never called."""
-
-
-class Talkative:
-    """Sends as many notes as its item says, waits for one, and answers with it."""
-
-    def connect(self, send: Callable[[Any], None]) -> None:
-        """Take where notes go."""
-        self._send = send
-
-    def prepare(self) -> None:
-        """Make a place for notes."""
-        self._notes: SimpleQueue[Any] = SimpleQueue()
-
-    def told(self, note: Any) -> None:
-        """Keep a note."""
-        self._notes.put(note)
-
-    def __call__(self, item: int) -> Any:
-        for number in range(item):
-            self._send(number)
-        return self._notes.get()

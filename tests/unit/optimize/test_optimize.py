@@ -8,19 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import (
-    Box,
-    CollisionChecker,
-    Cylinder,
-    InvalidRequest,
-    Obstacle,
-    Optimise,
-    Pose,
-    Scene,
-    Sphere,
-    load_robot,
-    load_scene,
-)
+import planner_service as ps
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Shape
@@ -38,19 +26,19 @@ START, GOAL = np.array([0.2, 0.1]), np.array([1.7, -0.9])
 METHODS = pytest.mark.parametrize("method", [TrajOpt(), Chomp()], ids=lambda method: method.name)
 
 
-def planar(*obstacles: Obstacle) -> CollisionChecker:
-    return CollisionChecker(load_robot("planar2"), Scene(obstacles=obstacles))
+def planar(*obstacles: ps.Obstacle) -> ps.CollisionChecker:
+    return ps.CollisionChecker(ps.load_robot("planar2"), ps.Scene(obstacles=obstacles))
 
 
-def disc(x: float, y: float, radius: float = 0.1) -> Obstacle:
-    return Obstacle("disc", Cylinder(radius, 0.2), Pose((x, y, 0.0)))
+def disc(x: float, y: float, radius: float = 0.1) -> ps.Obstacle:
+    return ps.Obstacle("disc", ps.Cylinder(radius, 0.2), ps.Pose((x, y, 0.0)))
 
 
 def corners_of(seed: int, count: int = 7, n: int = 6) -> FloatArray:
     return np.cumsum(np.random.default_rng(seed).normal(size=(count, n)), axis=0)
 
 
-def smallest(checker: CollisionChecker, path: Any, count: int = 400) -> float:
+def smallest(checker: ps.CollisionChecker, path: Any, count: int = 400) -> float:
     limits = checker.robot.limits
     Q = np.clip(path(np.linspace(0.0, path.length, count)), limits.lower, limits.upper)
     distances: list[float] = checker.near(Q, 0.2).distances.tolist()
@@ -96,7 +84,7 @@ def test_what_is_lacking_is_paid_for_until_that_is_dearer_than_the_cost(price: f
 @METHODS
 def test_where_nothing_is_near_a_detour_becomes_the_straight_line(method: Any) -> None:
     checker = planar(disc(-1.5, -1.5, 0.01))
-    found = Optimise(method=method, waypoints=20).improved(np.array([START, [1.5, 1.0], GOAL]), checker)
+    found = ps.Optimise(method=method, waypoints=20).improved(np.array([START, [1.5, 1.0], GOAL]), checker)
     assert found.after.length == pytest.approx(math.dist(START, GOAL), rel=2e-3)
     assert found.after.cost < found.before.cost
     assert found.corners[[0, -1]].tolist() == [START.tolist(), GOAL.tolist()]
@@ -105,7 +93,7 @@ def test_where_nothing_is_near_a_detour_becomes_the_straight_line(method: Any) -
 @METHODS
 def test_a_curve_keeps_its_distance_between_waypoints_too(method: Any) -> None:
     checker = planar(disc(1.4, 0.6))
-    found = Optimise(method=method, clearance=0.03).improved(ROUTE, checker)
+    found = ps.Optimise(method=method, clearance=0.03).improved(ROUTE, checker)
     path = found.path
     assert checker.path_is_free(path)
     assert smallest(checker, path, 2000) >= 0.03 - 1e-4
@@ -115,19 +103,19 @@ def test_a_curve_keeps_its_distance_between_waypoints_too(method: Any) -> None:
 
 @METHODS
 def test_the_curve_stays_within_joint_limits(method: Any) -> None:
-    checker = CollisionChecker(load_robot("wxai"), load_scene("clutter"))
+    checker = ps.CollisionChecker(ps.load_robot("wxai"), ps.load_scene("clutter"))
     limits = checker.robot.limits
     start = np.array([0.6, 0.02, 0.05, 0.1, 0.0, 0.0])  # joints 1 and 2 begin at their lower ends
     goal = np.array([-0.6, 0.02, 0.05, 0.1, 0.0, 0.0])
-    found = Optimise(method=method, waypoints=20).improved(np.array([start, goal]), checker)
+    found = ps.Optimise(method=method, waypoints=20).improved(np.array([start, goal]), checker)
     assert found.iterations > 0
     assert ((found.corners >= limits.lower) & (found.corners <= limits.upper)).all()
 
 
 def test_converged_is_not_collision_free() -> None:
     """Between two walls that leave no room the merit has an optimum, and it collides."""
-    checker = planar(disc(1.3, 0.75, 0.3), Obstacle("other", Cylinder(0.3, 0.2), Pose((1.45, 0.3, 0.0))))
-    found = Optimise().improved(np.array([[-0.6, 0.0], [1.6, 0.0]]), checker)
+    checker = planar(disc(1.3, 0.75, 0.3), ps.Obstacle("other", ps.Cylinder(0.3, 0.2), ps.Pose((1.45, 0.3, 0.0))))
+    found = ps.Optimise().improved(np.array([[-0.6, 0.0], [1.6, 0.0]]), checker)
     assert found.iterations < TrajOpt().iterations  # it stopped by itself
     assert not checker.path_is_free(found.path)
     assert found.after.shortfall > 0.0
@@ -136,13 +124,13 @@ def test_converged_is_not_collision_free() -> None:
 # what is looked up
 
 
-def field(*obstacles: Obstacle, voxel: float = 0.02) -> Any:
+def field(*obstacles: ps.Obstacle, voxel: float = 0.02) -> Any:
     return present(field_of(planar(*obstacles), voxel))
 
 
 SHAPES: list[Shape] = [
-    Box((0.3, 0.2, 0.1)),
-    Sphere(0.12),
+    ps.Box((0.3, 0.2, 0.1)),
+    ps.Sphere(0.12),
     Mesh(np.array([[x, y, z] for x in (-0.1, 0.2) for y in (-0.1, 0.1) for z in (-0.1, 0.15)])),
 ]
 
@@ -150,8 +138,8 @@ SHAPES: list[Shape] = [
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
 def test_outside_the_field_is_the_distance_to_the_nearest_piece(shape: Shape) -> None:
-    pose = Pose.from_rpy((0.4, 0.1, 0.05), (0.3, 0.5, 0.7))
-    grid = field(Obstacle("one", shape, pose))
+    pose = ps.Pose.from_rpy((0.4, 0.1, 0.05), (0.3, 0.5, 0.7))
+    grid = field(ps.Obstacle("one", shape, pose))
     points = np.random.default_rng(0).uniform(-0.35, 0.35, (1500, 3)) + pose.position
     local = (points - pose.matrix[:3, 3]) @ pose.matrix[:3, :3]
     true = shape.distance(local)
@@ -163,7 +151,7 @@ def test_outside_the_field_is_the_distance_to_the_nearest_piece(shape: Shape) ->
 
 
 def test_the_gradient_is_that_of_what_is_looked_up() -> None:
-    grid = field(Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.0))))
+    grid = field(ps.Obstacle("ball", ps.Sphere(0.1), ps.Pose((0.5, 0.0, 0.0))))
     points = np.random.default_rng(1).uniform(-0.25, 0.25, (300, 3)) + np.array([0.5, 0.0, 0.0])
     value, gradient = grid.at(points)
     for axis in range(3):
@@ -175,7 +163,7 @@ def test_the_gradient_is_that_of_what_is_looked_up() -> None:
 
 
 def test_what_is_surely_farther_than_its_limit_is_left_out_and_nothing_else() -> None:
-    grid = field(Obstacle("ball", Sphere(0.1), Pose((0.5, 0.0, 0.0))))
+    grid = field(ps.Obstacle("ball", ps.Sphere(0.1), ps.Pose((0.5, 0.0, 0.0))))
     points = np.random.default_rng(2).uniform(-0.6, 0.6, (3000, 3)) + np.array([0.5, 0.0, 0.0])
     value, _ = grid.at(points)
     maybe = grid.may_be_within(points, np.full(len(points), 0.05))
@@ -184,7 +172,7 @@ def test_what_is_surely_farther_than_its_limit_is_left_out_and_nothing_else() ->
 
 
 def test_balls_hold_the_moving_pieces() -> None:
-    checker = CollisionChecker(load_robot("wxai"), load_scene("bin"))
+    checker = ps.CollisionChecker(ps.load_robot("wxai"), ps.load_scene("bin"))
     balls, rng = Balls.of(checker), np.random.default_rng(0)
     whole = present(balls.whole)
     moving = [part for part in checker.parts.parts if part.body > 0]
@@ -215,13 +203,13 @@ def test_balls_hold_the_moving_pieces() -> None:
     ],
 )
 def test_settings_that_make_no_sense_are_refused_by_name(given: dict[str, Any], named: str) -> None:
-    with pytest.raises(InvalidRequest, match=f"^{named}: "):
-        Optimise(**given)
+    with pytest.raises(ps.InvalidRequest, match=f"^{named}: "):
+        ps.Optimise(**given)
 
 
 def test_settings_of_methods_are_refused_by_name() -> None:
     for method, name, value in [(TrajOpt, "iterations", 0), (Chomp, "iterations", 1.5), (Chomp, "voxel", 20.0)]:
-        with pytest.raises(InvalidRequest, match=f"^{name}: "):
+        with pytest.raises(ps.InvalidRequest, match=f"^{name}: "):
             method(**{name: value})
 
 
@@ -235,5 +223,5 @@ def test_what_is_no_route_is_refused() -> None:
         ([START, GOAL], (1,), "held"),
         ([START, GOAL], None, "held"),
     ]:
-        with pytest.raises(InvalidRequest, match=f"^{named}"):
-            Optimise().improved(route, planar(), held=held)
+        with pytest.raises(ps.InvalidRequest, match=f"^{named}"):
+            ps.Optimise().improved(route, planar(), held=held)

@@ -17,9 +17,8 @@ import pytest
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Sequential
 from planner_service.parallel.engine import LOOK_AHEAD
-from planner_service.parallel.pool import Answered, Backend, Event, Noted
 from tests.support.optional import present
-from tests.support.parallel_work import Echo, Faulty, Stillborn, Talkative
+from tests.support.parallel_work import Echo, Faulty, Stillborn
 
 ROOT = Path(__file__).parents[3]
 
@@ -171,33 +170,6 @@ def test_a_lost_machine_is_nobodys_fault(cluster: Any, tmp_path: Path) -> None:
 
 
 # --- notes
-
-
-def events_of(backend: Backend[Any], worker: Any, count: int) -> list[Event]:
-    events: list[Event] = []
-    while len(events) < count:
-        events += [event for _, event in backend.receive([worker], 60.0)]
-    return events
-
-
-@pytest.mark.slow
-def test_notes_of_an_item_come_in_order_before_its_answer_and_notes_to_it_while_it_runs(workers: Engine) -> None:
-    assert isinstance(workers, Processes | Ray)
-    backend: Backend[Any] = workers.backend(Talkative())
-    worker = backend.start()
-    try:
-        assert events_of(backend, worker, 1) == [Answered(None)]
-        for item in (0, 3):
-            backend.send(worker, item)
-            assert events_of(backend, worker, item) == [Noted(number) for number in range(item)]
-            assert backend.receive([worker], 0.0) == []
-            backend.tell(worker, "stop")
-            assert events_of(backend, worker, 1) == [Answered("stop")]
-        backend.send(worker, 1)
-        assert events_of(backend, worker, 1) == [Noted(0)]
-    finally:
-        backend.kill([worker])
-        backend.close()
 
 
 # --- from a script

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from planner_service import (
     SCurve,
     Stage,
     ToppRa,
-    load_robot,
 )
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planning import AllowedStretch, pipeline
@@ -149,21 +147,6 @@ def test_a_search_that_gives_up_says_what_was_most_in_the_way(discs: PlannerServ
     failure = present(discs.plan(asked(max_checks=100)).failure)
     assert "; whether a path exists is unknown (no proof that there is none in " in failure.detail
     assert failure.detail.endswith("; most in the way: forearm x lesson_disc (100%)")
-
-
-def test_only_the_fixed_ways_out_of_a_pose_and_into_it_are_exempt() -> None:
-    wxai = load_robot("wxai")
-    (way,) = wxai.retreats
-    turned = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert not wxai.pose("sleep").any()
-    away = replace(way, to=way.to + turned)
-    robot = replace(wxai, named_poses=(("home", wxai.home), ("sleep", turned)), retreats=(away,))
-    service, length = PlannerService(robot, Scene(())), 0.08 * math.sqrt(2.0)
-    out, back = service.plan(asked(turned + 1e-7, robot.home)), service.plan(asked(robot.home, turned))
-    assert np.array([(e.s_start, e.s_end) for e in out.exempt]) == pytest.approx(np.array([[0.0, length]]), abs=1e-6)
-    assert out.notes == ("taken for the pose 'sleep', 1.0e-07 rad away",)
-    end = back.unwrap()[0].length
-    assert np.array([(e.s_start, e.s_end) for e in back.exempt]) == pytest.approx(np.array([[end - length, end]]))
 
 
 # -- timed ----------------------------------------------------------------------------------------

@@ -10,26 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import planner_service as ps
 from auditor.checker import IndependentChecker
 from benchmarks.worlds import queries
-from planner_service import (
-    PRM,
-    Box,
-    CollisionChecker,
-    JointStep,
-    LazyPRM,
-    MotionStep,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    Pose,
-    Roadmap,
-    RRTConnect,
-    Scene,
-    Stage,
-    load_scene,
-    save_scene,
-)
 from planner_service.errors import InvalidRequest
 from planner_service.planning.result import PlanResult
 from planner_service.roadmap import Verdict
@@ -38,40 +21,40 @@ from tests.support.roadmaps import cell, lies
 
 WXAI = Path(__file__).parents[3] / "robots" / "wxai"
 
-FEW = PRM(milestones=150, neighbours=8)
+FEW = ps.PRM(milestones=150, neighbours=8)
 FREE, BLOCKED = Verdict.FREE, Verdict.BLOCKED
 
 
 @lru_cache
-def grown(scene: str = "bin") -> Roadmap:
+def grown(scene: str = "bin") -> ps.Roadmap:
     return cell(scene).build_roadmap(FEW, seed=1)
 
 
-def ask(service: PlannerService, roadmap: Roadmap, number: int = 0, scene: str = "bin") -> PlanResult:
+def ask(service: ps.PlannerService, roadmap: ps.Roadmap, number: int = 0, scene: str = "bin") -> PlanResult:
     query = queries.load(scene)[number]
-    return service.plan(PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None))
+    return service.plan(ps.PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None))
 
 
-def in_the_way(result: PlanResult, service: PlannerService, size: float = 0.04) -> Scene:
+def in_the_way(result: PlanResult, service: ps.PlannerService, size: float = 0.04) -> ps.Scene:
     """The scene with a box where the tool is halfway along a path."""
     path, _ = result.unwrap()
     x, y, z = service.robot.tool_pose(path(path.length / 2))[:3, 3].tolist()
-    return service.scene.with_obstacle(Obstacle("intruder", Box((size, size, size)), Pose((x, y, z))))
+    return service.scene.with_obstacle(ps.Obstacle("intruder", ps.Box((size, size, size)), ps.Pose((x, y, z))))
 
 
 def test_a_plan_changes_no_roadmap_and_brings_back_what_it_learned() -> None:
-    service, roadmap = cell(), cell().build_roadmap(LazyPRM(milestones=500), seed=0)
+    service, roadmap = cell(), cell().build_roadmap(ps.LazyPRM(milestones=500), seed=0)
     before = roadmap.hash
     first = ask(service, roadmap)
     assert first.ok
     learned = present(first.roadmap)
-    assert "other terms" not in first.stage(Stage.SEARCH).note
+    assert "other terms" not in first.stage(ps.Stage.SEARCH).note
     assert replace(roadmap).hash == before
     assert learned.hash != before
     assert roadmap.edge_knowledge.count(Verdict.UNKNOWN) == len(roadmap.edges)
     assert lies(learned, service) == []
     again, once_more = ask(service, learned), ask(service, roadmap)
-    assert again.stage(Stage.SEARCH).counts.states < first.stage(Stage.SEARCH).counts.states
+    assert again.stage(ps.Stage.SEARCH).counts.states < first.stage(ps.Stage.SEARCH).counts.states
     assert once_more.counts == first.counts, "nothing is remembered behind the user's back"
     assert present(once_more.roadmap).hash == learned.hash
 
@@ -80,7 +63,7 @@ def test_an_obstacle_on_a_known_path_is_never_driven_through(tmp_path: Path) -> 
     service, roadmap = cell(), replace(grown(), remember=True)
     first = ask(service, roadmap)
     scene = in_the_way(first, service)
-    save_scene(scene, tmp_path / "scene.toml")
+    ps.save_scene(scene, tmp_path / "scene.toml")
     changed, judge = service.with_scene(scene), IndependentChecker(WXAI, tmp_path / "scene.toml")
     result = ask(changed, present(first.roadmap))
     assert result.ok
@@ -89,7 +72,7 @@ def test_an_obstacle_on_a_known_path_is_never_driven_through(tmp_path: Path) -> 
     old, _ = first.unwrap()
     assert judge.curve_touch(old, old.length) is not None
     assert lies(present(result.roadmap), changed) == []
-    assert "intruder changed" in result.stage(Stage.SEARCH).note
+    assert "intruder changed" in result.stage(ps.Stage.SEARCH).note
     assert present(result.roadmap).pending == ("intruder",)
 
 
@@ -123,7 +106,7 @@ def test_an_obstacle_that_goes_again_gives_back_what_it_took() -> None:
 def test_under_other_terms_nothing_is_taken_for_known(what: str) -> None:
     roadmap, service = grown(), cell().changed(gripper=0.02)
     if what == "allowed":
-        service = PlannerService("wxai", "bin", edge_step=JointStep(0.05), allowed=[("finger_left", "tray")])
+        service = ps.PlannerService("wxai", "bin", edge_step=ps.JointStep(0.05), allowed=[("finger_left", "tray")])
     result = ask(service, roadmap)
     assert result.ok
     assert lies(present(result.roadmap), service) == []
@@ -136,22 +119,22 @@ def test_under_other_terms_nothing_is_taken_for_known(what: str) -> None:
 
 def test_a_roadmap_of_another_arm_or_beyond_the_limits_and_a_planner_that_grows_none_are_refused() -> None:
     with pytest.raises(InvalidRequest, match="beyond the joint limits"):
-        ask(cell(), Roadmap.of([[9.0] * 6, [0.0] * 6], [(0, 1)]))
+        ask(cell(), ps.Roadmap.of([[9.0] * 6, [0.0] * 6], [(0, 1)]))
     with pytest.raises(InvalidRequest, match="planner: got"):
-        cell().build_roadmap(RRTConnect())  # type: ignore[arg-type]
-    other = PlannerService("planar2", Scene())
+        cell().build_roadmap(ps.RRTConnect())  # type: ignore[arg-type]
+    other = ps.PlannerService("planar2", ps.Scene())
     with pytest.raises(InvalidRequest, match="a roadmap of"):
-        other.plan(PlanRequest(other.robot.home, other.robot.home + 0.1, planner=grown()))
+        other.plan(ps.PlanRequest(other.robot.home, other.robot.home + 0.1, planner=grown()))
     with pytest.raises(InvalidRequest, match="a roadmap of"):
         other.update_roadmap(grown())
 
 
 def test_a_roadmap_grown_for_one_plan_comes_back_with_it() -> None:
     query = queries.load("bin")[0]
-    result = cell().plan(PlanRequest(query.start, query.goal, planner=FEW, seed=1, time_limit=None))
+    result = cell().plan(ps.PlanRequest(query.start, query.goal, planner=FEW, seed=1, time_limit=None))
     assert result.ok
     built = present(grown().built)
-    assert result.stage(Stage.ROADMAP).counts == built.counts
+    assert result.stage(ps.Stage.ROADMAP).counts == built.counts
     assert present(result.roadmap).milestones.tolist() == grown().milestones.tolist()
 
 
@@ -162,14 +145,14 @@ class OwnStep:
     distance: float = field(default=0.01, repr=False)
 
     def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
-        return MotionStep(self.distance).segments(dq, reach)
+        return ps.MotionStep(self.distance).segments(dq, reach)
 
 
 def test_no_verdict_is_taken_over_under_an_edge_step_of_the_user() -> None:
-    scene = load_scene("shelf")
-    coarse, fine = (PlannerService("wxai", scene, edge_step=OwnStep(distance)) for distance in (2.0, 0.01))
-    roadmap = coarse.build_roadmap(PRM(milestones=40, max_checks=20_000), seed=0)
+    scene = ps.load_scene("shelf")
+    coarse, fine = (ps.PlannerService("wxai", scene, edge_step=OwnStep(distance)) for distance in (2.0, 0.01))
+    roadmap = coarse.build_roadmap(ps.PRM(milestones=40, max_checks=20_000), seed=0)
     updated = fine.update_roadmap(roadmap).roadmap
-    checker = CollisionChecker(fine.robot, scene, edge_step=OwnStep(0.01), padding=0.001)
+    checker = ps.CollisionChecker(fine.robot, scene, edge_step=OwnStep(0.01), padding=0.001)
     free = np.flatnonzero(updated.verdicts == Verdict.FREE)
     assert all(checker.edge_is_free(*roadmap.milestones[roadmap.edges[edge]]) for edge in free)

@@ -12,24 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from planner_service import (
-    CancelToken,
-    CheckCounts,
-    Cylinder,
-    InvalidRequest,
-    JointPath,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    Pose,
-    Reason,
-    SCurve,
-    ToppRa,
-    Trajectory,
-    Trapezoidal,
-    save_scene,
-)
+import planner_service as ps
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
 from planner_service.planning import Pace
@@ -51,41 +34,41 @@ NO_JUMP = 1e-12
 
 
 @cache
-def room() -> PlannerService:
-    return PlannerService("planar2", EMPTY)
+def room() -> ps.PlannerService:
+    return ps.PlannerService("planar2", EMPTY)
 
 
 @cache
-def swing() -> PlanResult:
+def swing() -> ps.PlanResult:
     """A straight motion, the arm stretched out."""
-    return room().plan(PlanRequest((0.0, 0.0), (2.4, 0.0), time_limit=None))
+    return room().plan(ps.PlanRequest((0.0, 0.0), (2.4, 0.0), time_limit=None))
 
 
 @cache
-def curved() -> PlanResult:
+def curved() -> ps.PlanResult:
     """A motion over two wide blends."""
-    return room().follow(BENT, pace=Pace(ToppRa()), blends=WIDE)
+    return room().follow(BENT, pace=Pace(ps.ToppRa()), blends=WIDE)
 
 
 def disc(angle: float, radius: float = 0.05, *, away: float = 1.4) -> Scene:
     """A disc in the way of the stretched arm."""
     place = (away * math.cos(angle), away * math.sin(angle), 0.0)
-    return Scene((Obstacle("disc", Cylinder(radius, 0.2), Pose(place)),))
+    return Scene((ps.Obstacle("disc", ps.Cylinder(radius, 0.2), ps.Pose(place)),))
 
 
-def trajectory_of(motion: PlanResult | Replanned) -> Trajectory:
+def trajectory_of(motion: ps.PlanResult | Replanned) -> ps.Trajectory:
     return present(motion.trajectory)
 
 
-def jumps(old: PlanResult, new: Replanned) -> list[float]:
+def jumps(old: ps.PlanResult, new: Replanned) -> list[float]:
     """Of q, qd and qdd at the splice."""
     before, after = trajectory_of(old), trajectory_of(new)
     return [float(np.abs(before(new.splice, order) - after(0.0, order)).max()) for order in range(3)]
 
 
-def touching(motion: Trajectory, scene: Scene) -> int:
+def touching(motion: ps.Trajectory, scene: Scene) -> int:
     """How many of its samples every 2 ms collide."""
-    return int((~PlannerService("planar2", scene).checker.states_are_free(motion.sample(0.002).q)).sum())
+    return int((~ps.PlannerService("planar2", scene).checker.states_are_free(motion.sample(0.002).q)).sum())
 
 
 # -- the splice -----------------------------------------------------------------------------------
@@ -100,7 +83,7 @@ def test_position_velocity_and_acceleration_go_on_at_the_splice(goal: Any) -> No
         assert max(jumps(curved(), found)) <= NO_JUMP
 
 
-@pytest.mark.parametrize("law", [Trapezoidal(), SCurve(), SCurve(jerk=4.0), ToppRa()])
+@pytest.mark.parametrize("law", [ps.Trapezoidal(), ps.SCurve(), ps.SCurve(jerk=4.0), ps.ToppRa()])
 def test_the_old_motion_may_be_under_any_law(law: Any) -> None:
     old = room().follow(BENT, pace=Pace(law), blends=WIDE)
     for share in (0.05, 0.2, 0.5, 0.7):
@@ -110,7 +93,7 @@ def test_the_old_motion_may_be_under_any_law(law: Any) -> None:
 
 
 def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion() -> None:
-    old: PlanResult | Replanned = room().plan(PlanRequest((0.0, 0.0), (1.5, 0.8), time_limit=None))
+    old: ps.PlanResult | Replanned = room().plan(ps.PlanRequest((0.0, 0.0), (1.5, 0.8), time_limit=None))
     for step in range(20):
         new = room().replan(old, at_time=0.0, latency=LATENCY, goal=(1.5 + 0.02 * step, 0.8 - 0.03 * step))
         assert new.outcome in (Outcome.NEW, Outcome.KEPT)
@@ -153,7 +136,7 @@ def test_without_a_way_the_robot_stops_along_the_old_curve() -> None:
     found = room().replan(swing(), at_time=0.5, scene=scene)
     assert found.outcome is Outcome.STOP
     assert found.ok
-    assert present(found.failure).reason is Reason.GOAL_IN_COLLISION
+    assert present(found.failure).reason is ps.Reason.GOAL_IN_COLLISION
     assert present(found.certificate).certified
     assert max(jumps(swing(), found)) <= NO_JUMP
     motion = trajectory_of(found)
@@ -170,7 +153,7 @@ def test_a_stop_on_a_straight_line_is_the_quickest_there_is() -> None:
 
 @pytest.mark.slow
 def test_a_stop_is_as_gentle_as_asked_where_that_is_safe() -> None:
-    request = PlanRequest((0.0, 0.0), (2.4, 0.0), acceleration_scale=0.5, max_checks=20_000, time_limit=None)
+    request = ps.PlanRequest((0.0, 0.0), (2.4, 0.0), acceleration_scale=0.5, max_checks=20_000, time_limit=None)
     slow = room().plan(request)
     gentle = room().replan(slow, at_time=1.0, scene=disc(2.4), request=request)
     assert gentle.outcome is Outcome.STOP
@@ -192,9 +175,9 @@ def test_a_robot_that_stopped_goes_on_to_its_goal_when_the_way_is_free_again() -
 
 
 def test_a_goal_out_of_reach_is_not_answered_with_the_way_to_the_old_one() -> None:
-    found = room().replan(swing(), at_time=0.5, goal=Pose((5.0, 0.0, 0.0)))
+    found = room().replan(swing(), at_time=0.5, goal=ps.Pose((5.0, 0.0, 0.0)))
     assert found.outcome is Outcome.STOP
-    assert present(found.failure).reason is Reason.NO_IK_SOLUTION
+    assert present(found.failure).reason is ps.Reason.NO_IK_SOLUTION
 
 
 def test_a_robot_that_stopped_remembers_that_its_goal_had_moved() -> None:
@@ -213,7 +196,7 @@ def test_an_obstacle_that_makes_the_stop_impossible_is_said_with_the_earliest_st
     assert not found.ok
     assert found.trajectory is None
     assert found.result.failure is not None
-    assert found.result.failure.reason is Reason.NOT_CERTIFIED
+    assert found.result.failure.reason is ps.Reason.NOT_CERTIFIED
     assert "nothing is safe: the earliest stop along the old curve ends" in found.result.failure.detail
     assert "upper_arm x disc" in found.result.failure.detail
     assert touching(present(found.stop), scene) > 0
@@ -235,8 +218,8 @@ def test_a_robot_at_rest_that_can_go_nowhere_stays_and_that_is_proven() -> None:
 
 
 def test_on_a_fixed_way_out_of_a_pose_the_old_motion_goes_on() -> None:
-    service = PlannerService("wxai", "table")
-    old = service.plan(PlanRequest(service.robot.pose("sleep"), service.robot.home, time_limit=None))
+    service = ps.PlannerService("wxai", "table")
+    old = service.plan(ps.PlanRequest(service.robot.pose("sleep"), service.robot.home, time_limit=None))
     found = service.replan(old, at_time=0.05)
     assert found.outcome is Outcome.KEPT
     assert [interval.pairs for interval in found.result.exempt] == [interval.pairs for interval in old.exempt]
@@ -244,11 +227,11 @@ def test_on_a_fixed_way_out_of_a_pose_the_old_motion_goes_on() -> None:
 
 
 def test_a_fixed_way_into_a_pose_is_exempt_to_its_last_bit_wherever_the_robot_is() -> None:
-    service = PlannerService("wxai", "post")
+    service = ps.PlannerService("wxai", "post")
     rng, limits = np.random.default_rng(3), service.robot.limits
     starts = [q for q in rng.uniform(limits.lower, limits.upper, (5, 6)) if service.checker.state_is_free(q)]
     for q in starts:
-        old = service.plan(PlanRequest(q, service.robot.pose("sleep"), time_limit=None))
+        old = service.plan(ps.PlanRequest(q, service.robot.pose("sleep"), time_limit=None))
         assert old.exempt
         for share in (0.3, 0.6, 0.8, 0.95):
             found = service.replan(old, at_time=share * trajectory_of(old).duration, latency=0.01)
@@ -260,7 +243,7 @@ def test_a_motion_that_is_faster_than_is_asked_now_is_stopped_as_quickly_as_the_
     at_time, request = 0.2, small(swing(), **slower)
     found = room().replan(swing(), at_time=at_time, request=request)
     assert found.outcome is Outcome.STOP
-    own = peaks(trajectory_of(found), Pace(ToppRa()).limits(room().robot))
+    own = peaks(trajectory_of(found), Pace(ps.ToppRa()).limits(room().robot))
     assert own.highest <= 1.0 + 1e-9
     quickest = Underway(trajectory_of(swing()), at_time, at_time + LATENCY).braked(room().robot.limits)
     assert trajectory_of(found).duration <= quickest.duration * (1.0 + 1e-9)
@@ -274,7 +257,7 @@ def test_a_saved_rest_of_a_motion_is_proven_again_from_where_the_robot_was(tmp_p
     found = service.replan(swing(), at_time=1.5)
     assert found.outcome is Outcome.KEPT
     save_plan(SavedPlan(service.world, None, found.result), tmp_path / "rest.json")
-    save_scene(scene, tmp_path / "disc.toml")
+    ps.save_scene(scene, tmp_path / "disc.toml")
     done = CliRunner().invoke(app, ["certify", str(tmp_path / "rest.json"), "--scene", str(tmp_path / "disc.toml")])
     assert done.exit_code == 0, done.output
     assert "from s =" in done.output
@@ -283,25 +266,25 @@ def test_a_saved_rest_of_a_motion_is_proven_again_from_where_the_robot_was(tmp_p
 # -- budgets, counts, bits ------------------------------------------------------------------------
 
 
-def small(swing: PlanResult, **settings: Any) -> PlanRequest:
-    return PlanRequest((0.0, 0.0), (2.4, 0.0), **{"time_limit": None, **settings})
+def small(swing: ps.PlanResult, **settings: Any) -> ps.PlanRequest:
+    return ps.PlanRequest((0.0, 0.0), (2.4, 0.0), **{"time_limit": None, **settings})
 
 
 def test_a_spent_budget_ends_in_a_proven_stop() -> None:
     found = room().replan(swing(), at_time=0.5, scene=disc(2.0), request=small(swing(), max_checks=20))
     assert found.outcome is Outcome.STOP
-    assert present(found.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
+    assert present(found.failure).reason is ps.Reason.CHECK_BUDGET_EXHAUSTED
     assert found.counts.states == 20
 
 
 def test_a_cancelled_call_ends_in_a_proven_stop() -> None:
-    token = CancelToken()
+    token = ps.CancelToken()
     token.cancel()
-    found = PlannerService("planar2", disc(-1.0)).replan(swing(), at_time=0.5, cancel=token)
+    found = ps.PlannerService("planar2", disc(-1.0)).replan(swing(), at_time=0.5, cancel=token)
     assert found.outcome is Outcome.STOP
-    assert present(found.failure).reason is Reason.PREEMPTED
+    assert present(found.failure).reason is ps.Reason.PREEMPTED
     assert found.counts.distances > 0
-    assert found.counts == sum((report.counts for report in found.result.stages), CheckCounts())
+    assert found.counts == sum((report.counts for report in found.result.stages), ps.CheckCounts())
 
 
 # -- mistakes -------------------------------------------------------------------------------------
@@ -316,9 +299,9 @@ def test_a_mistake_is_refused_by_name() -> None:
         ({"goal": (1.0, 2.0, 3.0)}, "goal"),
         ({"goal": (1.0, math.inf)}, "goal"),
         ({"request": "quickly"}, "request"),
-        ({"request": PlanRequest((0.0, 0.0), (1.0, 0.0), timing=SCurve())}, "request.timing"),
+        ({"request": ps.PlanRequest((0.0, 0.0), (1.0, 0.0), timing=ps.SCurve())}, "request.timing"),
     ]:
-        with pytest.raises(InvalidRequest, match=message):
+        with pytest.raises(ps.InvalidRequest, match=message):
             room().replan(swing(), **{"at_time": 0.5, **values})
 
 
@@ -327,12 +310,12 @@ def test_what_this_robot_does_not_do_is_refused() -> None:
     narrow = replace(robot, limits=replace(robot.limits, upper=np.array([2.0, 3.0])))
     failed = room().with_scene(disc(2.4)).plan(small(swing()))
     for service, previous, message in [
-        (PlannerService(narrow, EMPTY), swing(), "outside this robot's joint limits"),
-        (PlannerService("wxai", "table"), swing(), "previous: got 'a motion of 2 joints'"),
+        (ps.PlannerService(narrow, EMPTY), swing(), "outside this robot's joint limits"),
+        (ps.PlannerService("wxai", "table"), swing(), "previous: got 'a motion of 2 joints'"),
         (room(), failed, "previous: got 'GOAL_IN_COLLISION"),
-        (room(), JointPath(BENT), "previous"),
+        (room(), ps.JointPath(BENT), "previous"),
     ]:
-        with pytest.raises(InvalidRequest, match=message):
+        with pytest.raises(ps.InvalidRequest, match=message):
             service.replan(previous, at_time=0.0)  # type: ignore[arg-type]
 
 
@@ -342,7 +325,7 @@ def test_what_this_robot_does_not_do_is_refused() -> None:
 def test_without_a_request_what_was_asked_before_is_kept() -> None:
     kept = {"padding": 0.02, "velocity_scale": 0.3, "acceleration_scale": 0.4, "max_tool_speed": 0.2}
     kept |= {"seed": 5, "blend": 0.2, "max_checks": 3000}
-    asked = small(swing(), timing=SCurve(), **kept)
+    asked = small(swing(), timing=ps.SCurve(), **kept)
     found = room().replan(room().plan(asked), at_time=0.5, scene=disc(2.0))
     assert {name: getattr(found.request, name) for name in kept} == kept
     assert present(found.result.motion).tool_speed <= 0.2 * (1.0 + 1e-6)
@@ -352,9 +335,9 @@ def test_without_a_request_what_was_asked_before_is_kept() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", [ToppRa(), SCurve(), Trapezoidal()], ids=lambda law: str(law.name))
+@pytest.mark.parametrize("law", [ps.ToppRa(), ps.SCurve(), ps.Trapezoidal()], ids=lambda law: str(law.name))
 def test_at_the_very_end_of_a_motion_there_is_an_outcome_too(law: Any) -> None:
-    old = room().plan(PlanRequest((0.0, 0.0), (2.4, 0.0), timing=law))
+    old = room().plan(ps.PlanRequest((0.0, 0.0), (2.4, 0.0), timing=law))
     duration = trajectory_of(old).duration
     for left in 10.0 ** np.arange(-9.0, -1.0, 0.5):
         found = room().replan(old, at_time=duration - left, latency=0.0, goal=(0.0, 0.0))

@@ -5,20 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner_service import (
-    Box,
-    Handling,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    Pose,
-    Robot,
-    Scene,
-    load_scene,
-    pick,
-    place,
-    top_grasps,
-)
+import planner_service as ps
 from planner_service.certify import Certifier, ExemptInterval
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
@@ -42,40 +29,40 @@ ACROSS = np.array([[-1.0], [1.0]])
 
 
 @pytest.fixture(scope="module")
-def swing(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+def swing(tmp_path_factory: pytest.TempPathFactory) -> ps.Robot:
     folder = tmp_path_factory.mktemp("swing")
     (folder / "r.urdf").write_text(URDF, "utf-8")
     (folder / "r.srdf").write_text(SRDF, "utf-8")
-    return Robot.from_urdf(folder / "r.urdf", srdf=folder / "r.srdf", tool_frame="flange")
+    return ps.Robot.from_urdf(folder / "r.urdf", srdf=folder / "r.srdf", tool_frame="flange")
 
 
-def wall(name: str) -> Obstacle:
-    return Obstacle(name, Box((0.1, 0.1, 0.4)), Pose((0.4, 0.0, 0.1)))
+def wall(name: str) -> ps.Obstacle:
+    return ps.Obstacle(name, ps.Box((0.1, 0.1, 0.4)), ps.Pose((0.4, 0.0, 0.1)))
 
 
 @pytest.mark.parametrize(("name", "label"), [("wall", "wall"), ("arm", "arm (object)"), ("world", "world")])
-def test_a_wall_is_a_wall_whatever_it_is_called(name: str, label: str, swing: Robot) -> None:
+def test_a_wall_is_a_wall_whatever_it_is_called(name: str, label: str, swing: ps.Robot) -> None:
     arm = "arm (link)" if name == "arm" else "arm"
     for backend in ("fcl", "native"):
-        checker = CollisionChecker(swing, Scene((wall(name),)), backend=backend)
+        checker = CollisionChecker(swing, ps.Scene((wall(name),)), backend=backend)
         assert not checker.state_is_free([0.0])
         assert [(c.a, c.b) for c in checker.contacts([0.0])] == [(arm, label)]
         hit = present(checker.edge_hit(*ACROSS))
         assert (hit.a, hit.b) == (arm, label)
-    refusal = refused_pair(Certifier(swing, Scene((wall(name),))).certify(ACROSS))
+    refusal = refused_pair(Certifier(swing, ps.Scene((wall(name),))).certify(ACROSS))
     assert {refusal.a, refusal.b} == {arm, label}
-    result = PlannerService(swing, Scene((wall(name),))).plan(PlanRequest([-1.0], [1.0], max_checks=2_000))
+    result = ps.PlannerService(swing, ps.Scene((wall(name),))).plan(ps.PlanRequest([-1.0], [1.0], max_checks=2_000))
     assert not result.ok
     assert f"{arm} x {label}" in str(result.failure)
 
 
-def test_a_name_that_stands_for_both_is_refused_where_one_is_meant(swing: Robot) -> None:
-    scene = Scene((wall("arm"),))
-    service = PlannerService(swing, scene)
+def test_a_name_that_stands_for_both_is_refused_where_one_is_meant(swing: ps.Robot) -> None:
+    scene = ps.Scene((wall("arm"),))
+    service = ps.PlannerService(swing, scene)
     pairs = (("base", "arm"),)
     expected = r"got 'arm'; expected 'arm \(link\)' or 'arm \(object\)'"
     with pytest.raises(InvalidRequest, match=expected):
-        PlannerService(swing, scene, allowed=pairs)
+        ps.PlannerService(swing, scene, allowed=pairs)
     with pytest.raises(InvalidRequest, match=expected):
         Certifier(swing, scene, allowed=pairs)
     with pytest.raises(InvalidRequest, match=expected):
@@ -83,7 +70,7 @@ def test_a_name_that_stands_for_both_is_refused_where_one_is_meant(swing: Robot)
     with pytest.raises(InvalidRequest, match=expected):
         service.follow(ACROSS, contacts=[AllowedStretch(0, 1, pairs, "")])
     meant = (("arm (object)", "arm (link)"),)
-    assert PlannerService(swing, scene, allowed=meant).checker.state_is_free([0.0])
+    assert ps.PlannerService(swing, scene, allowed=meant).checker.state_is_free([0.0])
     assert Certifier(swing, scene, allowed=meant).certify(ACROSS).certified
     assert service.follow(ACROSS, contacts=[AllowedStretch(0, 1, meant, "")]).ok
 
@@ -91,14 +78,14 @@ def test_a_name_that_stands_for_both_is_refused_where_one_is_meant(swing: Robot)
 @pytest.fixture(scope="module")
 def carried() -> TaskResult:
     """A block called like a finger is taken from a table called like a link."""
-    scene = load_scene("bin")
+    scene = ps.load_scene("bin")
     block, table = scene.obstacle("blue_block"), scene.obstacle("table")
     renamed = scene.without("blue_block").without("table")
-    renamed = renamed.with_obstacle(Obstacle("finger_left", block.shape, block.pose))
-    renamed = renamed.with_obstacle(Obstacle("link_4", table.shape, table.pose))
-    service = PlannerService("wxai", renamed)
-    grasps = top_grasps(service.robot, renamed.obstacle("finger_left"))
-    return pick(service, service.robot.home, "finger_left", grasps, Handling(support="link_4"))
+    renamed = renamed.with_obstacle(ps.Obstacle("finger_left", block.shape, block.pose))
+    renamed = renamed.with_obstacle(ps.Obstacle("link_4", table.shape, table.pose))
+    service = ps.PlannerService("wxai", renamed)
+    grasps = ps.top_grasps(service.robot, renamed.obstacle("finger_left"))
+    return ps.pick(service, service.robot.home, "finger_left", grasps, ps.Handling(support="link_4"))
 
 
 def test_a_block_called_like_a_finger_is_taken(carried: TaskResult) -> None:
@@ -107,9 +94,9 @@ def test_a_block_called_like_a_finger_is_taken(carried: TaskResult) -> None:
     fingers = {"finger_left (link)", "finger_right"}
     assert descend.exempt[0].pairs == tuple((finger, "finger_left (object)") for finger in sorted(fingers))
     assert lift.exempt[0].pairs == (("finger_left (object)", "link_4 (object)"),)
-    service = PlannerService.of(carried.world)
+    service = ps.PlannerService.of(carried.world)
     held = service.scene.attached[0]
-    pose = Pose.from_matrix(service.robot.tool_pose(carried.q)) @ held.pose
-    there = Pose((pose.position[0], pose.position[1], pose.position[2] - 0.08), pose.quaternion)
-    placed = place(service, carried.q, "finger_left", [there])
+    pose = ps.Pose.from_matrix(service.robot.tool_pose(carried.q)) @ held.pose
+    there = ps.Pose((pose.position[0], pose.position[1], pose.position[2] - 0.08), pose.quaternion)
+    placed = ps.place(service, carried.q, "finger_left", [there])
     assert placed.ok, str(placed.failure)

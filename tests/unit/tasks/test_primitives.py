@@ -10,26 +10,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import planner_service as ps
 from benchmarks.studies.starts import starts_of
-from planner_service import (
-    Box,
-    CheckCounts,
-    Handling,
-    InvalidRequest,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    Pose,
-    Reason,
-    SCurve,
-    Stage,
-    TaskResult,
-    UnknownName,
-    load_scene,
-    pick,
-    place,
-    top_grasps,
-)
 from planner_service.certify import Certifier
 from planner_service.records.recertify import recertify
 from planner_service.tasks.pick_place import plan_pick_place
@@ -39,40 +21,44 @@ HALF = 0.0225
 
 
 @pytest.fixture(scope="module")
-def cell() -> PlannerService:
+def cell() -> ps.PlannerService:
     """A clear table with a block standing exactly on it, and a mat exactly as high as the table beside it."""
-    scene = load_scene("table")
-    block = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, HALF - 0.001)))
-    return PlannerService("wxai", scene.with_obstacle(block))
+    scene = ps.load_scene("table")
+    block = ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.28, 0.10, HALF - 0.001)))
+    return ps.PlannerService("wxai", scene.with_obstacle(block))
 
 
-def yaws(x: float, y: float, z: float) -> list[Pose]:
-    return [Pose((x, y, z), (math.cos(a / 2), 0.0, 0.0, math.sin(a / 2))) for a in (0.0, math.pi / 2, math.pi)]
+def yaws(x: float, y: float, z: float) -> list[ps.Pose]:
+    return [ps.Pose((x, y, z), (math.cos(a / 2), 0.0, 0.0, math.sin(a / 2))) for a in (0.0, math.pi / 2, math.pi)]
 
 
-def picked(service: PlannerService, **handling: object) -> TaskResult:
-    grasps = top_grasps(service.robot, service.scene.obstacle("block"))
-    return pick(service, service.robot.home, "block", grasps, Handling(**{"support": "table", **handling}))  # type: ignore[arg-type]
+def picked(service: ps.PlannerService, **handling: object) -> ps.TaskResult:
+    grasps = ps.top_grasps(service.robot, service.scene.obstacle("block"))
+    return ps.pick(service, service.robot.home, "block", grasps, ps.Handling(**{"support": "table", **handling}))  # type: ignore[arg-type]
 
 
-def test_a_clear_table_pick_and_place_never_searches_and_judges_each_piece_once(cell: PlannerService) -> None:
+def test_a_clear_table_pick_and_place_never_searches_and_judges_each_piece_once(cell: ps.PlannerService) -> None:
     taken = picked(cell)
-    put = place(
-        PlannerService.of(taken.world), taken.q, "block", yaws(0.28, -0.10, HALF - 0.001), Handling(support="table")
+    put = ps.place(
+        ps.PlannerService.of(taken.world),
+        taken.q,
+        "block",
+        yaws(0.28, -0.10, HALF - 0.001),
+        ps.Handling(support="table"),
     )
-    back = PlannerService.of(put.world).plan(PlanRequest(put.q, cell.robot.home))
+    back = ps.PlannerService.of(put.world).plan(ps.PlanRequest(put.q, cell.robot.home))
     assert taken.ok
     assert put.ok
     assert back.ok
     for segment in (*taken.segments, *put.segments):
         path, _ = segment.result.unwrap()
-        assert segment.result.stage(Stage.SEARCH).counts == CheckCounts()
+        assert segment.result.stage(ps.Stage.SEARCH).counts == ps.CheckCounts()
         assert segment.result.counts.edges == len(path.waypoints) - 1
     assert (taken.choosing + put.choosing).edges == 0
     assert (taken.choosing + put.choosing).states <= 8  # where it starts, and whether the contact makes sense
 
 
-def test_a_pick_approaches_straight_takes_the_object_along_and_closes_on_it(cell: PlannerService) -> None:
+def test_a_pick_approaches_straight_takes_the_object_along_and_closes_on_it(cell: ps.PlannerService) -> None:
     task = picked(cell)
     assert [segment.name for segment in task.segments] == ["to pregrasp", "descend", "lift"]
     assert [segment.width for segment in task.segments] == pytest.approx([0.069, 0.069, 0.045])
@@ -88,14 +74,14 @@ def test_a_pick_approaches_straight_takes_the_object_along_and_closes_on_it(cell
 
 
 @pytest.mark.slow
-def test_without_the_exemption_of_its_support_a_standing_object_cannot_be_lifted(cell: PlannerService) -> None:
-    sunk = cell.with_scene(cell.scene.moved("block", Pose((0.28, 0.10, HALF - 0.0012))))  # 0.2 mm into the table
+def test_without_the_exemption_of_its_support_a_standing_object_cannot_be_lifted(cell: ps.PlannerService) -> None:
+    sunk = cell.with_scene(cell.scene.moved("block", ps.Pose((0.28, 0.10, HALF - 0.0012))))  # 0.2 mm into the table
     assert picked(sunk).ok
     refused = picked(sunk, support=None)
     assert "block x table" in present(refused.failure).detail
 
 
-def test_the_support_may_be_touched_only_within_the_support_gap(cell: PlannerService) -> None:
+def test_the_support_may_be_touched_only_within_the_support_gap(cell: ps.PlannerService) -> None:
     lift = picked(cell).segments[2].result
     assert lift.exempt[0].pairs == (("block", "table"),)
     path, _ = lift.unwrap()
@@ -107,24 +93,24 @@ def test_the_support_may_be_touched_only_within_the_support_gap(cell: PlannerSer
     ("call", "error", "message"),
     [
         (
-            lambda c: pick(c, c.robot.home, "blok", [Pose()]),
-            UnknownName,
+            lambda c: ps.pick(c, c.robot.home, "blok", [ps.Pose()]),
+            ps.UnknownName,
             "unknown obstacle 'blok'; did you mean 'block'",
         ),
-        (lambda c: picked(c, support="tabel"), UnknownName, "unknown obstacle 'tabel'; did you mean 'table'"),
-        (lambda c: picked(c, support="block"), InvalidRequest, "support: got 'block'; expected what the object"),
-        (lambda c: place(c, c.robot.home, "block", [Pose()]), UnknownName, "unknown carried object 'block'"),
+        (lambda c: picked(c, support="tabel"), ps.UnknownName, "unknown obstacle 'tabel'; did you mean 'table'"),
+        (lambda c: picked(c, support="block"), ps.InvalidRequest, "support: got 'block'; expected what the object"),
+        (lambda c: ps.place(c, c.robot.home, "block", [ps.Pose()]), ps.UnknownName, "unknown carried object 'block'"),
     ],
 )
 def test_bad_input_names_what_is_wrong(
-    cell: PlannerService, call: object, error: type[Exception], message: str
+    cell: ps.PlannerService, call: object, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
         call(cell)  # type: ignore[operator]
 
 
-def grasp_at(x: float, y: float, z: float) -> Pose:
-    return Pose((x, y, z), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+def grasp_at(x: float, y: float, z: float) -> ps.Pose:
+    return ps.Pose((x, y, z), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
 
 
 @pytest.mark.parametrize(
@@ -134,14 +120,16 @@ def grasp_at(x: float, y: float, z: float) -> Pose:
         (grasp_at(0.28, 0.107, 0.021), r"closing would push block 7 mm aside"),
     ],
 )
-def test_a_grasp_that_does_not_hold_the_object_is_refused(cell: PlannerService, grasp: Pose, message: str) -> None:
-    task = pick(cell, cell.robot.home, "block", [grasp], Handling(support="table"))
+def test_a_grasp_that_does_not_hold_the_object_is_refused(
+    cell: ps.PlannerService, grasp: ps.Pose, message: str
+) -> None:
+    task = ps.pick(cell, cell.robot.home, "block", [grasp], ps.Handling(support="table"))
     assert re.search(message, present(task.failure).detail)
 
 
-def test_a_grasp_whose_fingers_would_stand_inside_the_object_is_refused(cell: PlannerService) -> None:
-    tight = Handling(support="table", open_width=0.0452)  # no room for a grasp 2 mm beside the middle
-    task = pick(cell, cell.robot.home, "block", [grasp_at(0.28, 0.102, 0.021)], tight)
+def test_a_grasp_whose_fingers_would_stand_inside_the_object_is_refused(cell: ps.PlannerService) -> None:
+    tight = ps.Handling(support="table", open_width=0.0452)  # no room for a grasp 2 mm beside the middle
+    task = ps.pick(cell, cell.robot.home, "block", [grasp_at(0.28, 0.102, 0.021)], tight)
     assert re.search(r"finger_(left|right) would stand [12].\d mm inside block", present(task.failure).detail)
 
 
@@ -150,11 +138,11 @@ def test_a_grasp_whose_fingers_would_stand_inside_the_object_is_refused(cell: Pl
     [(-0.004, r"block would stand 4.0 mm inside table"), (0.02, r"block would not come within 5 mm of table")],
 )
 def test_an_object_is_set_down_on_its_support_not_into_it_or_above_it(
-    cell: PlannerService, height: float, message: str
+    cell: ps.PlannerService, height: float, message: str
 ) -> None:
     taken = picked(cell)
     poses = yaws(0.28, -0.10, HALF - 0.001 + height)
-    put = place(PlannerService.of(taken.world), taken.q, "block", poses, Handling(support="table"))
+    put = ps.place(ps.PlannerService.of(taken.world), taken.q, "block", poses, ps.Handling(support="table"))
     assert re.search(message, present(put.failure).detail)
 
 
@@ -163,19 +151,19 @@ def test_an_object_is_set_down_on_its_support_not_into_it_or_above_it(
 SLOW_AND_SMOOTH = {"velocity_scale": 0.5, "acceleration_scale": 0.6, "max_tool_speed": 0.08, "padding": 0.003}
 
 
-def asked(service: PlannerService, **settings: object) -> PlanRequest:
-    return PlanRequest(service.robot.home, service.robot.home, **settings)  # type: ignore[arg-type]
+def asked(service: ps.PlannerService, **settings: object) -> ps.PlanRequest:
+    return ps.PlanRequest(service.robot.home, service.robot.home, **settings)  # type: ignore[arg-type]
 
 
 def test_every_motion_of_a_pick_and_place_obeys_the_request() -> None:
-    service = PlannerService("wxai", load_scene("bin").without("demo_post"))
-    request = asked(service, timing=SCurve(), **SLOW_AND_SMOOTH)
+    service = ps.PlannerService("wxai", ps.load_scene("bin").without("demo_post"))
+    request = asked(service, timing=ps.SCurve(), **SLOW_AND_SMOOTH)
     task = plan_pick_place(service, "blue_block", "tray", request)
     assert task.failure is None
     assert len(task.segments) == 7
     for segment in task.segments:
         motion = present(segment.result.motion)
-        assert segment.result.stage(Stage.TIMING).note.startswith("s-curve")
+        assert segment.result.stage(ps.Stage.TIMING).note.startswith("s-curve")
         assert motion.peaks.jerk.ratio <= 1.0 + 1e-9
         assert motion.peaks.velocity.ratio <= 1.0 + 1e-9
         assert motion.tool_speed <= 0.08 * (1.0 + 1e-6)
@@ -183,18 +171,18 @@ def test_every_motion_of_a_pick_and_place_obeys_the_request() -> None:
         assert segment.result.padding == 0.003 or told
 
 
-def test_the_time_limit_is_for_the_whole_pick(cell: PlannerService) -> None:
+def test_the_time_limit_is_for_the_whole_pick(cell: ps.PlannerService) -> None:
     task = picked(cell, request=asked(cell, time_limit=0.0))
-    assert present(task.failure).reason is Reason.TIMED_OUT
+    assert present(task.failure).reason is ps.Reason.TIMED_OUT
     late = picked(cell, request=asked(cell, time_limit=1e-3))
-    assert present(late.failure).reason is Reason.TIMED_OUT
+    assert present(late.failure).reason is ps.Reason.TIMED_OUT
 
 
 def test_a_task_whose_start_touches_something_begins_by_leaving_it_and_is_proven_as_a_whole() -> None:
-    service = PlannerService("wxai", "bin")
+    service = ps.PlannerService("wxai", "bin")
     certifier = Certifier(service.robot, service.scene)
     start, _ = next(starts_of(service, certifier, np.random.default_rng(1), itself=False))
-    request = PlanRequest(start, start)
+    request = ps.PlanRequest(start, start)
     task = plan_pick_place(service, "blue_block", "tray", request)
     assert task.ok
     assert [segment.name for segment in task.segments][:2] == ["leave", "home -> pregrasp"]
@@ -202,12 +190,12 @@ def test_a_task_whose_start_touches_something_begins_by_leaving_it_and_is_proven
     assert not any(each.depth is not None for segment in task.segments[1:] for each in segment.result.exempt)
     assert recertify(task).certified
     refused = plan_pick_place(service, "blue_block", "tray", replace(request, start_overlap=0.0))
-    assert present(refused.failure).reason is Reason.START_IN_COLLISION
+    assert present(refused.failure).reason is ps.Reason.START_IN_COLLISION
 
 
-def test_a_place_that_cannot_be_reached_says_what_turn_of_the_tool_would_do(cell: PlannerService) -> None:
+def test_a_place_that_cannot_be_reached_says_what_turn_of_the_tool_would_do(cell: ps.PlannerService) -> None:
     taken = picked(cell)
-    put = place(PlannerService.of(taken.world), taken.q, "block", yaws(0.30, 0.25, 0.33))
+    put = ps.place(ps.PlannerService.of(taken.world), taken.q, "block", yaws(0.30, 0.25, 0.33))
     failure = present(put.failure)
     assert "the position is within reach, but with the tool turned by 0.5" in failure.detail
     assert 0.5 < present(failure.unreachable).turn < 0.6
