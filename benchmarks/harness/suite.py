@@ -6,6 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 import planner_service as ps
 from benchmarks.worlds import queries
@@ -13,7 +16,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import AORRTC, BKPIECE1, LBKPIECE1, BITstar, Planner
 from planner_service.records import read_problems
 
-__all__ = ["SUITES", "Motion", "Suite", "stored", "suite_named"]
+__all__ = ["SUITES", "Motion", "Suite", "published", "stored", "suite_named"]
 
 PUBLIC = Path(__file__).parents[1] / "problems" / "mbm_panda.json"
 
@@ -27,7 +30,7 @@ class Motion:
         kind: What it is one of, such as ``bin``.
         robot: The name of a robot.
         start: Shape (n,).
-        goals: Shape (n,) each; any of them will do.
+        goals: Shape (n,) each, or a pose of the tool; any of them will do.
     """
 
     id: str
@@ -35,7 +38,7 @@ class Motion:
     robot: str
     scene: ps.Scene
     start: FloatArray
-    goals: tuple[FloatArray, ...]
+    goals: tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +78,26 @@ def public(ids: Sequence[str] = ()) -> Iterator[Motion]:
         if not ids or problem.id in ids:
             kind = problem.id.partition("/")[0]
             yield Motion(problem.id, kind, "panda_mbm", problem.scene, problem.start, problem.goals)
+
+
+def published(path: str | Path, name: str) -> Suite:
+    """The problems of a published set, for a robot that comes with the package.
+
+    Raises:
+        InvalidFile: they cannot be read.
+        UnknownName, InvalidRequest: there is no such robot, or the problems are for another one.
+    """
+    robot = ps.load_robot(name)
+    asked = [(problem, problem.request(robot)) for problem in read_problems(path).problems]
+
+    def motions() -> Iterator[Motion]:
+        for problem, request in asked:
+            goals = tuple(problem.goals) if len(problem.goals) > 1 else (request.goal,)
+            yield Motion(
+                problem.id, problem.id.partition("/")[0], name, problem.scene, np.asarray(request.start), goals
+            )
+
+    return Suite(Path(path).stem, f"{path}, {name}", TREES, range(1), (motions,))
 
 
 TABLETOP, NARROW = ("bin", "shelf", "post", "clutter"), ("narrow", "window")

@@ -3,33 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.attempts import states_of
 from benchmarks.harness.report import Report, Row, grouped, merged, p50, spread, table_of
 from benchmarks.harness.runner import jobs_of, made
-from benchmarks.harness.suite import SUITES
+from benchmarks.harness.suite import SUITES, Suite, published
 
 __all__ = ["PARTS", "run"]
 
 PARTS = tuple(SUITES)
 
 
-def run(part: str | None = None, seeds: int | None = None) -> Report:
+def run(
+    part: str | None = None, seeds: int | None = None, problems: Path | None = None, robot: str | None = None
+) -> Report:
     """Plan one suite, or all; the planners are those that it names.
 
     Args:
         seeds: Plans of each problem by each planner; as many as the suite says if None.
+        problems: A published problem set to plan instead, with a robot that comes with the package.
     """
-    return merged("suites" if part is None else part, [_suite(name, seeds) for name in PARTS if part in (None, name)])
+    if problems is not None:
+        if robot is None:
+            raise ps.InvalidRequest("--robot", None, "the robot that the problems are for, such as panda_mbm")
+        return _suite(published(problems, robot), seeds)
+    return merged(
+        "suites" if part is None else part, [_suite(SUITES[name], seeds) for name in PARTS if part in (None, name)]
+    )
 
 
-def _suite(name: str, seeds: int | None) -> Report:
-    suite = SUITES[name]
+def _suite(suite: Suite, seeds: int | None) -> Report:
     rows = tuple(made(jobs_of(suite, seeds=() if seeds is None else range(seeds)), Console(stderr=True)))
-    return Report(name, rows, (_table(suite.about, rows), _kinds(rows)))
+    return Report(suite.name, rows, (_table(suite.about, rows), _kinds(rows)))
 
 
 def _table(title: str, rows: Sequence[Row]) -> Table:

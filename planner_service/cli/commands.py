@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -37,6 +37,7 @@ from planner_service.records.evidence import save_plan
 from planner_service.records.exports.explanation import ReachedRecord
 from planner_service.records.exports.no_path_file import save_no_path
 from planner_service.records.plan_file import SavedPlan, SavedTask
+from planner_service.records.problems import read_problems
 from planner_service.records.result import result_record
 from planner_service.robot.model import length_unit, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
@@ -291,6 +292,51 @@ def scenes(name: Name = None, as_json: options.AsJson = False) -> None:
     show({"scenes": records}, table, as_json=as_json)
 
 
+def problems(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="A folder or .tar.bz2 of MotionBenchMaker, JSON of VAMP or ours, or robometrics' YAML."
+        ),
+    ],
+    robot: Annotated[str | None, typer.Option(metavar="NAME", help="Plan the problems with this robot.")] = None,
+    only: Annotated[str | None, typer.Option("--id", metavar="ID", help="Only the problem of that name.")] = None,
+    planner: options.PlannerName = options.DEFAULT.planner.name,
+    seed: options.Seed = options.DEFAULT.seed,
+    time_limit: options.TimeLimit = options.SECONDS,
+    as_json: options.AsJson = False,
+) -> None:
+    """List the problems of a published set, or plan them with a robot."""
+    with bad_input_exits():
+        found = read_problems(file)
+        chosen = found.problems if only is None else (found.problem(only),)
+        settings: dict[str, Any] = {"seed": seed, "time_limit": arguments.time_limit_of(time_limit)}
+        settings["planner"] = arguments.planner_or_optimise(planner, None, polish=False)
+        results: list[PlanResult | None] = [None] * len(chosen)
+        if robot is not None:
+            arm = load_robot(robot)
+            requests = [problem.request(arm, **settings) for problem in chosen]  # all are refused before any is planned
+            pairs = zip(chosen, requests, strict=True)
+            results = [PlannerService(arm, problem.scene).plan(request) for problem, request in pairs]
+    records = [listings.problem_record(*pair) for pair in zip(chosen, results, strict=True)]
+    planned = [result for result in results if result is not None]
+    rows = [
+        [
+            *(record["id"], str(record["obstacles"]), str(record["goals"])),
+            *([] if result is None else ["yes" if result.ok else str(result.failure), f"{result.counts.states:,}"]),
+            *([] if result is None else [f"{1e3 * result.seconds:.1f}"]),
+        ]
+        for record, result in zip(records, results, strict=True)
+    ]
+    columns = ("problem", "obstacles", "goals", *(("planned", "states", "ms") if planned else ()))
+    table = Table(columns, rows, numeric=("obstacles", "goals", "states", "ms"))
+    solved = sum(result.ok for result in planned)
+    lines = [f"{solved} of {len(planned)} planned"] if planned else []
+    show({"robot": found.robot, "source": found.source, "problems": records}, table, *wrapped(lines), as_json=as_json)
+    if solved < len(planned):
+        raise typer.Exit(NO_PLAN)
+
+
 def doctor(
     robot: options.RobotName = "wxai",
     scene: options.SceneName = "bin",
@@ -401,6 +447,7 @@ def _add(command: Callable[..., None], short_help: str, example: str, *, name: s
 
 _add(robots, "List the robots, or show one.", "robots wxai")
 _add(scenes, "List the scenes, or show one.", "scenes bin")
+_add(problems, "List or plan a published problem set.", "problems problems.json --robot panda")
 _add(check, "Check one configuration for collisions.", "check --scene table --q ready")
 _add(plan, "Plan a motion to a goal.", "plan --scene table --start home --goal ready --out plan.json")
 _add(explain, "Say why there is no plan, and what helps.", "explain --scene bin --start home --goal ready")

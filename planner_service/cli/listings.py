@@ -8,11 +8,13 @@ from planner_service.errors import MissingDependency
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box
+from planner_service.planning.result import PlanResult
+from planner_service.records import Problem
 from planner_service.robot.model import Robot, robot_names
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
-__all__ = ["robot_record", "scene_record", "shipped_robots"]
+__all__ = ["problem_record", "robot_record", "scene_record", "shipped_robots"]
 
 LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
 
@@ -44,6 +46,17 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         "shapes": len(robot.shapes),
         "gripper": None if gripper is None else {"lower": gripper.lower, "upper": gripper.upper},
     }
+
+
+def problem_record(problem: Problem, result: PlanResult | None) -> dict[str, Any]:
+    """A problem's name and size; if it was planned, what came of it."""
+    record: dict[str, Any] = {"id": problem.id, "obstacles": len(problem.scene.obstacles)}
+    record |= {"joints": list(problem.joint_names) or len(problem.start), "goals": max(1, len(problem.goals))}
+    if result is None:
+        return record
+    failure = None if result.failure is None else str(result.failure)
+    record |= {"planned": result.ok, "failure": failure, "seconds": result.seconds, "states": result.counts.states}
+    return record | {"length": None if result.path is None else result.path.length}
 
 
 def scene_record(scene: Scene) -> dict[str, Any]:

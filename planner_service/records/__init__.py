@@ -13,7 +13,8 @@ from planner_service.records.exports.trajectory_export import (
     yaml_text,
 )
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_plan_or_task, load_task
-from planner_service.records.problem_set import Problem, ProblemSet, read_problems
+from planner_service.records.problem_set import Problem, ProblemSet
+from planner_service.records.problems import read_problems
 
 __all__ = [
     "Problem",

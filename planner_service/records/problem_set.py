@@ -23,17 +23,15 @@ the format in which problems of MotionBenchMaker (Chamzas et al., RA-L 2022) are
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Discriminator, Field
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.files.json_reader import read_json
-from planner_service.files.reading import as_path
 from planner_service.files.schema import Joints, Reading, Record, Text, Vector3, Vector4, at_most, read_record
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Shape, Sphere
@@ -42,7 +40,7 @@ from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Obstacle, Scene
 
-__all__ = ["Problem", "ProblemSet", "read_problems"]
+__all__ = ["Problem", "ProblemSet", "own_problems"]
 
 MAX_JOINTS = 100
 MAX_GOALS = 1000
@@ -57,7 +55,11 @@ class Problem:
     Attributes:
         id: Its name, once in its set; also the name of the scene.
         start: Joint vector, shape (n,), in the order of ``joint_names``.
-        goals: Joint vectors, any of which will do.
+        goals: Joint vectors, any of which will do; none if ``tool_pose`` is the goal.
+        joint_names: Empty where the file does not say: the joints of the robot in its order.
+        frame: The link in whose frame the scene is; empty or "world" for the base.
+        robot: What the file calls the robot; may be empty.
+        tool_pose: A link and where it is to be.
     """
 
     id: str
@@ -65,6 +67,9 @@ class Problem:
     scene: Scene
     start: FloatArray
     goals: tuple[FloatArray, ...]
+    frame: str = ""
+    robot: str = ""
+    tool_pose: tuple[str, Pose] | None = None
 
     def __post_init__(self) -> None:
         copied_in(self, "joint_names", "start")
@@ -74,13 +79,40 @@ class Problem:
         """What to ask of ``PlannerService(robot, problem.scene)``; settings are those of ``PlanRequest``.
 
         Raises:
-            InvalidRequest: the joints of ``robot`` are others, or in another order.
+            InvalidRequest: the joints of ``robot`` are others, the scene is in a frame that is not its base's, or the
+                goal is a pose of a link that is not its tool.
         """
-        if robot.joint_names != self.joint_names:
-            ours, theirs = ", ".join(robot.joint_names), ", ".join(self.joint_names)
+        order = self._order(robot)
+        self._require_base(robot)
+        goals: list[Any] = [goal[order] for goal in self.goals]
+        if self.tool_pose is not None:
+            link, pose = self.tool_pose
+            if link != robot.tool_frame:
+                expected = f"{link}, the link of which problem {self.id!r} says where it is to be"
+                raise InvalidRequest("tool_frame", robot.tool_frame, expected)
+            goals = [pose]
+        return PlanRequest(self.start[order], goals[0] if len(goals) == 1 else goals, **settings)
+
+    def _order(self, robot: Robot) -> list[int]:
+        """Where the joints of a robot are among those of the problem."""
+        if not self.joint_names and len(self.start) == robot.n:
+            return list(range(robot.n))
+        if sorted(robot.joint_names) != sorted(self.joint_names):
+            ours, theirs = ", ".join(robot.joint_names), ", ".join(self.joint_names) or f"{len(self.start)} joints"
             message = f"robot: {robot.name} has the joints {ours}; problem {self.id!r} is for {theirs}"
             raise InvalidRequest("robot", robot.name, f"a robot with the joints {theirs}", message=message)
-        return PlanRequest(self.start, self.goals[0] if len(self.goals) == 1 else self.goals, **settings)
+        return [self.joint_names.index(name) for name in robot.joint_names]
+
+    def _require_base(self, robot: Robot) -> None:
+        if self.frame in ("", "world"):
+            return
+        frames = {frame.link: frame for frame in robot.link_frames}
+        found = frames.get(self.frame)
+        if found is None or found.body != 0 or found.pose != Pose():
+            fixed = [link for link, frame in frames.items() if frame.body == 0 and frame.pose == Pose()]
+            raise InvalidRequest(
+                f"frame of problem {self.id!r}", self.frame, f"the base of {robot.name}: {', '.join(fixed)}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,15 +144,12 @@ class ProblemSet:
         return by_id[id]
 
 
-def read_problems(path: str | os.PathLike[str]) -> ProblemSet:
-    """The problems in a JSON file.
+def own_problems(path: Path, document: Any) -> ProblemSet:
+    """The problems in a document of our own format.
 
     Raises:
-        InvalidFile: with all problems found, up to where there are too many of them; an unknown key is one, as it would
-            change what is meant.
+        InvalidFile: with all problems found, up to where there are too many of them.
     """
-    path = as_path("path", path)
-    document = read_json(path)
     joints = document.get("joints") if isinstance(document, dict) else None
     reading = Reading(joints=len(joints) if isinstance(joints, list) and len(joints) <= MAX_JOINTS else None)
     problems: ProblemSet = read_record(ProblemFile, document, path, reading).value

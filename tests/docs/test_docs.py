@@ -33,6 +33,7 @@ from planner_service.geometry import mesh_formats as mesh_file
 from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry import point_files as grid_file
 from planner_service.records import plan_file, problem_set
+from planner_service.records.problems import moveit_folder
 from planner_service.roadmap import roadmap_file
 from planner_service.robot import toml_reader as robot_file
 from planner_service.robot import urdf_reader as urdf
@@ -187,7 +188,8 @@ CAPS: dict[str, tuple[int, ...]] = {
         *(json_file.MAX_BYTES, json_file.MAX_PARTS, json_file.MAX_KEYS),
         *(plan_file.MAX_SEGMENTS, record.MAX_WAYPOINTS, plan_file.MAX_DEPTH),
     ),
-    "Problem set (JSON)": (
+    "Problem set (MotionBenchMaker)": (moveit_folder.MAX_BYTES, moveit_folder.MAX_ARCHIVE, problem_set.MAX_PROBLEMS),
+    "Problem set (JSON, YAML)": (
         *(json_file.MAX_BYTES, problem_set.MAX_PROBLEMS),
         *(problem_set.MAX_GOALS, scene.MAX_OBJECTS),
     ),

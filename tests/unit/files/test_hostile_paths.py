@@ -36,7 +36,7 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.trajectory_export import write_csv
 from planner_service.records.plan_file import SavedTask, load_plan, load_plan_or_task, load_task
-from planner_service.records.problem_set import read_problems
+from planner_service.records.problems import read_problems
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene

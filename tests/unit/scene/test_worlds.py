@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from planner_service.errors import InvalidFile, UnknownName
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
-from planner_service.records.problem_set import read_problems
+from planner_service.records.problems import read_problems
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.scene import Obstacle, Scene
