@@ -82,7 +82,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     Raises:
         UnknownName: neither a scene of that name nor such a file.
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
-        MissingDependency: an extra is needed: laspy for LAS, xacro for xacro, coacd for a mesh that is far from convex.
+        MissingDependency: an extra is needed: laspy for LAS, xacro for xacro.
     """
     instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
     path = as_path("scene", name_or_path)

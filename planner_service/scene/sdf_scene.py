@@ -59,7 +59,6 @@ def read_sdf_scene(path: str | os.PathLike[str]) -> Scene:
     Raises:
         InvalidFile: with every problem found: a word that is refused or not known, another file, a name that is taken
             or leads nowhere, a size or pose that is none.
-        MissingDependency: a mesh has to be cut, and coacd is not installed.
     """
     path = as_path("path", path)
     root = read_xml(path, "sdf")

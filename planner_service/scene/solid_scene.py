@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planner_service.errors import InvalidFile, MissingDependency
+from planner_service.errors import InvalidFile
 from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud, Solid
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.mesh import Mesh
@@ -19,9 +19,6 @@ __all__ = ["read_solid_scene"]
 MAX_PIECES = 32
 """Convex pieces of a mesh whose hull fills much more than it does."""
 
-FINEST, COARSE = 0.01, 0.01
-"""Tolerance of the cut: metres, and as a share of the mesh's length; the larger counts."""
-
 LARGE, SMALL = 20.0, 0.005
 """Metres: more, or less, than what stands in the reach of an arm measures if its unit is the metre."""
 
@@ -29,8 +26,8 @@ LARGE, SMALL = 20.0, 0.005
 def read_solid_scene(path: Path) -> Scene:
     """The scene of the mesh, cloud or tree in a file; the obstacle is called as the file without its suffix.
 
-    A mesh is cut into convex pieces where its hull fills much more than it does; without coacd it is its hull, with a
-    warning. A size that looks like another unit gets a warning with the scene file that sets it right, and no cut.
+    A mesh is cut into convex pieces where its hull fills much more than it does. A size that looks like another unit
+    gets a warning with the scene file that sets it right, and no cut.
 
     Raises:
         InvalidFile: the file cannot be used.
@@ -46,21 +43,13 @@ def read_solid_scene(path: Path) -> Scene:
             measures = " x ".join(f"{edge:.3g}" for edge in size.tolist())
             notes.append(f"it measures {measures} m; if that is another unit: {_instead(path, mesh, factor)}")
         elif mesh:
-            solid = _cut(path, solid, max(FINEST, COARSE * float(size.max())), notes)
+            pieces = pieces_of_file(path, most=MAX_PIECES)
+            solid = pieces[0] if len(pieces) == 1 else Compound.of_pieces(pieces)
         scene = Scene((Obstacle(path.stem, solid, Pose()),), name=path.stem)
     except InvalidFile as error:
         raise InvalidFile(path, [*error.problems, f"to choose scale or place: {_instead(path, mesh, 0.001)}"]) from None
     tell_notes(path, notes)
     return scene
-
-
-def _cut(path: Path, hull: Solid, tolerance: float, notes: list[str]) -> Solid:
-    try:
-        pieces = pieces_of_file(path, most=MAX_PIECES, tolerance=tolerance)
-    except MissingDependency as missing:
-        notes.append(f"its hull stands for it, hollows filled: {missing}")
-        return hull
-    return pieces[0] if len(pieces) == 1 else Compound.of_pieces(pieces)
 
 
 def _instead(path: Path, mesh: bool, factor: float) -> str:

@@ -12,7 +12,6 @@ import pytest
 
 from planner_service.errors import InvalidFile, UnknownName
 from planner_service.geometry.composite import Compound, PointCloud
-from planner_service.geometry.mesh import Mesh
 from planner_service.scene.loading import READERS, load_scene
 from planner_service.scene.scene import Scene
 
@@ -63,27 +62,11 @@ def ell(path: Path) -> Path:
 
 
 def test_a_mesh_is_cut_where_its_hull_fills_much_more(tmp_path: Path) -> None:
-    pytest.importorskip("coacd")
     scene = load_scene(ell(tmp_path / "ell.obj"))
     shape = scene.obstacles[0].shape
     assert isinstance(shape, Compound)
     assert float(shape.distance(np.array([(0.7, 0.7, 0.1)]))[0]) > 0.3
     assert float(shape.distance(np.array([(0.9, 0.1, 0.1), (0.1, 0.9, 0.1)])).max()) == 0.0
-
-
-def test_without_a_cutter_a_mesh_is_its_hull_and_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    from importlib import metadata
-
-    def missing(name: str) -> str:
-        raise metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(metadata, "version", missing)
-    with caplog.at_level(logging.WARNING):
-        scene = load_scene(ell(tmp_path / "ell.obj"))
-    assert isinstance(scene.obstacles[0].shape, Mesh)
-    assert "hollows filled" in caplog.text
 
 
 @pytest.mark.parametrize(("name", "factor"), [("mm.xyz", 25.0), ("mm.obj", 300.0), ("far.xyz", 4000.0)])
