@@ -58,7 +58,6 @@ from planner_service.records.http.replies import (
     ReplannedRecord,
     RoadmapReply,
     RobotReply,
-    ServedRobot,
     read_reply,
 )
 from planner_service.records.http.verbs import VERBS
@@ -128,14 +127,14 @@ class Remote:
 
     def __init__(self, url: str, scene: Scene | str, *, token: str | None = None, patience: float = PATIENCE) -> None:
         server = _Server(Connection(url, token, patience))
-        self._enter(server, server.robot.robot, scene)
+        self._enter(server, server.world.robot, scene)
 
     def _enter(self, server: _Server, robot: Robot, scene: Scene | str) -> None:
         self._server = server
         self._version: int | None = None
         if not isinstance(scene, Scene):
             scene, self._version = server.scenes.stored(instance("scene", scene, str, "a Scene, or the name of one"))
-        self.world = World(robot, scene, server.robot.allowed, server.robot.edge_step)
+        self.world = replace(server.world, robot=robot, scene=scene)
 
     def _in(self, robot: Robot, scene: Scene | str) -> Remote:
         other = object.__new__(Remote)
@@ -526,9 +525,9 @@ class _Server:
         self._lock = threading.Lock()
 
     @cached_property
-    def robot(self) -> ServedRobot:
-        """The server's robot."""
-        served: ServedRobot = self.connection.fetch("GET", "/robot").read(RobotReply).value
+    def world(self) -> World:
+        """The server's robot, and how its motions are checked."""
+        served: World = self.connection.fetch("GET", "/robot").read(RobotReply).value
         return served
 
     def remember(self, trajectory: Trajectory | None, job: str) -> None:

@@ -563,8 +563,8 @@ def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    file = as_path("path", path)
-    return _plan(file, read_json(file))
+    plan: SavedPlan = _loaded(path, PLAN_FORMAT)
+    return plan
 
 
 def load_task(path: str | os.PathLike[str]) -> SavedTask:
@@ -573,8 +573,8 @@ def load_task(path: str | os.PathLike[str]) -> SavedTask:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    file = as_path("path", path)
-    return _task(file, read_json(file))
+    task: SavedTask = _loaded(path, TASK_FORMAT)
+    return task
 
 
 def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
@@ -583,8 +583,8 @@ def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    file = as_path("path", path)
-    return _plan_or_task(file, read_json(file))
+    saved: SavedPlan | SavedTask = _loaded(path, None)
+    return saved
 
 
 def plan_or_task(name: str, data: bytes) -> SavedPlan | SavedTask:
@@ -593,23 +593,22 @@ def plan_or_task(name: str, data: bytes) -> SavedPlan | SavedTask:
     Raises:
         InvalidFile: the content cannot be used; it lists all problems found, not the first.
     """
-    file = Path(name)
-    return _plan_or_task(file, parse_json(file, data))
+    saved: SavedPlan | SavedTask = _read(Path(name), parse_json(Path(name), data), None)
+    return saved
 
 
-def _plan_or_task(file: Path, document: Any) -> SavedPlan | SavedTask:
-    task = isinstance(document, dict) and document.get("format") == TASK_FORMAT
-    return _task(file, document) if task else _plan(file, document)
+def _loaded(path: str | os.PathLike[str], kind: str | None) -> Any:
+    file = as_path("path", path)
+    return _read(file, read_json(file), kind)
 
 
-def _plan(file: Path, document: Any) -> SavedPlan:
-    plan: SavedPlan = read_record(PlanRecord, document, file, _reading(file, document, PLAN_FORMAT)).value
-    return plan
-
-
-def _task(file: Path, document: Any) -> SavedTask:
-    task: SavedTask = read_record(TaskRecord, document, file, _reading(file, document, TASK_FORMAT)).value
-    return task
+def _read(file: Path, document: Any, kind: str | None) -> Any:
+    """What a document of a format is; of whichever it says if None is given."""
+    if kind is None:
+        task = isinstance(document, dict) and document.get("format") == TASK_FORMAT
+        kind = TASK_FORMAT if task else PLAN_FORMAT
+    model = TaskRecord if kind == TASK_FORMAT else PlanRecord
+    return read_record(model, document, file, _reading(file, document, kind)).value
 
 
 def _reading(file: Path, document: Any, kind: str) -> PlanReading:

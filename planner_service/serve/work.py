@@ -36,7 +36,6 @@ from planner_service.records.http.replies import (
     Checked,
     CheckedState,
     CheckReply,
-    Explained,
     ExplainReply,
     LineSections,
     ProofReply,
@@ -456,7 +455,7 @@ def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
     request = call.request(body.request.value)
     terms: Any = {name: body.arguments[name] for name in ("plans", "remedies", "time_limit")}
     explained = call.service.explain(request, **terms, progress=False, cancel=call.cancel)
-    return _json_answer(ExplainReply, Explained(explained, call.service.world), counts=explained.result.counts)
+    return _json_answer(ExplainReply, (explained, call.service.world), counts=explained.result.counts)
 
 
 def _roadmaps(call: _Call, body: bodies.RoadmapBody) -> Answer:

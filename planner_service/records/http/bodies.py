@@ -148,23 +148,8 @@ Configuration = Annotated[
 ]
 
 
-def _between(least: float, most: float) -> BeforeValidator:
-    """Refuses other seconds; null means none."""
-
-    def checked(value: Any) -> Any:
-        if isinstance(value, int | float) and not isinstance(value, bool) and not least <= value <= most:
-            raise ValueError(f"seconds from {least:g} to {most:,g}")
-        return value
-
-    return BeforeValidator(checked)
-
-
-def _bounds(least: float, most: float) -> WithJsonSchema:
-    return WithJsonSchema({"anyOf": [{"type": "number", "minimum": least, "maximum": most}, {"type": "null"}]})
-
-
-TimeLimit = Annotated[float | None, _between(0.0, MAX_TIME_LIMIT), _bounds(0.0, MAX_TIME_LIMIT)]
-Deadline = Annotated[float | None, _between(MIN_DEADLINE, MAX_DEADLINE), _bounds(MIN_DEADLINE, MAX_DEADLINE)]
+TimeLimit = Annotated[float, Field(ge=0.0, le=MAX_TIME_LIMIT)] | None
+Deadline = Annotated[float, Field(ge=MIN_DEADLINE, le=MAX_DEADLINE)] | None
 
 
 class SceneVersion(Record):

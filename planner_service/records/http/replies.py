@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, Field, JsonValue
 
-from planner_service.collision import CheckCounts, Contact, EdgeStep
+from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.schema import Count, GrownRecord, Joints, Prose, Record, Rows, Text, at_most, read_record
 from planner_service.geometry.arrays import read_only
@@ -27,7 +27,7 @@ from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord
 from planner_service.replanning.result import Outcome, Replanned
 from planner_service.roadmap import Roadmap
-from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
 
 __all__ = [
     "OTHERS",
@@ -37,7 +37,6 @@ __all__ = [
     "Checked",
     "CheckedState",
     "ExplainReply",
-    "Explained",
     "JobsReply",
     "LineSections",
     "ProblemReply",
@@ -48,7 +47,6 @@ __all__ = [
     "RunsReply",
     "SceneReply",
     "ScenesReply",
-    "ServedRobot",
     "StoredReply",
     "read_reply",
 ]
@@ -194,14 +192,6 @@ class ReplannedRecord(Record):
 # Explanations.
 
 
-@dataclass(frozen=True)
-class Explained:
-    """An explanation, and the world it was made in."""
-
-    explanation: Explanation
-    world: World
-
-
 class RemedyReply(Record):
     """A ``Remedy``: the plan has its request and its scene."""
 
@@ -228,8 +218,8 @@ class ExplainReply(Record):
     complete: bool = True
 
     @classmethod
-    def fields_of(cls, value: Explained) -> dict[str, Any]:
-        why, world = value.explanation, value.world
+    def fields_of(cls, value: tuple[Explanation, World]) -> dict[str, Any]:
+        why, world = value
         remedies = [
             {"text": each.text, "plan": SavedPlan(replace(world, scene=each.scene), each.request, each.result)}
             for each in why.remedies
@@ -245,20 +235,6 @@ class ExplainReply(Record):
 
 
 # What a server has.
-
-
-@dataclass(frozen=True)
-class ServedRobot:
-    """The robot of a server, and how its motions are checked.
-
-    Attributes:
-        allowed: Pairs that may touch.
-        edge_step: How finely edges are sampled.
-    """
-
-    robot: Robot
-    allowed: tuple[tuple[str, str], ...]
-    edge_step: EdgeStep | None
 
 
 class WidthRange(Record):
@@ -288,9 +264,10 @@ class RobotReply(Record):
         return super().fields_of(robot) | {"named_poses": poses, "robot": robot, **how}
 
     @cached_property
-    def value(self) -> ServedRobot:
+    def value(self) -> World:
+        """The robot in an empty scene."""
         arguments = self.arguments
-        return ServedRobot(*(arguments[name] for name in ("robot", "allowed", "edge_step")))
+        return World(arguments["robot"], Scene(), arguments["allowed"], arguments["edge_step"])
 
 
 Version = Annotated[int, Field(ge=1, description="a whole number from 1")]

@@ -10,12 +10,12 @@ import pytest
 
 from planner_service.collision import CheckCounts
 from planner_service.files.schema import Record, plain
-from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.planning.result import Failure, MotionReport, PlanResult, StageReport
 from planner_service.planning.task_result import Handling, Segment
 from planner_service.records.failure import FailureRecord
 from planner_service.records.http.bodies import HandlingBody, PaceBody, RequestBody
-from planner_service.records.http.replies import RobotReply, ServedRobot
+from planner_service.records.http.replies import RobotReply
 from planner_service.records.http.verbs import VERBS
 from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, SegmentRecord, TaskRecord
 from planner_service.records.request import RequestRecord
@@ -41,6 +41,7 @@ def makers(model: type[Record] = Record) -> Iterator[tuple[type[Record], type[An
 OTHERWISE: dict[type[Any], str] = {
     SavedPlan: "begin",  # robot, scene, allowed, edge_step
     SavedTask: "begin",
+    World: "scene",  # of a request
     PlanRequest: "goal",  # goals
     PlanResult: "roadmap trace origin fraction allowed no_path",  # of the process that made it, or of sections
     StageReport: "counts",  # one by one
@@ -65,7 +66,7 @@ OF = {
     SegmentRecord: Segment,
     PlanRecord: SavedPlan,
     TaskRecord: SavedTask,
-    RobotReply: ServedRobot,
+    RobotReply: World,
 }
 
 
