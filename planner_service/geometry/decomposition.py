@@ -17,11 +17,11 @@ from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh, checked_scale
-from planner_service.geometry.mesh_formats import read_triangles
+from planner_service.geometry.mesh_formats import MAX_VERTICES, read_triangles
 from planner_service.geometry.plane_cuts import DIRECTIONS, Cut, CutPlan, parts_of, plan_cuts, signed_volume
 from planner_service.geometry.validation import MAX_LENGTH, number
 
-__all__ = ["MAX_PIECES", "MOST", "hull_ratio", "is_concave", "pieces_of_file", "pieces_of_mesh"]
+__all__ = ["MAX_PIECES", "MOST", "concave_surface", "hull_ratio", "pieces_of_file", "pieces_of_surface"]
 
 MAX_PIECES = 64
 """Each piece is checked against everything near it: more pieces cost more than a finer shape is worth."""
@@ -65,24 +65,23 @@ def pieces_of_file(
     return _pieces(hull, vertices, faces, int(most))
 
 
-def is_concave(mesh: Mesh) -> bool:
-    """Whether the file of a mesh is known and has triangles, and its hull fills what may be free."""
-    if mesh.source is None:
-        return False
-    try:
-        return hull_ratio(mesh, *read_triangles(mesh.source.path, mesh.source.scale)) > TIGHT
-    except InvalidFile:  # vertices alone
-        return False
+def concave_surface(mesh: Mesh) -> tuple[FloatArray, IntArray] | None:
+    """The vertices and triangles of the file of a mesh whose hull fills what may be free.
 
-
-def pieces_of_mesh(mesh: Mesh) -> tuple[Mesh, ...]:
-    """A mesh whose file is known, cut into at most ``MOST`` pieces; any other, and one whose hull is as good, as it is.
-
-    Raises:
-        InvalidFile: it cannot be read any more.
+    None if it does not, or if no file with triangles is known: the hull is then all there is.
     """
-    pieces = (mesh,) if mesh.source is None else pieces_of_file(mesh.source.path, mesh.source.scale, most=MOST)
-    return pieces if len(pieces) > 1 else (mesh,)
+    if mesh.source is None:
+        return None
+    try:
+        surface = read_triangles(mesh.source.path, mesh.source.scale)
+    except InvalidFile:  # vertices alone
+        return None
+    return surface if hull_ratio(mesh, *surface) > TIGHT else None
+
+
+def pieces_of_surface(hull: Mesh, vertices: FloatArray, faces: IntArray) -> tuple[Mesh, ...]:
+    """As ``pieces_of_file``, of the surface of a mesh: at most ``MOST`` pieces."""
+    return _pieces(hull, vertices, faces, MOST)
 
 
 def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int) -> tuple[Mesh, ...]:
@@ -92,7 +91,8 @@ def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int) -> tup
     if len(plan.groups) == 1:
         return (hull,)
     try:
-        return tuple(Mesh.around(points) for points in parts_of(vertices, faces, plan))
+        parts = parts_of(vertices, faces, plan)
+        return tuple(Mesh.around(each if len(each) <= MAX_VERTICES else np.unique(each, axis=0)) for each in parts)
     except InvalidRequest:  # a flat piece
         return (hull,)
 
@@ -109,8 +109,8 @@ def hull_ratio(hull: Mesh, vertices: FloatArray, faces: IntArray) -> float:
 
 def _is_closed(faces: IntArray) -> bool:
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    ways = np.unique(edges, axis=0)
-    return len(ways) == len(edges) and np.array_equal(ways, np.unique(edges[:, ::-1], axis=0))
+    ways, back = (np.unique(edges[:, k] * (int(faces.max()) + 1) + edges[:, 1 - k]) for k in (0, 1))
+    return len(ways) == len(edges) and np.array_equal(ways, back)
 
 
 def _plan(vertices: FloatArray, faces: IntArray, most: int) -> CutPlan:

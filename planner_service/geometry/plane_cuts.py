@@ -37,10 +37,12 @@ OFFSETS, SHOULDERS = 12, 3
 LEVEL, BESIDE = 1e-3, 1e-4
 """Relative to the size of a mesh: triangles are at a right angle to a direction if they are no higher than the first;
 planes are tried that far on both sides, as what lies in a plane is in both of the parts."""
-RETRIED = 4
+RETRIED = 6
 """Of these, how many are tried with all points, the most promising ones first."""
-COARSE, FINE = 20, 40
-"""Steps along the longest side of a mesh, between points with which planes are tried."""
+POINTS = 600
+"""Of the surface of a part, about, with which planes are tried."""
+LINES = 24
+"""Lines along the longest side of a mesh, on which its inside is looked for."""
 
 GAIN = 0.01
 """Part of the hull's volume that a cut has to free, and that joining two parts may fill again."""
@@ -81,7 +83,7 @@ class CutPlan:
 
 
 def parts_of(vertices: FloatArray, faces: IntArray, plan: CutPlan) -> list[FloatArray]:
-    """Points (k, 3) for each group of a plan, whose hulls together contain the mesh, its inside included.
+    """Points (k, 3) for each group of a plan, whose hulls together contain the mesh, inside included; some twice.
 
     Args:
         faces: Triangles (t, 3) as rows of ``vertices`` (n, 3).
@@ -94,7 +96,7 @@ def parts_of(vertices: FloatArray, faces: IntArray, plan: CutPlan) -> list[Float
         parts[cut.part] = below
         parts.append(above)
     points = [np.concatenate([part.triangles.reshape(-1, 3), _inner(part, corners, size)]) for part in parts]
-    return [np.unique(np.concatenate([points[k] for k in group]), axis=0) for group in plan.groups]
+    return [np.concatenate([points[k] for k in group]) for group in plan.groups]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +235,7 @@ def _joined(points: Sequence[FloatArray], most: int, least: float) -> list[tuple
 def _best_cut(part: _Part, volume: float, size: float) -> tuple[float, int, float]:
     """What the best cut of a part frees, its direction and its offset."""
     tried = []
-    points = _thinned(part, size / COARSE)
+    points = _thinned(part)
     for direction in range(len(DIRECTIONS)):
         heights = _along(points, direction)
         order = np.argsort(heights, kind="stable")
@@ -287,9 +289,14 @@ def _size(vertices: FloatArray) -> float:
     return float((vertices.max(axis=0) - vertices.min(axis=0)).max())
 
 
-def _thinned(part: _Part, step: float) -> FloatArray:
-    """Points on the sides of triangles and inside, about ``step`` apart."""
+def _thinned(part: _Part) -> FloatArray:
+    """Points on the sides of triangles and inside, about as far from each other everywhere."""
     a, b = part.triangles, np.roll(part.triangles, -1, axis=1)
+    normal = cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])
+    area = 0.5 * float(np.sqrt((normal * normal).sum(axis=-1)).sum())
+    if area == 0.0:
+        return part.inner
+    step = math.sqrt(area / POINTS)
     side = (b - a).reshape(-1, 3)
     many = np.ceil(np.sqrt((side * side).sum(axis=-1)) / step).clip(1, None).astype(np.intp)
     rows = np.repeat(np.arange(len(side)), many)
@@ -301,7 +308,7 @@ def _thinned(part: _Part, step: float) -> FloatArray:
 
 def _points_inside(corners: FloatArray, size: float) -> FloatArray:
     """Points around which triangles (t, 3, 3) wind, on a grid of lines along z."""
-    step = size / FINE
+    step = size / LINES
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     x, y = (np.arange(low[k] + 0.37 * step, high[k], step).tolist() for k in range(2))
     found: list[FloatArray] = [np.empty((0, 3))]

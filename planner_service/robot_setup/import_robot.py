@@ -42,7 +42,7 @@ from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
-from planner_service.robot_setup.concave_links import links_worth_cutting, with_pieces
+from planner_service.robot_setup.concave_links import cut_where_hulls_block
 from planner_service.robot_setup.gripper_detection import FoundGripper, find_gripper
 from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
@@ -237,8 +237,7 @@ def _imported(
         text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
     files = {copy.name: text.encode(), **{name: read_bytes(path, MAX_BYTES) for name, path in meshes.items()}}
     _require_place(folder, [toml] if in_place else [toml, *(folder / name for name in files)], force=force)
-    cut = links_worth_cutting(robot, progress=progress)
-    urdf = with_pieces(urdf, cut, progress=False)
+    urdf, cut = cut_where_hulls_block(urdf, robot, progress=progress)
     robot = robot_of(source.urdf, urdf, selection, srdf) if cut else robot
     table = contact_table(robot, engine=engine, progress=progress) if prove else quick_table(robot, progress=progress)
     if hand is not None:

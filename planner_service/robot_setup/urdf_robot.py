@@ -19,7 +19,7 @@ from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, usable_srdf
 from planner_service.robot.urdf_model import Urdf
-from planner_service.robot_setup.concave_links import links_worth_cutting, with_pieces
+from planner_service.robot_setup.concave_links import cut_where_hulls_block
 from planner_service.robot_setup.gripper_detection import find_gripper
 from planner_service.robot_setup.link_pair import columns_between
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
@@ -105,9 +105,9 @@ def described_robot(path: Path, urdf: Urdf, found: FoundSrdf, *, cut_meshes: boo
         logger.info(
             "%s: gripper of %s, %s; tool frame %s", path, ", ".join(hand.table.joints), hand.whence, hand.tool_frame
         )
-    links = links_worth_cutting(robot) if cut_meshes else ()
+    cut, links = cut_where_hulls_block(urdf, robot) if cut_meshes else (urdf, ())
     if links:
-        robot = robot_of(path, with_pieces(urdf, links), selection, srdf, table)
+        robot = robot_of(path, cut, selection, srdf, table)
         pieces = ", ".join(f"{link} ({sum(item.link == link for item in robot.shapes)})" for link in links)
         logger.info("%s: hulls touch what their meshes do not, so these are cut into convex pieces: %s", path, pieces)
     silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not joint.velocity]

@@ -9,7 +9,6 @@ import pytest
 
 from planner_service import Robot, Scene, load_robot
 from planner_service.collision import CollisionChecker
-from planner_service.robot_setup.concave_links import links_worth_cutting
 from planner_service.robot_setup.import_robot import Source, import_robot
 from tests.unit.geometry.test_decomposition import LETTER, write_obj
 
@@ -74,7 +73,6 @@ def test_an_imported_robot_says_which_links_are_cut(tmp_path: Path) -> None:
     imported = import_robot(Source(arm(tmp_path)), tmp_path / "out")
     assert "[decompose]" in imported.path.read_text()
     assert pieces(imported.robot) == 3
-    assert links_worth_cutting(imported.robot) == ()
 
 
 @pytest.fixture(autouse=True)
