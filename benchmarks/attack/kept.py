@@ -19,8 +19,7 @@ from planner_service.certify import Kept, KeptRefusal, prove_kept
 from planner_service.constraints import Constraint, JointRange, ToolRegion
 from planner_service.constraints.values import MIN_ANGLE, MIN_LENGTH
 from planner_service.geometry.arrays import FloatArray, vector
-from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import ConstraintSet, projector_of
 from tests.reference.projector import ReferenceProjector
 
 __all__ = ["constraints_of", "draw_constraints", "judge_constraints", "judge_projector"]

@@ -23,7 +23,7 @@ from planner_service.planning.task_result import Handling
 from planner_service.records import plan_file
 from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.records.recertify import recertify
-from planner_service.roadmap.validity import Terms
+from planner_service.roadmap.verdicts import Terms
 from planner_service.robot.inertia import Dynamics, Payload
 from planner_service.robot.model import Robot, joint_vector, robot_names
 from planner_service.robot_setup.loading import load_robot

@@ -1,16 +1,18 @@
 """Which pairs touch: the compiled kernel asks FCL where it has no proof; the judge asks it about every pair.
 
-Both have FCL's verdicts, and neither counts.
+Both have FCL's verdicts, and neither counts. How far apart near pairs are, the kernel says whichever of them judges.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service.collision.clearance import NOT_FINITE
 from planner_service.collision.edge_sampling import SampledEdge
@@ -32,8 +34,11 @@ __all__ = [
     "FirstHit",
     "NarrowPhase",
     "NativeBackend",
+    "NearPairs",
     "make_backend",
+    "measuring_kernel",
 ]
+
 
 BackendName = Literal["native", "fcl"]
 
@@ -233,3 +238,31 @@ def _compose(a: Sequence[float], b: Sequence[float]) -> tuple[FloatArray, FloatA
     )
     t = np.array([a0 * u + a1 * v + a2 * w + x, a3 * u + a4 * v + a5 * w + y, a6 * u + a7 * v + a8 * w + z])
     return R, t
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """Pairs that are near at some configurations Q (m, n), by row, k of them.
+
+    Attributes:
+        rows: Of Q, (k,).
+        pairs: Their numbers, (k,).
+        distances: Signed metres, (k,): of an overlap the least way out of it. The separation of both pieces along the
+            direction that was found: never above the true distance but for rounding, and below it by a few nanometres
+            where pieces are apart.
+        points: Where it is measured, on the first piece and on the second, world frame, (k, 2, 3).
+        gradients: Of the distances, metres per radian (or per metre of a prismatic joint), (k, n): the direction from
+            piece to piece times the difference of both points' Jacobians. Where nearest points are not unique the
+            distance has a kink, and this is the derivative to one side, or between both.
+    """
+
+    rows: NDArray[np.int64]
+    pairs: NDArray[np.int64]
+    distances: FloatArray
+    points: FloatArray
+    gradients: FloatArray
+
+
+def measuring_kernel(backend: CollisionBackend, robot: Robot, parts: Parts) -> _core.CollisionKernel:
+    """The compiled kernel, whichever backend judges."""
+    return backend.kernel if isinstance(backend, NativeBackend) else build_kernel(robot, parts)

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.collision.backends import BackendName, Collision, FirstHit, NativeBackend, make_backend
+from planner_service.collision.backends import (
+    BackendName,
+    Collision,
+    FirstHit,
+    NativeBackend,
+    NearPairs,
+    make_backend,
+    measuring_kernel,
+)
 from planner_service.collision.budget import CancelToken, CheckBudgetSpent, CheckCounts, Ledger, SearchStopped
 from planner_service.collision.clearance import Clearances
 from planner_service.collision.contact import Contact, EdgeHit, deepest, rounded_down
@@ -30,7 +38,6 @@ from planner_service.collision.edge_sampling import (
 )
 from planner_service.collision.native_kernel import FCL, build_kernel, configure_edges
 from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
-from planner_service.collision.proximity import NearPairs, measuring_kernel
 from planner_service.concurrency.polling import Prepared, asked
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, read_only

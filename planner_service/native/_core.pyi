@@ -295,7 +295,7 @@ def blend_widths(
     """The width of the blend at each corner as ``smoothing.blended`` finds it, 0 for a stop."""
 
 class Projector:
-    """Keeps configurations and edges on constraints (kinematics/projection.py).
+    """Keeps configurations and edges on constraints (kinematics/constraint_set.py).
 
     Args:
         table: ``Robot.body_table``.

@@ -4,8 +4,7 @@ The result need not be free: the collision checker and the certificate decide th
 """
 
 from planner_service.optimize.chomp import Chomp
-from planner_service.optimize.method import Method, MethodResult
-from planner_service.optimize.problem import Figures
+from planner_service.optimize.problem import Figures, Method, MethodResult
 from planner_service.optimize.qp_step import load_solver
 from planner_service.optimize.settings import FEW_CORNERS, MAX_CLEARANCE, METHODS, Optimise, Optimum
 from planner_service.optimize.trajopt import TrajOpt

@@ -22,8 +22,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Spher
 from planner_service.geometry.validation import number, whole
 from planner_service.optimize.curve import Samples, summed
 from planner_service.optimize.distance_field import DistanceField, field_of
-from planner_service.optimize.method import MethodResult
-from planner_service.optimize.problem import RAMP, CurveProblem
+from planner_service.optimize.problem import RAMP, CurveProblem, MethodResult
 from planner_service.robot.kinematic_tree import chain_to_base
 
 __all__ = ["Balls", "Chomp"]

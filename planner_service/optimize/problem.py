@@ -1,4 +1,4 @@
-"""The optimisation problem: a cost on points of a curve, and distances to keep as penalties.
+"""The optimisation problem, a cost on points of a curve and distances to keep as penalties; and what a method is.
 
     minimise  sum |q[k+1] - q[k]|^2  +  w sum |q[k+1] - 2 q[k] + q[k-1]|^2
 
@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from planner_service.collision import CollisionChecker
-from planner_service.collision.proximity import NearPairs
+from planner_service.collision.backends import NearPairs
 from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize.curve import Samples, evenly, sampled, squares, summed
 
-__all__ = ["CurveObjective", "CurveProblem", "Figures", "PairDistances"]
+__all__ = ["CurveObjective", "CurveProblem", "Figures", "Method", "MethodResult", "PairDistances"]
+
 
 SPARE = 1.05
 """Distance to keep at points, relative to the clearance, so that the clearance holds between two points too."""
@@ -175,3 +177,22 @@ class CurveProblem:
         length = math.fsum(np.sqrt(summed((steps * steps).T)).tolist())
         clearance = min([self.reach, *look.near.distances.tolist(), *(d for end in self._ends for d in end.values())])
         return Figures(self._cost(waypoints), length, squares(waypoints)[1], clearance, self.shortfall(look))
+
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """The corners (c, n) of the curve at which a method stopped, which need not be free, and its iterations."""
+
+    corners: FloatArray
+    iterations: int
+
+
+class Method(Protocol):
+    """Improves a curve; its fields are its settings. Equal problems have equal results."""
+
+    @property
+    def name(self) -> str:
+        """The name on the command line, in lower case."""
+
+    def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
+        """A curve of lower cost or with fewer pairs too near, or the same; the first and last ``held`` corners stay."""

@@ -16,8 +16,7 @@ from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import number, numbers, whole
 from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.curve import course_path, evenly
-from planner_service.optimize.method import Method
-from planner_service.optimize.problem import CurveObjective, CurveProblem, Figures
+from planner_service.optimize.problem import CurveObjective, CurveProblem, Figures, Method
 from planner_service.optimize.trajopt import TrajOpt
 from planner_service.path.joint_path import JointPath
 

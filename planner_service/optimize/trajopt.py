@@ -11,8 +11,7 @@ import numpy as np
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import whole
 from planner_service.optimize.curve import Samples
-from planner_service.optimize.method import MethodResult
-from planner_service.optimize.problem import CurveProblem, PairDistances
+from planner_service.optimize.problem import CurveProblem, MethodResult, PairDistances
 from planner_service.optimize.qp_step import Step, solved
 
 __all__ = ["TrajOpt"]

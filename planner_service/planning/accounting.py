@@ -25,8 +25,7 @@ from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints import Constraint
 from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
-from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set, projector_of
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Pace, PlanRequest

@@ -2,7 +2,6 @@
 
 from planner_service.roadmap.reference import RoadmapReference
 from planner_service.roadmap.roadmap import Built, Roadmap
-from planner_service.roadmap.validity import Terms
-from planner_service.roadmap.verdicts import Verdict
+from planner_service.roadmap.verdicts import Terms, Verdict
 
 __all__ = ["Built", "Roadmap", "RoadmapReference", "Terms", "Verdict"]

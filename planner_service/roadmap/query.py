@@ -3,25 +3,51 @@
 Lazy collision checking (Bohlin & Kavraki, ICRA 2000; Dellin & Srinivasa, ICAPS 2016): search, check the path, leave
 out what is blocked, search again. Most edges of a roadmap are never on such a path. In a roadmap that is already
 checked, the cost of a query is joining the start and the goals to it. So they may join anywhere along an edge known to
-be free, and the places to which the robot moves least come first. All of this is compiled: native/roadmap/query.cpp.
+be free, and the places to which the robot moves least come first, whatever the earlier queries. Places on the trunk are
+found by its trees, unless few of its edges are free; later additions are searched one by one. All of this is compiled:
+native/roadmap/query.cpp and places.cpp.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import Graph
-from planner_service.roadmap.nearest import places_of
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import SearchProblem, compiled
 
-__all__ = ["Carried", "Query"]
+if TYPE_CHECKING:
+    from planner_service.native import _core
+
+__all__ = ["Carried", "Query", "places_of"]
+
+
+MAX_FREE_SHARE = 0.25
+"""Share of free edges in the trunk up to which searching them one by one is faster than the tree of all edges."""
+
+
+def places_of(graph: Graph, milestones: BoolArray, edges: BoolArray) -> _core.Places:
+    """The places that may be used.
+
+    Args:
+        milestones: Which milestones may be used, (N,).
+        edges: Which edges may be used, (E,).
+    """
+    places: _core.Places = load_core().Places(graph.compiled, milestones, edges, _are_few(graph, edges))
+    return places
+
+
+def _are_few(graph: Graph, edges: BoolArray) -> bool:
+    """Whether few edges of the trunk are free."""
+    free = edges[: len(graph.trunk.edges)]
+    return bool(np.count_nonzero(free) <= MAX_FREE_SHARE * len(free))
+
 
 BLOCKED = int(Verdict.BLOCKED)
 

@@ -23,10 +23,8 @@ from planner_service.geometry.validation import copied_in, instance, items, numb
 from planner_service.native.loading import load_core
 from planner_service.provided import Provided
 from planner_service.roadmap.graph import Graph, checked_edges
-from planner_service.roadmap.nearest import places_of
-from planner_service.roadmap.query import Carried, Query
-from planner_service.roadmap.validity import Terms
-from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
+from planner_service.roadmap.query import Carried, Query, places_of
+from planner_service.roadmap.verdicts import Knowledge, Lesson, Terms, Verdict
 from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = ["Built", "Roadmap", "RoadmapSearchResult"]

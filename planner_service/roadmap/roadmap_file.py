@@ -27,8 +27,7 @@ from planner_service.geometry.point_files import arrays_of
 from planner_service.geometry.validation import in_file
 from planner_service.roadmap.graph import Graph
 from planner_service.roadmap.roadmap import Built, Roadmap
-from planner_service.roadmap.validity import Terms
-from planner_service.roadmap.verdicts import UNKNOWN_BLOCKER, Knowledge, Verdict
+from planner_service.roadmap.verdicts import UNKNOWN_BLOCKER, Knowledge, Terms, Verdict
 
 __all__ = ["OURS", "SUFFIX", "load_roadmap", "save_roadmap"]
 

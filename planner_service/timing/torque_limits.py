@@ -24,9 +24,8 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Peak, Trajectory
 from planner_service.robot.inertia import LinkInertia
 from planner_service.robot.model import Robot
-from planner_service.timing.inverse_dynamics import GRAVITY, InverseDynamics
 from planner_service.timing.profiles import TimingFailed
-from planner_service.timing.torque_bound import torque_curvature
+from planner_service.timing.torque_bound import GRAVITY, InverseDynamics, torque_curvature
 
 __all__ = ["BETWEEN", "EXCESS", "TorqueLimits", "TorqueSamples"]
 

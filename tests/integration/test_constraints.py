@@ -18,8 +18,7 @@ from planner_service import (
     load_robot,
 )
 from planner_service.constraints import KeepUpright
-from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import ConstraintSet, projector_of
 from planner_service.planning.result import Reason, Stage
 from planner_service.scene.loading import load_scene
 from tests.support.constraints import CASES, kept_configurations

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, ExemptInterval, pairs
-from planner_service.certify.box_tree import bundled
+from planner_service.certify.pairs import bundled
 from planner_service.collision import CollisionChecker, MotionStep
 from planner_service.collision import pairs as parts
 from planner_service.errors import InvalidRequest

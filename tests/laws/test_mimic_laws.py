@@ -18,8 +18,7 @@ from planner_service.collision import CollisionChecker, JointStep
 from planner_service.constraints.values import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
-from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import constraint_set, projector_of
 from planner_service.kinematics.tool_arm import descended
 from planner_service.path.joint_path import JointPath
 from planner_service.records.robot import RobotRecord

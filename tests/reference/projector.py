@@ -8,8 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from planner_service.geometry.arrays import joint_distance
-from planner_service.kinematics.constraint_set import ConstraintSet, Placed
-from planner_service.kinematics.projection import _bounds
+from planner_service.kinematics.constraint_set import ConstraintSet, Placed, _bounds
 
 __all__ = ["ReferenceProjector"]
 

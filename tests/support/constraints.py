@@ -15,8 +15,7 @@ from planner_service.constraints import (
     RelativePose,
     ToolRegion,
 )
-from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import ConstraintSet, projector_of
 from planner_service.native._core import Projector
 
 __all__ = ["CASES", "case", "kept_configurations"]

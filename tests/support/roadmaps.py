@@ -13,7 +13,7 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.native.loading import load_core
 from planner_service.roadmap import Verdict
 from planner_service.roadmap.graph import Graph, motion
-from planner_service.roadmap.nearest import places_of
+from planner_service.roadmap.query import places_of
 from tests.support.optional import present
 
 __all__ = ["Place", "cell", "checker_of", "lies", "nearest_places", "points_along"]

@@ -9,7 +9,7 @@ namespace constraints {
 
 namespace {
 
-// These are those of kinematics/projection.py.
+// These are those of kinematics/constraint_set.py.
 constexpr double KEPT = 0.8, AIM = 0.5, SAMPLE = 0.95, BOUND = 0.97, ROUNDING = 1e-9, FACING_AWAY = 1e-9, LEAST_PROGRESS = 0.1, MOST_DETOUR = 2.0;
 constexpr double DAMPING = 1e-6, LEAST_DAMPING = 1e-12, LONGEST_STEP = 0.3;
 constexpr int STEPS = 12;

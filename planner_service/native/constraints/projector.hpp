@@ -1,5 +1,5 @@
 // How far a configuration is from keeping constraints, the nearest one that keeps them, and whether an edge does:
-// kinematics/projection.py, with the same bits.
+// kinematics/constraint_set.py, with the same bits.
 #pragma once
 
 #include <array>

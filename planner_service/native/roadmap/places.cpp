@@ -13,7 +13,7 @@ namespace {
 using arrays::require;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-// Those of nearest.py: how many are looked at, and how near all that are found certainly are.
+// Those of query.py: how many are looked at, and how near all that are found certainly are.
 constexpr std::size_t most = 1024;
 constexpr double just_within = 1.0 - 1e-9;
 

@@ -1,4 +1,4 @@
-// The places nearest to a configuration, as roadmap/nearest.py says.
+// The places nearest to a configuration, as roadmap/query.py says.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace roadmap {
 
-// A configuration on a roadmap, as ``Place`` in nearest.py.
+// A configuration on a roadmap, as ``Place`` in query.py.
 struct Place {
     double far;
     std::int64_t edge, milestone;

@@ -1,4 +1,4 @@
-// Joint torques by the recursive Newton-Euler algorithm: what timing/inverse_dynamics.py says.
+// Joint torques by the recursive Newton-Euler algorithm: what timing/torque_bound.py says.
 #pragma once
 
 #include <cstddef>

@@ -21,8 +21,8 @@ from planner_service import (
     load_robot,
     load_scene,
 )
+from planner_service.collision.backends import NearPairs
 from planner_service.collision.budget import TimeBoxSpent
-from planner_service.collision.proximity import NearPairs
 from planner_service.geometry.arrays import FloatArray
 from tests.support.coal_shapes import coal_shape
 from tests.support.hull_arm import HELD, OBSTACLES, HullSetup, write_arm

@@ -12,8 +12,7 @@ import pytest
 from planner_service import InvalidRequest, Pose, Robot, UnknownName, load_robot
 from planner_service.constraints import JointRange, KeepUpright, OnPlane, RelativePose, ToolRegion
 from planner_service.geometry.arrays import FloatArray
-from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import ConstraintSet, projector_of
 from tests.reference.projector import ReferenceProjector
 from tests.support.constraints import CASES, case
 from tests.support.small_robots import SLIDER, built

@@ -13,8 +13,7 @@ from planner_service import BalancedRRTConnect, CollisionChecker, JointPath, Pos
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.constraints import InBox
 from planner_service.geometry.arrays import FloatArray
-from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.kinematics.projection import projector_of
+from planner_service.kinematics.constraint_set import ConstraintSet, projector_of
 from planner_service.native._core import Projector
 from planner_service.scene.loading import load_scene
 from planner_service.search.problem import ConstrainedOracle, SearchOracle, SearchProblem

@@ -19,9 +19,8 @@ from planner_service.robot.inertia import LinkInertia
 from planner_service.robot.model import Robot
 from planner_service.robot.package_files import example_urdf
 from planner_service.robot_setup.loading import load_robot
-from planner_service.timing.inverse_dynamics import InverseDynamics
 from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration
-from planner_service.timing.torque_bound import torque_curvature
+from planner_service.timing.torque_bound import InverseDynamics, torque_curvature
 from planner_service.timing.torque_limits import BETWEEN, EXCESS, TorqueLimits
 from tests.support.small_robots import joint, link, solid, urdf
 
