@@ -7,8 +7,6 @@ called colliding, is blocked by hulls or pieces alone; one that it sees touch, a
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -19,11 +17,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.environment import ROOT
+from benchmarks.harness.fresh_process import told_by
 from benchmarks.harness.report import Promise, Report, Row, table, table_of
 from benchmarks.worlds.foreign import MESHED, ForeignRobot
 from planner_service.errors import InvalidRequest
-from planner_service.files.disk_cache import CACHE_VARIABLE
 
 __all__ = ["run"]
 
@@ -54,19 +51,10 @@ def _row(one: ForeignRobot, states: int, seed: int) -> Row:
     except InvalidRequest as error:
         return row | {"error": str(error).splitlines()[0]}
     with TemporaryDirectory() as caches:
-        surroundings = {**os.environ, CACHE_VARIABLE: caches, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
         for part in ("first", "again", "judged"):
-            command = [sys.executable, "-m", "benchmarks.studies.meshes", part, source, str(states), str(seed)]
-            try:
-                done = subprocess.run(
-                    command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=False, timeout=AT_MOST
-                )
-            except subprocess.TimeoutExpired:
-                return row | {"error": f"{part}: not done in {AT_MOST:g} s"}
-            lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-            if not lines:
-                return row | {"error": (done.stderr.strip().splitlines() or ["no word"])[-1][:300]}
-            row |= json.loads(lines[-1])
+            row |= told_by("benchmarks.studies.meshes", part, source, states, seed, seconds=AT_MOST, caches=caches)
+            if "error" in row:
+                return row | {"error": f"{part}: {row['error']}"}
     return row
 
 

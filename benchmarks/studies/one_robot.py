@@ -56,8 +56,8 @@ def main(source: str, queries: int, states: int, seed: int) -> None:
         first = service.plan(PlanRequest(robot.home, _end(service, chance), seed=seed))
         if first.ok:
             break
-    told: dict[str, Any] = {"joints": robot.n, "shapes": len(robot.shapes), "load_s": loaded - began}
-    told |= {"first_s": time.monotonic() - began, "first": str(first.failure or "proven")}
+    told: dict[str, Any] = {"joints": robot.n, "shapes": len(robot.shapes), "tool": robot.tool_frame}
+    told |= {"load_s": loaded - began, "first_s": time.monotonic() - began, "first": str(first.failure or "proven")}
     service = PlannerService(robot, _scene(robot, chance))
     requests = list(_requests(service, chance, queries))
     results = [service.plan(request) for request in requests]

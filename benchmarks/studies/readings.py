@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.environment import ROOT
+from benchmarks.harness.fresh_process import told_by
 from benchmarks.harness.report import Promise, Report, Row, table, table_of
 from benchmarks.worlds.foreign import READINGS, ForeignRobot
 from planner_service.errors import InvalidRequest
@@ -57,16 +56,7 @@ def _row(one: ForeignRobot, configurations: int, seed: int) -> Row:
         source = one.source()
     except InvalidRequest as error:
         return row | {"missing": str(error).splitlines()[0]}
-    command = [sys.executable, "-m", "benchmarks.studies.readings", source, str(configurations), str(seed)]
-    try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=SECONDS)
-    except subprocess.TimeoutExpired:
-        return row | {"error": f"not done in {SECONDS:g} s"}
-    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    if not lines:
-        return row | {"error": (done.stderr.strip().splitlines() or ["no word"])[-1][:200]}
-    told: Row = json.loads(lines[-1])
-    return row | told
+    return row | told_by("benchmarks.studies.readings", source, configurations, seed, seconds=SECONDS)
 
 
 def _tables(rows: Sequence[Row]) -> Iterator[Table]:

@@ -6,21 +6,16 @@ configurations and the plans.
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from tempfile import TemporaryDirectory
 
 from rich.table import Table
 
-from benchmarks.harness.environment import ROOT
+from benchmarks.harness.fresh_process import told_by
 from benchmarks.harness.report import Promise, Report, Row, merged, p50, spread, table, table_of
 from benchmarks.studies import meshes, readings
 from benchmarks.worlds.foreign import ROBOTS, ForeignRobot
 from planner_service.errors import InvalidRequest
-from planner_service.files.disk_cache import CACHE_VARIABLE
 
 __all__ = ["PARTS", "run"]
 
@@ -64,23 +59,13 @@ def _rows(chosen: Sequence[ForeignRobot], queries: int, states: int, seed: int) 
 def _met(one: ForeignRobot, queries: int, states: int, seed: int) -> Row:
     """What a fresh process with empty caches tells."""
     try:
-        arguments = [one.source(), *map(str, (queries, states, seed))]
+        source = one.source()
     except InvalidRequest as error:
         return {"error": str(error).splitlines()[0]}
     with TemporaryDirectory() as caches:
-        surroundings = {**os.environ, CACHE_VARIABLE: caches, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-        command = [sys.executable, "-m", "benchmarks.studies.one_robot", *arguments]
-        try:
-            done = subprocess.run(
-                command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=False, timeout=AT_MOST
-            )
-        except subprocess.TimeoutExpired:
-            return {"error": f"not done in {AT_MOST:g} s"}
-    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    row: Row = json.loads(lines[-1]) if lines else {}
-    if done.returncode != 0:
-        row["error"] = (done.stderr.strip().splitlines() or ["no word"])[-1][:300]
-    return row
+        return told_by(
+            "benchmarks.studies.one_robot", source, queries, states, seed, seconds=AT_MOST, caches=caches
+        ) | {"right tools": one.tools}
 
 
 def _tables(rows: Sequence[Row]) -> Iterator[Table]:
@@ -89,6 +74,7 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
             "robot": row["robot"],
             "joints": row["joints"],
             "shapes": row["shapes"],
+            "tool": row["tool"] + ("" if _tool_is_right(row) else " (wrong)"),
             "load s": f"{row['load_s']:.1f}",
             "first plan s": f"{row['first_s']:.1f}",
             "solved": row["solved"],
@@ -99,7 +85,6 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
             "states": row.get("states", "-"),
             "differ": row.get("differ", "-"),
             "plans judged": row.get("judged plans", "-"),
-            "step mm": f"{row['curve step'] * 1e3:.0f}" if "curve step" in row else "-",
             "touch": len(row["touched"]) if "touched" in row else "-",
         }
         for row in rows
@@ -119,6 +104,10 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
         yield table("What went wrong", ("robot", "what"), told)
 
 
+def _tool_is_right(row: Row) -> bool:
+    return not row["right tools"] or row["tool"] in row["right tools"]
+
+
 def _left(row: Row) -> Iterator[str]:
     yield from row.get("given up", ())
     yield from row.get("touched", ())
@@ -134,6 +123,8 @@ def _promises(rows: Sequence[Row]) -> Iterator[Promise]:
     met = [row for row in rows if "first_s" in row and row["first"] == "proven"]
     failed = [row["robot"] for row in rows if row not in met or "error" in row]
     yield Promise("every robot gives a proven plan and is judged", ", ".join(failed) or f"{len(met)}", not failed)
+    wrong = [row["robot"] for row in met if not _tool_is_right(row)]
+    yield Promise("the tool frame is the one that the file means", ", ".join(wrong) or "all", not wrong)
     seconds = [row["first_s"] for row in met] or [1e9]
     measured = f"p50 {p50(seconds):.1f} s, at most {max(seconds):.1f} s"
     kept = p50(seconds) <= USUAL and max(seconds) <= LONGEST

