@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 
 from planner_service.errors import InvalidFile, InvalidRequest
 
-__all__ = ["as_path", "read_bytes"]
+__all__ = ["as_path", "read_bytes", "tell_notes"]
+
+logger = logging.getLogger(__name__)
+
+TOLD = 20
+"""Notes on one file that are logged."""
 
 
 def as_path(field: str, value: object) -> Path:
@@ -46,3 +53,10 @@ def read_bytes(path: Path, most: int) -> bytes:
     if len(data) > most:
         raise InvalidFile(path, [f"too large: more than {most:,} bytes"])
     return data
+
+
+def tell_notes(path: Path, notes: Sequence[str]) -> None:
+    """Log what was not understood of a file, or is not used, as warnings."""
+    more = [f"and {len(notes) - TOLD} more; robot check shows them all"] if len(notes) > TOLD else []
+    for note in (*notes[:TOLD], *more):
+        logger.warning("%s: %s", path, note)

@@ -26,7 +26,7 @@ from planner_service.geometry.point_files import MAX_POINTS, Scan, read_array, r
 from planner_service.geometry.shapes import Box, Pose, Shape
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, items, number, numbers, points_of, vectors
 
-__all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Solid"]
+__all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Solid", "extent"]
 
 
 MAX_PIECES = 50_000
@@ -388,6 +388,12 @@ Composite = Compound | PointCloud | HeightField
 
 Solid = Shape | Composite
 """Any shape of an obstacle or an attached object."""
+
+
+def extent(solid: Solid) -> FloatArray:
+    """Sizes along x, y and z, in metres, of a solid in its own frame, (3,)."""
+    axes = np.eye(3)
+    return np.diagonal(solid.support(axes) - solid.support(-axes)).copy()
 
 
 def _checked_cell(field_name: str, value: object) -> float:

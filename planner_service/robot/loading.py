@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.files.reading import tell_notes
 from planner_service.geometry.arrays import FloatArray, product
-from planner_service.geometry.composite import Solid
+from planner_service.geometry.composite import extent
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
@@ -38,14 +39,12 @@ from planner_service.robot.urdf_reader import read_urdf
 __all__ = [
     "LARGE",
     "Selection",
-    "extent",
     "is_mjcf",
     "read_description",
     "robot_from_file",
     "robot_from_urdf",
     "robot_of",
     "standing_joints",
-    "tell_notes",
     "unit_notes",
     "without_passive",
 ]
@@ -57,8 +56,6 @@ MJCF_SUFFIXES = (".xml", ".mjcf")
 LARGE = 5.0
 """Metres: no link of an arm is larger."""
 
-TOLD = 20
-"""Notes of a file that are logged one by one."""
 
 logger = logging.getLogger(__name__)
 
@@ -273,19 +270,6 @@ def unit_notes(urdf: Urdf) -> list[str]:
                 notes.append(f"link {link.name!r}: {what}; if that is millimetres, write {right}")
                 break
     return notes
-
-
-def extent(shape: Solid) -> FloatArray:
-    """Sizes along x, y and z, in metres, of a shape in its own frame, (3,)."""
-    axes = np.eye(3)
-    return np.diagonal(shape.support(axes) - shape.support(-axes)).copy()
-
-
-def tell_notes(path: Path, notes: Sequence[str]) -> None:
-    """Log what was not understood of a file, or is not used, as warnings."""
-    more = [f"and {len(notes) - TOLD} more; robot check shows them all"] if len(notes) > TOLD else []
-    for note in (*notes[:TOLD], *more):
-        logger.warning("%s: %s", path, note)
 
 
 def robot_of(

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from planner_service.geometry.arrays import FloatArray, quartered
+from planner_service.geometry.composite import extent as extent_of_shape
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.robot.kinematic_tree import LinkShape
-from planner_service.robot.loading import extent as extent_of_shape
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.visuals import Visual
 

@@ -11,10 +11,10 @@ import numpy as np
 from planner_service.certify.certifier import MARGIN
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile
-from planner_service.files.reading import read_bytes
+from planner_service.files.reading import read_bytes, tell_notes
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.loading import HOME, Selection, read_description, robot_of, tell_notes, unit_notes
+from planner_service.robot.loading import HOME, Selection, read_description, robot_of, unit_notes
 from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, usable_srdf

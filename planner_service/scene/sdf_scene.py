@@ -19,14 +19,13 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.numerals import plain_floats
-from planner_service.files.reading import as_path
+from planner_service.files.reading import as_path, tell_notes
 from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.around import Plane, around_cone, around_ellipsoid
 from planner_service.geometry.composite import Compound, Solid
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.robot.elements.table import unlisted_words, words_of
-from planner_service.robot.loading import tell_notes
 from planner_service.scene.obstacle_list import ObstacleList
 from planner_service.scene.scene import Scene
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from planner_service.errors import InvalidFile
-from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud, Solid
+from planner_service.files.reading import tell_notes
+from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud, Solid, extent
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MESH_SUFFIXES, has_faces
 from planner_service.geometry.point_files import TREES
 from planner_service.geometry.shapes import Pose
-from planner_service.robot.loading import extent, tell_notes
 from planner_service.scene.scene import Obstacle, Scene
 
 __all__ = ["read_solid_scene"]

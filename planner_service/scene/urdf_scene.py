@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 
-from planner_service.files.reading import as_path
+from planner_service.files.reading import as_path, tell_notes
 from planner_service.geometry.shapes import Pose
-from planner_service.robot.loading import tell_notes
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.scene.obstacle_list import ObstacleList
