@@ -44,7 +44,6 @@ KINKS, SLACK, MOST_CLIMBS = 400, 1e-6, 60
 class Attack(Part):
     name = "curves"
     what = "what a proof claims, and the least gap and the largest deviations that a search over the curve finds"
-    lists = ("obstacles", "waypoints", "shapes", "constraints")
 
     def draw(self, rng: np.random.Generator) -> Case:
         return draw_world(rng, 5) | {"seed": int(rng.integers(2**31))}

@@ -174,7 +174,6 @@ TEXTS = frozenset(
 class Attack(Part):
     name = "files"
     what = "files of 28 kinds, bytes, words, lines and structure mutated"
-    lists = ("data",)
 
     @cached_property
     def _stock(self) -> _Stock:

@@ -1,4 +1,4 @@
-"""What every attack is made of: inputs that can be drawn, run and made smaller, and how an outcome is judged.
+"""What every attack is made of: inputs that can be drawn and run, and how an outcome is judged.
 
 An input is a dictionary of plain JSON values, so whatever fails can be stored as it is, and run again.
 """
@@ -8,14 +8,12 @@ from __future__ import annotations
 import abc
 import base64
 import binascii
-import copy
 import json
 import resource
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -59,7 +57,6 @@ class Finding:
     number: int
     case: Case
     seen: int = 1
-    minimised: bool = False
 
     def text(self) -> str:
         """As it is stored."""
@@ -75,13 +72,11 @@ class Part(abc.ABC):
     """One attack. Everything that it needs is made in the worker, after it has lost its rights.
 
     Attributes:
-        lists: Keys of a case under which there are lists, or packed bytes, that minimising may take from.
         limit: Seconds after which an input hangs.
     """
 
     name: ClassVar[str]
     what: ClassVar[str]
-    lists: ClassVar[tuple[str, ...]] = ()
     limit: ClassVar[float] = 10.0
 
     def __init__(self) -> None:
@@ -99,41 +94,6 @@ class Part(abc.ABC):
     def extreme(self, what: str, value: float) -> None:
         """Keep the least of something that is measured, or the most if that is how ``what`` begins."""
         self.extremes[what] = further(what, value, self.extremes.get(what))
-
-    def smaller(self, case: Case) -> Iterator[Case]:
-        """Inputs with less in them, the least first."""
-        for path, content in list(_walk(case, self.lists)):
-            size = len(content)
-            step = size
-            while step:
-                for at in range(0, size, step):
-                    less = content[:at] + content[at + step :]
-                    if len(less) < size:
-                        yield _with(case, path, less)
-                step //= 2
-
-
-def _walk(value: Any, keys: tuple[str, ...], path: tuple[Any, ...] = (), *, own: bool = False) -> Iterator[Any]:
-    """Lists and packed bytes under some keys, and where they are."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _walk(inner, keys, (*path, key), own=key in keys)
-    elif own and isinstance(value, str):
-        yield path, unpacked(value)
-    elif isinstance(value, list):
-        if own and value:
-            yield path, value
-        for k, inner in enumerate(value[:200]):
-            yield from _walk(inner, keys, (*path, k))
-
-
-def _with(case: Case, path: tuple[Any, ...], content: Any) -> Case:
-    out = copy.deepcopy(case)
-    place: Any = out
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = packed(content) if isinstance(content, bytes) else content
-    return out
 
 
 def packed(data: bytes) -> str:

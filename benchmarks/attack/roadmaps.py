@@ -25,7 +25,6 @@ EDGES = 250
 class Attack(Part):
     name = "roadmaps"
     what = "histories of obstacles that come, move, go and are renamed, with plans, updates, saves and loads between"
-    lists = ("history", "obstacles")
 
     def draw(self, rng: np.random.Generator) -> Case:
         reach = float(rng.uniform(0.3, 0.8))

@@ -1,4 +1,4 @@
-"""``python -m benchmarks attack``: run the attacks, make what they find small, store it, and tell."""
+"""``python -m benchmarks attack``: run the attacks, store what they find, and tell."""
 
 from __future__ import annotations
 
@@ -28,9 +28,6 @@ PARTS = {"api": 15, "files": 40, "curves": 15, "states": 20, "roadmaps": 10, "th
 """The attacks, and how a run of all of them shares its time."""
 
 KINDS = ("crash", "hang", "untyped", "invariant", "wrong", "memory", "leftover")
-
-LESS = 0.2
-"""Of the time of a part, at most, goes into making findings smaller."""
 
 USAGE = """\
 attack [PART...]            run all attacks, or some, sharing the time; the exit code is 1 if anything was found
@@ -98,36 +95,7 @@ def run_part(name: str, seed: int, seconds: float, most: int) -> tuple[Summary, 
             note("leftover", "a process is left", f"process {pid}", -1, {})
         for file in jail.leftovers():
             note("leftover", "a half-written file is left", file, -1, {})
-    until = time.perf_counter() + max(5.0, LESS * seconds)
-    for signature, finding in list(found.items()):
-        left = until - time.perf_counter()
-        if finding.number >= 0 and left > 0.0:
-            found[signature] = minimised(finding, max(1.0, 2.0 * left / len(found)))
     return summary, list(found.values())
-
-
-def minimised(finding: Finding, seconds: float) -> Finding:
-    """The finding with the smallest input found, in so many seconds, that does the same."""
-    until = time.perf_counter() + seconds
-    make = maker(finding.part)
-    with Jail(make, seconds=seconds) as jail:
-        case: dict[str, Any] = finding.case
-        outcome, drawn = jail.ask(case or (finding.seed, finding.number))
-        case = case or drawn
-        if outcome.signature != finding.signature:  # it needs what came before it
-            return replace(finding, case=case, detail=f"{finding.detail} (not when run alone)")
-        part, found = make(), True
-        while found:
-            found = False
-            for less in part.smaller(case):
-                if time.perf_counter() > until:
-                    break
-                outcome, _ = jail.ask(less)
-                if outcome.signature == finding.signature:
-                    case, found = less, True
-                    finding = replace(finding, detail=outcome.detail)
-                    break
-    return replace(finding, case=case, minimised=True)
 
 
 def replayed(finding: Finding) -> tuple[str, str]:

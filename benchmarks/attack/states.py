@@ -22,7 +22,6 @@ EACH = 250
 class Attack(Part):
     name = "states"
     what = "verdicts on random and near-contact states of random robots, alone and in a batch, next to Coal's"
-    lists = ("obstacles", "Q", "shapes")
 
     def draw(self, rng: np.random.Generator) -> Case:
         return draw_world(rng) | {"seed": int(rng.integers(2**31))}

@@ -59,7 +59,6 @@ class Attack(Part):
     name = "threads"
     what = "plans, checks, limits and cancels of one service in several threads, compared with each alone"
     limit = 20.0
-    lists = ("work",)
 
     def __init__(self) -> None:
         super().__init__()

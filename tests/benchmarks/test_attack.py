@@ -1,4 +1,4 @@
-"""The attack campaign finds what is wrong, makes it small and runs it again; what it once found stays mended."""
+"""The attack campaign finds what is wrong and runs it again; what it once found stays mended."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ class Broken(Part):
 
     name = "api"
     what = "nothing"
-    lists = ("items",)
     limit = 0.3
 
     def draw(self, rng: np.random.Generator) -> Case:
@@ -57,15 +56,11 @@ def of(bad: str) -> Callable[[], Part]:
 
 
 @pytest.mark.parametrize("bad", ["untyped", "crash", "sleep"])
-def test_whatever_harm_an_input_does_is_found_made_small_and_done_again(
-    bad: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_harm_an_input_does_is_found_and_done_again(bad: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(running, "maker", lambda name: of(bad))
-    monkeypatch.setattr(running, "LESS", 4.0)  # a busy machine takes longer to make a finding small
     kind = {"sleep": "hang"}.get(bad, bad)
     summary, (finding, *others) = run_part("api", 3, 5.0, 3)
-    assert (finding.kind, others, finding.minimised) == (kind, [], True)
-    assert finding.case == {"items": [bad]}
+    assert (finding.kind, others) == (kind, [])
     assert summary.found[kind] >= 1
     assert summary.inputs >= 1
     assert replayed(finding)[0] == kind
@@ -103,7 +98,7 @@ def test_findings_are_stored_and_replayed_by_the_command(
     arguments = ["api", "--minutes", "0.05", "--inputs", "3", "--out", str(tmp_path)]
     assert main(arguments, Console(width=200)) == 1
     file = tmp_path / "finding-api-0.json"
-    assert read_finding(file).case == {"items": ["untyped"]}
+    assert "untyped" in read_finding(file).case["items"]
     assert main(["replay", str(file)], Console(width=200)) == 1
     assert main(["table", str(tmp_path)], Console(width=200)) == 0
     assert "api" in capsys.readouterr().out
