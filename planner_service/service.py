@@ -40,6 +40,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
+from planner_service.planning.hull_contacts import only_for_hulls
 from planner_service.planning.pipeline import plan, require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in, torque_limits
 from planner_service.planning.result import Origin, PlanResult, Reason
@@ -243,8 +244,10 @@ class PlannerService:
             )
             no_path = found if isinstance(found, NoPath) else None
             way = self._along(found, request, cancel) if isinstance(found, OpenWay) else None
-        if no_path is not None and not failure.proven:
-            failure = replace(failure, proven=True)
+        if no_path is not None and failure.reason is not Reason.NO_PATH:
+            hulls = only_for_hulls(self.robot, self.scene, no_path.pairs)
+            detail = f"{failure.detail}; {no_path}; {hulls}" if hulls else failure.detail
+            failure = replace(failure, detail=detail, proven=not hulls)
             result = replace(result, failure=failure)
         if failure.reason in (*SEARCHED, Reason.NO_PATH) and grown is not None:
             ends = [np.asarray(goal) for goal in goals]

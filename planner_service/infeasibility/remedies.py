@@ -161,7 +161,7 @@ class Explanation:
     @property
     def proven(self) -> bool:
         """Whether it is certain that no plan exists."""
-        return self.no_path is not None or (self.result.failure is not None and self.result.failure.proven)
+        return self.result.failure is not None and self.result.failure.proven
 
     def __str__(self) -> str:
         if self.result.failure is None:

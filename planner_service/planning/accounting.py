@@ -349,11 +349,11 @@ class PlanAccounting:
             + (f", {self._search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
         )
 
-    def impossible(self, proof: NoPath) -> NoPlan:
-        """That it is proven that no path exists."""
-        return NoPlan(
-            Failure(Stage.NO_PATH, Reason.NO_PATH, str(proof), blocked_by=self._blocked, proven=True), no_path=proof
-        )
+    def impossible(self, proof: NoPath, hulls: str) -> NoPlan:
+        """That it is proven that no path exists; ``hulls`` says if only for hulls of meshes, and what to do then."""
+        detail = f"{proof}{hulls and '; '}{hulls}"
+        failure = Failure(Stage.NO_PATH, Reason.NO_PATH, detail, blocked_by=self._blocked, proven=not hulls)
+        return NoPlan(failure, no_path=proof)
 
     def _unknown(self, reason: Reason, what: str) -> Failure:
         """A failure that proves nothing, with what the search kept running into."""

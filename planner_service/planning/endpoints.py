@@ -23,6 +23,7 @@ from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
+from planner_service.planning.hull_contacts import filled_hulls, how_to_cut, touching_by_hulls
 from planner_service.planning.request import PlanRequest, clamp_note
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.presentation.measures import outside_text
@@ -401,16 +402,21 @@ def _padding_at(context: PlanContext, q: FloatArray, name: str) -> float:
 
 
 def _in_collision(context: PlanContext, name: str, q: FloatArray) -> Failure:
-    robot, contacts = context.checker.robot, tuple[Contact, ...]()
+    robot, contacts, by_hulls = context.checker.robot, tuple[Contact, ...](), tuple[tuple[str, str], ...]()
     with suppress(CheckBudgetSpent, TimeBoxSpent):  # that it collides is known all the same
         contacts = context.checker.contacts(q)
+        by_hulls = touching_by_hulls(context.checker, q, contacts)
     what = ", ".join(str(contact) for contact in contacts[:3]) or "the limits leave no check to say with what"
     detail = f"{name} in collision: {what}"
     for retreat in robot.retreats:
         if _farthest(q, robot.pose(retreat.pose)) <= NEAR_POSE:
             detail += f"; the pose {retreat.pose!r} itself has a way out, to within {SAME_POSE:g} of it"
+    if by_hulls:
+        hulls = filled_hulls(robot, context.checker.scene, by_hulls)
+        detail += f"; only the hulls of {', '.join(f'{a} and {b}' for a, b in by_hulls[:3])} touch"
+        detail += f": {how_to_cut(robot, hulls)}"
     reason = Reason.START_IN_COLLISION if name == "start" else Reason.GOAL_IN_COLLISION
-    return Failure(Stage.ENDPOINTS, reason, detail, contacts, proven=True)
+    return Failure(Stage.ENDPOINTS, reason, detail, contacts, proven=len(by_hulls) < max(1, len(contacts)))
 
 
 def _explained(

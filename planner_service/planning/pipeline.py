@@ -31,6 +31,7 @@ from planner_service.planning.accounting import (
     unproven,
 )
 from planner_service.planning.endpoints import Ends, find_ends, padded_ends, require_ends
+from planner_service.planning.hull_contacts import only_for_hulls
 from planner_service.planning.kept_padding import line_keeps_padding, padding_kept
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
 from planner_service.planning.request import PlanRequest, kept_in, torques_of
@@ -311,7 +312,7 @@ def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
         )
         entry.note = "proven" if isinstance(proof, NoPath) else f"not proven in {boxes:,} boxes"
     if isinstance(proof, NoPath):
-        raise accounting.impossible(proof)
+        raise accounting.impossible(proof, only_for_hulls(checker.robot, checker.scene, proof.pairs))
     accounting.tried_in_vain = f" (no proof that there is none in {boxes:,} boxes)"
 
 
