@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -30,17 +32,6 @@ def nothing_around(task: Document) -> None:
     scenes(task)[0]["scene"]["obstacles"] = []
 
 
-def another_at_the_start(task: Document) -> None:
-    task["segments"][0]["scene"] = {"obstacles": [], "attached": []}
-
-
-def one_more(task: Document) -> None:
-    at = {"position": [9.0, 0.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
-    scenes(task)[0]["scene"]["obstacles"].append(
-        {"name": "new", "shape": {"kind": "sphere", "radius": 0.1}, "pose": at}
-    )
-
-
 def left_elsewhere(task: Document) -> None:
     (left,) = [it for it in scenes(task)[-1]["scene"]["obstacles"] if isinstance(it, dict)]
     left["pose"]["position"][0] += 0.001
@@ -50,12 +41,6 @@ def held_elsewhere(task: Document) -> None:
     for segment in scenes(task):
         for held in segment["scene"]["attached"]:
             held["pose"]["position"][2] += 30.0
-
-
-def held_smaller(task: Document) -> None:
-    for segment in scenes(task):
-        for held in segment["scene"]["attached"]:
-            held["shape"]["size"] = [0.001, 0.001, 0.001]
 
 
 def held_against_all(task: Document) -> None:
@@ -82,11 +67,8 @@ def elsewhere_between(task: Document) -> None:
     ("change", "why"),
     [
         (nothing_around, "other obstacles than follow"),
-        (another_at_the_start, "other obstacles than follow"),
-        (one_more, "other obstacles than follow"),
         (left_elsewhere, "other obstacles than follow"),
         (held_elsewhere, "holds blue_block, which does not stand there like that"),
-        (held_smaller, "holds blue_block, which does not stand there like that"),
         (held_against_all, "more than fingers may touch blue_block"),
         (never_taken, "is not judged|evidence is for another|claims something else"),
         (taken_open, "taken by a gripper that does not close"),
@@ -110,14 +92,10 @@ def test_names_write_no_lines_of_their_own(
     assert line.startswith("INVALID: motion:")
 
 
-@pytest.mark.parametrize(
-    "place", [("result", "ok"), ("result", "certificate", "certified"), ("result", "path", "length")]
-)
+@pytest.mark.parametrize("place", [("result", "certificate", "certified"), ("result", "path", "length")])
 def test_what_says_that_it_is_no_plan_is_none(plan: Document, place: tuple[str, ...]) -> None:
     *above, key = place
-    holder = plan
-    for each in above:
-        holder = holder[each]
+    holder = reduce(getitem, above, plan)
     holder[key] = False if isinstance(holder[key], bool) else holder[key] + 0.05
     with pytest.raises(Invalid):
         list(judged(plan))
@@ -144,7 +122,7 @@ def test_a_robot_that_nothing_can_touch_needs_no_trail() -> None:
         list(judged(document))
 
 
-@pytest.mark.parametrize("kind", ["vacuum", "revolute", "magnetic"])
+@pytest.mark.parametrize("kind", ["vacuum", "revolute"])
 def test_fingers_that_slide_are_those_of_a_parallel_gripper(
     plan: Document, resealed: Callable[[Document], Document], kind: str
 ) -> None:

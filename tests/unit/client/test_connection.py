@@ -140,11 +140,9 @@ def test_a_server_without_room_or_gone_behind_a_proxy_is_asked_again(script: Scr
     ):
         script.answers = [refusal, ANSWER]
         assert connection(script).work("plans", {}).job == "7"
-
-
-def test_patience_ends(script: Script) -> None:
+    script.asked.clear()
     script.answers = [(429, {**PROBLEM, "Retry-After": "30"}, problem("queue-full"))]
-    with pytest.raises(ServerUnavailable, match="so it is"):
+    with pytest.raises(ServerUnavailable, match="so it is"):  # patience ends
         connection(script, patience=0.1).work("plans", {})
     assert len(script.asked) == 1  # it is told to come back later than that
 

@@ -44,9 +44,7 @@ def said(given: str) -> str:
     "text",
     [
         ".".join("a" * PARTS) + " = 1",
-        " . ".join(['"a,"'] * PARTS) + " = 1",
         ".".join(["'='"] * PARTS) + " = 1",
-        "[" + ".".join("a" * PARTS) + "]",
         "x = {" + ".".join("a" * PARTS) + " = 1}",
     ],
 )
@@ -56,22 +54,14 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path: Path, text: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("text", ['x = "' + "a" * 4_900_000 + '"', "x = " + '"a\\' * 1_600_000, "'a" * 2_400_000])
-def test_long_texts_are_read_in_a_time_that_grows_with_their_length(tmp_path: Path, text: str) -> None:
-    (tmp_path / "scene.toml").write_text(text + "\n")
+def test_long_texts_are_read_in_a_time_that_grows_with_their_length(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text("x = " + '"a\\' * 1_600_000 + "\n")
     assert "problem" in said(str(tmp_path / "scene.toml"))
 
 
 @pytest.mark.slow
-def test_dots_in_texts_and_numbers_are_no_key(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text('description = "a.b.c.d.e.f. 1.2.3.4.5"  # it\'s a.b c.d.\n')
-    assert said(str(tmp_path / "scene.toml")).startswith("unnamed scene: a.b.c.d.e.f. 1.2.3.4.5")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [30_000, 120_000])
-def test_a_hull_of_too_many_corners_is_refused_before_anything_is_worked_out_for_it(count: int) -> None:
-    assert f"a hull of {count:,} corners" in said(str(count))
+def test_a_hull_of_too_many_corners_is_refused_before_anything_is_worked_out_for_it() -> None:
+    assert "a hull of 120,000 corners" in said("120000")
 
 
 N = 20_000
@@ -92,8 +82,6 @@ def lists() -> bytes:
 CASES: dict[str, str | Callable[[], bytes]] = {
     "a.urdf": f'<robot name="r"><link name="{"L" * 200_000}">{"<collision/>" * N}</link></robot>',
     "a.srdf": f'<robot name="r"><group_state name="{"L" * 200_000}" group="g">{"<joint/>" * N}</group_state></robot>',
-    "prefix.urdf": f'<robot xmlns:p="{"x" * 200_000}">' + "".join(f"<p:b{k}/>" for k in range(N)) + "</robot>",
-    "dotted/robot.toml": ".".join("a" * 20_000) + " = 1",
     "poses/robot.toml": "[poses]\n" + "".join(f"p{k}=[1]\n" for k in range(N)) + '[[retreat]]\npose="x"\n' * 10_000,
     "parts.toml": '[[obstacle]]\nname="a"\nposition=[0,0,0]\ncompound=[' + "{a=1}," * 80_000 + "]\n",
     "head.npz": lists,

@@ -27,7 +27,3 @@ def test_a_value_outside_a_range_is_outside_as_written() -> None:
         both = re.fullmatch(rf"\[{NUMBER}, {NUMBER}\]", range_text(low, high, value))
         assert both is not None
         assert outside(repr(value), *both.groups())
-
-
-def test_no_more_digits_than_a_message_needs() -> None:
-    assert outside_text(4.0, -math.pi, math.pi) == "4 is outside [-3.1416, 3.1416]"

@@ -171,6 +171,7 @@ def changed(document: Document, path: tuple[Any, ...], value: Any) -> Document:
     return dict(copy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", DOCUMENTS, ids=["plan", "failure", "task"])
 def test_each_entry_of_a_file_that_is_changed_is_refused_by_name_or_kept(plan: SavedPlan | SavedTask) -> None:
     reader, document = PlanReader(IN_WORDS), json.loads(plan.file_text())

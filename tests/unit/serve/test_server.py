@@ -177,15 +177,6 @@ def test_the_same_key_gets_the_same_answer_and_another_request_a_problem(server:
     assert other.json()["type"].endswith(":key-reused")
 
 
-def test_the_same_key_gets_its_answer_also_when_what_it_names_is_gone(server: Server) -> None:
-    server.client.put("/scenes/short", json={"obstacles": []})
-    body = {**PLAN, "scene": "short"}
-    first = server.post("plans", body, Idempotency_Key="short")
-    server.client.delete("/scenes/short")
-    assert server.post("plans", body).status_code == 422
-    assert server.post("plans", body, Idempotency_Key="short").content == first.content
-
-
 def test_stages_are_told_in_their_order_also_to_those_who_come_late(server: Server) -> None:
     job = server.begun("plans", PLAN)
     events = server.events(job, lambda *_: False)

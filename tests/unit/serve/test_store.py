@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import random
-import resource
 import shutil
 import signal
 import sqlite3
@@ -20,7 +19,7 @@ import pytest
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.serve.state import store as stores
-from planner_service.serve.state.store import StaleVersion, State, StateUnusable, Store
+from planner_service.serve.state.store import StaleVersion, State, Store
 from tests.support.optional import present
 
 HASH, OTHER = "a" * 64, "b" * 64
@@ -81,15 +80,6 @@ def in_index(folder: Path, statement: str, *values: object) -> list[tuple[Any, .
 # Scenes and roadmaps.
 
 
-def test_versions_of_a_scene_count_from_one_and_the_same_document_is_no_new_one(store: Store) -> None:
-    assert store.put_scene("cell", HASH, b"first").version == 1
-    assert store.put_scene("cell", OTHER, b"second").version == 2
-    assert store.put_scene("cell", OTHER, b"second").version == 2
-    assert store.content(store.scene("cell", 1).content) == b"first"
-    assert store.scene("cell") == store.scenes()[0]
-    assert store.scene("cell").hash == OTHER
-
-
 def test_a_scene_changes_only_from_the_version_that_was_expected(store: Store) -> None:
     store.put_scene("cell", HASH, b"first", expected=None)
     store.put_scene("cell", OTHER, b"second", expected=1)
@@ -138,16 +128,6 @@ def test_there_can_be_no_more_scenes_and_roadmaps_than_stated(store: Store, monk
     store.put_roadmap(HASH, b"1")
     with pytest.raises(InvalidRequest, match="at most 1 roadmaps; delete one"):
         store.put_roadmap(OTHER, b"2")
-
-
-def test_a_deleted_roadmap_lasts_as_long_as_a_job_that_reads_it(store: Store) -> None:
-    roadmap = store.put_roadmap(HASH, b"roadmap")
-    assert store.roadmaps() == [store.roadmap(HASH)] == [roadmap]
-    accepted(store, uses=(roadmap.content,))
-    store.delete_roadmap(HASH)
-    with pytest.raises(UnknownName):
-        store.roadmap(HASH)
-    assert store.content(roadmap.content) == b"roadmap"
 
 
 # Jobs.
@@ -275,21 +255,6 @@ def test_after_the_disk_failed_nothing_more_is_accepted(tmp_path: Path, monkeypa
         store.accept("plan", b"", request=b"")
     with pytest.raises(InvalidFile, match="the disk failed"):
         store.close()
-
-
-def test_a_content_that_cannot_be_written_changes_nothing(store: Store) -> None:
-    job, content, limits = accepted(store), b"answer" * 10_000, resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, limits[1]))
-    try:
-        with pytest.raises(StateUnusable, match="cannot be written"):
-            store.end(job, State.DONE, content, ok=True)
-        with pytest.raises(StateUnusable, match="cannot be written"):
-            store.put_scene("cell", HASH, content)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert store.job(job).ended is None
-    assert store.scenes() == []
-    assert store.end(job, State.DONE, content, ok=True)
 
 
 def test_a_second_server_is_refused_the_folder_until_the_first_has_closed_it(tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -128,9 +126,3 @@ def test_a_line_is_as_wide_as_it_is_said_to_be() -> None:
     rows, columns = np.nonzero(cover(strips, np.zeros(len(strips), dtype=np.int64), SIZE) != EMPTY)
     assert (rows.min(), rows.max()) == (12, 17)
     assert (columns.min(), columns.max()) == (4, 35)  # from 6.5 to 33.5, and half the width at its ends, rounded
-
-
-def test_a_point_is_seen_as_a_disc() -> None:
-    strips = ribbon(CAMERA, np.array([[2.0, 0.0, 0.0]]), 10.0, 0.0)
-    count = np.count_nonzero(cover(strips, np.zeros(len(strips), dtype=np.int64), SIZE) != EMPTY)
-    assert count == pytest.approx(math.pi * 25.0, rel=0.1)

@@ -11,7 +11,7 @@ from planner_service import Pose, load_robot
 from planner_service.constraints import InBox, JointRange, OnPlane, ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet
-from planner_service.view.regions import BEYOND, FAR, Kept, cap, fan, frames_at, rectangles
+from planner_service.view.regions import BEYOND, Kept, cap, frames_at, rectangles
 from tests.support.constraints import case
 from tests.support.optional import present
 
@@ -85,12 +85,6 @@ def test_a_plane_is_two_sheets_that_reach_beyond_the_motion() -> None:
         np.testing.assert_allclose(corners.max(axis=0)[:2], POINTS.max(axis=0)[:2] + BEYOND)
 
 
-def test_a_bound_that_the_motion_never_comes_near_is_not_drawn() -> None:
-    far = float(POINTS[1, 2]) + FAR + 0.1
-    (corners,) = rectangles(ToolRegion(lower=(-inf, -inf, -0.1), upper=(inf, inf, far)), POINTS)
-    assert (corners[:, 2] == -0.1).all()
-
-
 # Bounds on an orientation.
 
 
@@ -107,18 +101,6 @@ def test_a_cap_has_all_directions_up_to_the_tilt(tilt: float) -> None:
     volume = float(np.einsum("mi,mi->", a, np.cross(b, c))) / 6.0  # positive: triangles face outwards
     ideal = 2.0 * math.pi / 3.0 * 0.2**3 * (1.0 - math.cos(tilt))
     assert 0.98 * ideal <= volume <= ideal
-
-
-@pytest.mark.parametrize("turn", [0.5, math.pi])
-def test_a_fan_has_all_directions_up_to_the_turn_either_way(turn: float) -> None:
-    vertices, faces = fan(turn, 0.2)
-    angles = np.arctan2(vertices[1:, 1], vertices[1:, 0])
-    np.testing.assert_allclose(np.abs(angles[[0, -1]]), turn)
-    assert np.abs(angles).max() <= turn + ROUNDING
-    assert (vertices[:, 2] == 0.0).all()
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    area = float(np.cross(b - a, c - a)[:, 2].sum()) / 2.0
-    assert 0.98 * turn * 0.2**2 <= area <= turn * 0.2**2 * (1.0 + ROUNDING)
 
 
 # How much of the tolerances is used.

@@ -25,7 +25,6 @@ from planner_service import (
 from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
 from planner_service.constraints import JointRange, ToolRegion
-from planner_service.planning.result import Reason
 from planner_service.records.plan_file import SavedTask, load_plan_or_task
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks import Segment
@@ -108,17 +107,6 @@ def test_how_much_of_its_tolerances_a_plan_uses_is_plotted_at_the_instants_of_th
     np.testing.assert_allclose(playback.used["elbow"], elbow / 2.5, atol=1e-12)
     assert all(np.abs(values).max() <= 1.0 for values in playback.used.values())
     assert present(Playback.of_result(discs, discs.plan(asked(discs)))).used == {}
-
-
-def test_a_plan_that_fails_shows_the_constraints_that_it_was_to_keep(discs: PlannerService) -> None:
-    high = replace(KEPT[0], lower=(-math.inf, 0.5, -math.inf), upper=(math.inf, 2.0, math.inf))
-    result = discs.plan(asked(discs, constraints=(high,)))
-    assert present(result.failure).reason is Reason.START_VIOLATES_CONSTRAINT
-    state = ViewState.of(discs, result)
-    kept = present(state.kept)
-    assert kept.constraints.constraints == (high,)
-    assert kept.Q.tolist() == [state.start.tolist(), state.goal.tolist()]
-    assert state.posed((0.5, 0.5)).kept is kept
 
 
 def test_the_next_plan_keeps_the_constraints_of_the_motion_shown(discs: PlannerService) -> None:

@@ -29,7 +29,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view.still import pictures as still
 from planner_service.view.still.camera import Camera
-from planner_service.view.still.lettering import CAPTION, Caption, lettered, place_of
+from planner_service.view.still.lettering import CAPTION, place_of
 from planner_service.view.still.paint import Drawing, paint, placed
 from planner_service.view.still.pictures import draw_plan, draw_task
 from planner_service.view.still.sights import Sights
@@ -125,18 +125,6 @@ def test_a_ghost_lets_through_what_is_behind_it() -> None:
     assert np.array_equal(hidden, paint(Drawing((ghost,)), camera, SMALL)[0][row, column])
 
 
-def test_the_eye_goes_where_a_wall_does_not_hide_the_robot() -> None:
-    """The robot's middle is seen from the side that has no wall, whichever it is."""
-    for side in (-1.0, 1.0):
-        body, wall = solids(
-            ("body", (0.2, 0.2, 0.6), (0.0, 0.0, 0.3)), ("wall", (1.2, 0.02, 0.5), (0.2, 0.4 * side, 0.25))
-        )
-        camera = Sights((body,), (wall,), ()).camera(SMALL)
-        owners = paint(Drawing((body, wall)), camera, SMALL)[1]
-        assert camera.eye[1] * side < 0.0
-        assert np.count_nonzero(owners == 0) > 500
-
-
 def test_everything_near_the_robot_is_in_view_and_a_wide_ground_does_not_make_it_small() -> None:
     scene = load_scene("bin")
     robot = load_robot("wxai")
@@ -164,16 +152,6 @@ def test_a_name_stands_on_what_it_names() -> None:
     assert place_of(owners, 5) == pytest.approx((100.0, 60.0), abs=24.0)
     owners[0, :100] = 2  # too little to be seen
     assert place_of(owners, 2) is None
-
-
-@pytest.mark.parametrize("words", ["", "long words " * 60, "x" * 2000])
-def test_whatever_is_said_fits_into_the_caption(words: str) -> None:
-    plain = np.zeros((100, 300, 3), dtype=np.uint8)
-    page = lettered(plain, [], Caption(words, (words, words, words), (((1, 2, 3), "key"),)))
-    assert page.shape == (100 + CAPTION, 300, 3)
-    assert np.array_equal(page[:100], plain)
-    assert (page[101:, -6:] == 255).all()
-    assert (page[-4:] == 255).all()
 
 
 # plans, tasks, configurations
