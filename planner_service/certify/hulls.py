@@ -44,13 +44,13 @@ class Corners:
         rows: For each solid the number of its hull, or -1, (p,).
         table: The corners of each hull about its centre, (3, hulls, v), the first repeated where there are fewer.
         radii: The distance of the farthest corner from the centre, for each hull.
-        compiled: What says how far they extend, with the same bits; None: numpy does.
+        compiled: What says how far they extend.
     """
 
     rows: IntArray
     table: FloatArray
     radii: FloatArray
-    compiled: _proof.Hulls | None = None
+    compiled: _proof.Hulls
 
     @classmethod
     def of(cls, clouds: Sequence[FloatArray | None]) -> Corners | None:
@@ -63,15 +63,12 @@ class Corners:
         most = max(cloud.shape[1] for cloud in hulls)
         padded = [np.concatenate([cloud, np.repeat(cloud[:, :1], most - cloud.shape[1], axis=1)], 1) for cloud in hulls]
         x, y, z = table = np.stack(padded, axis=1)
-        return cls(rows, table, np.sqrt((x * x + y * y + z * z).max(axis=-1)))
+        own = [np.ascontiguousarray(cloud.T) for cloud in hulls]
+        return cls(rows, table, np.sqrt((x * x + y * y + z * z).max(axis=-1)), load_proof().Hulls(own))
 
     def take(self, rows: IntArray) -> Corners:
         """The solids at ``rows``."""
         return replace(self, rows=self.rows[rows])
-
-    def with_compiled(self) -> Corners:
-        """The same, told by compiled code how far they extend."""
-        return replace(self, compiled=load_proof().Hulls(self.clouds()))
 
     def clouds(self) -> list[FloatArray]:
         """The corners (v, 3) of each hull, each once."""
@@ -85,37 +82,23 @@ class Corners:
         """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``values``."""
         if values.size == 0:  # how many directions there were cannot be told from that
             return values
-        flat = n.reshape(-1, *n.shape[-2:])
-        out = values.reshape(-1, values.shape[-1])
-        if self.compiled is not None:
-            heights = np.array(out, order="C")
-            self.compiled.extend(np.ascontiguousarray(flat), self.rows, heights)
-            return heights.reshape(values.shape)
-        for columns in self._blocks(len(flat)):
-            out[:, columns] = self._heights(flat, columns).max(axis=-1)
-        return out.reshape(values.shape)
+        heights = np.array(values.reshape(-1, values.shape[-1]), order="C")
+        self.compiled.extend(np.ascontiguousarray(n.reshape(-1, *n.shape[-2:])), self.rows, heights)
+        return heights.reshape(values.shape)
 
     def farthest(self, n: FloatArray, points: FloatArray) -> FloatArray:
         """Corners farthest along n (3, p), (3, p): those of hulls put into ``points``."""
-        for columns in self._blocks(1):
-            best = self._heights(n[None], columns)[0].argmax(axis=-1)
-            points[:, columns] = self.table[:, self.rows[columns], best]
+        columns = np.flatnonzero(self.rows >= 0)
+        step = max(1, AT_ONCE // self.table.shape[2])
+        for some in (columns[k : k + step] for k in range(0, len(columns), step)):
+            d, cloud = n[:, some, None], self.table[:, self.rows[some]]
+            best = (d[0] * cloud[0] + d[1] * cloud[1] + d[2] * cloud[2]).argmax(axis=-1)
+            points[:, some] = self.table[:, self.rows[some], best]
         return points
 
     def reaching(self, distances: FloatArray) -> FloatArray:
         """Distances of the farthest points from the centres, (p,): those of hulls put into ``distances``."""
         return np.where(self.rows >= 0, self.radii[self.rows], distances)
-
-    def _heights(self, n: FloatArray, columns: IntArray) -> FloatArray:
-        """Of the corners of some hulls along directions n (k, 3, p), (k, columns, v)."""
-        d, cloud = n[:, :, columns, None], self.table[:, self.rows[columns]]
-        return np.asarray(d[:, 0] * cloud[0] + d[:, 1] * cloud[1] + d[:, 2] * cloud[2])
-
-    def _blocks(self, directions: int) -> list[IntArray]:
-        """The columns of hulls, few at a time."""
-        columns = np.flatnonzero(self.rows >= 0)
-        step = max(1, AT_ONCE // (directions * self.table.shape[2]))
-        return [columns[k : k + step] for k in range(0, len(columns), step)]
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:

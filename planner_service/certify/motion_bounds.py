@@ -46,12 +46,12 @@ class _Arm:
         local: The pose of each piece in its body, (3, 4, 1, pieces).
     """
 
-    def __init__(self, robot: Robot, riding: Sequence[Piece], *, compiled: bool) -> None:
+    def __init__(self, robot: Robot, riding: Sequence[Piece]) -> None:
         bodies = robot.bodies
         self.n = robot.n
         self.limits = np.stack(robot.bounds)
         self._riding = len(riding)
-        self._solids = Solids.of([piece.shape for piece in riding], compiled=compiled)
+        self._solids = Solids.of([piece.shape for piece in riding])
         self.local = _table([_centred(piece) for piece in riding])[:, :, None]
         self.body = np.array([piece.body for piece in riding], dtype=np.intp)
         self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
@@ -169,43 +169,38 @@ class _Arm:
 
 
 @lru_cache(maxsize=16)
-def _arm_of(robot: Robot, riding: tuple[Piece, ...], compiled: bool) -> _Arm:
+def _arm_of(robot: Robot, riding: tuple[Piece, ...]) -> _Arm:
     """Built once for all scenes in which the robot holds nothing else."""
-    return _Arm(robot, riding, compiled=compiled)
+    return _Arm(robot, riding)
 
 
 class Motion:
     """Poses, gaps and motion bounds of the listed pairs of one robot.
-
-    Args:
-        compiled: Compiled code says how far hulls extend: the same bits, in a tenth of the time.
 
     Attributes:
         n: Length of q.
         limits: Of q, lower and upper, (2, n).
         first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
         children, roots: Of the pairs, as ``ProofPairs`` has them.
-        size: Radius of the second piece of each pair, (p,).
         riding: How many pieces ride.
         fixed: World poses of those that do not, (3, 4, k).
         depth: How many joints move the piece that most joints move.
     """
 
-    def __init__(self, robot: Robot, listed: ProofPairs, *, compiled: bool = False) -> None:
-        self._arm = arm = _arm_of(robot, listed.riding, compiled)
+    def __init__(self, robot: Robot, listed: ProofPairs) -> None:
+        self._arm = arm = _arm_of(robot, listed.riding)
         self.first, self.second = listed.pairs.T.copy()
         self.n, self.limits = arm.n, arm.limits
         self.riding, self.depth = len(listed.riding), arm.depth
         self._rides = self.second < self.riding
         self.fixed = _table([_centred(piece) for piece in listed.standing])
-        self._every = Solids.of([piece.shape for piece in (*listed.riding, *listed.standing)], compiled=compiled)
+        self._every = Solids.of([piece.shape for piece in (*listed.riding, *listed.standing)])
         self._every_radius = self._every.radius()
         self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
         self._steps[0] = arm.joints[self.first]
         self._steps[:, self._rides] = arm.steps[:, self.first[self._rides], self.second[self._rides]]
         self.children: IntArray = listed.children
         self.roots: IntArray = listed.roots
-        self.size: FloatArray = self._every_radius[self.second]
 
     @property
     def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:

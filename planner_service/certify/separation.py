@@ -51,13 +51,11 @@ class Solids:
     hulls: Corners | None = None
 
     @classmethod
-    def of(cls, shapes: Sequence[Shape], *, compiled: bool = False) -> Solids:
-        """The solids of ``shapes``; if ``compiled``, compiled code says how far hulls extend, with the same bits."""
+    def of(cls, shapes: Sequence[Shape]) -> Solids:
+        """The solids of ``shapes``."""
         rows = [_row(shape) for shape in shapes]
         table = np.array(rows, dtype=np.float64).reshape(-1, 5).T
-        clouds = [_corners(shape) for shape in shapes]
-        hulls = Corners.of(clouds)
-        return cls(table[:3], table[3], table[4], hulls.with_compiled() if compiled and hulls is not None else hulls)
+        return cls(table[:3], table[3], table[4], Corners.of([_corners(shape) for shape in shapes]))
 
     def take(self, rows: IntArray) -> Solids:
         """The solids at ``rows``."""

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from operator import add, sub
 from typing import NamedTuple, TypeVar
 
 from planner_service.concurrency.polling import asking
@@ -69,20 +70,10 @@ class CheckCounts:
         return Table([*named], [[f"{count:,}" for count in named.values()]], numeric=[*named]).html()
 
     def __add__(self, other: CheckCounts) -> CheckCounts:
-        return CheckCounts(
-            self.states + other.states,
-            self.edges + other.edges,
-            self.distances + other.distances,
-            self.projections + other.projections,
-        )
+        return CheckCounts(*map(add, vars(self).values(), vars(other).values()))
 
     def __sub__(self, other: CheckCounts) -> CheckCounts:
-        return CheckCounts(
-            self.states - other.states,
-            self.edges - other.edges,
-            self.distances - other.distances,
-            self.projections - other.projections,
-        )
+        return CheckCounts(*map(sub, vars(self).values(), vars(other).values()))
 
 
 class SearchStopped(PlannerServiceError):

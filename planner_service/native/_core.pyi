@@ -152,9 +152,6 @@ class CollisionKernel:
     def candidates(self, Q: NDArray[np.float64], /) -> tuple[list[int], list[int]]:
         """Rows of Q (m, n) and numbers of their pairs that are not proven apart, sorted by row, then pair."""
 
-    def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]:
-        """The interior of an edge in the order in which it is judged."""
-
     def near(self, Q: NDArray[np.float64], within: float, /) -> NearArrays:
         """All pairs nearer than ``within`` metres at rows of Q (m, n), by row. Equal bits on every processor."""
 
@@ -314,9 +311,6 @@ class Projector:
     ) -> None: ...
     def share(self, q: Sequence[float]) -> float:
         """The largest share of a tolerance that is used at q (n,)."""
-
-    def has_room(self, q: Sequence[float]) -> bool:
-        """Whether q keeps them with the room that samples of an edge have."""
 
     def project(self, q: Sequence[float]) -> tuple[float, ...] | None:
         """A configuration near q that keeps them with room; None if there is none."""

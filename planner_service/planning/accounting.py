@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from operator import sub
 from typing import TYPE_CHECKING, TypeVar
 
@@ -105,12 +105,13 @@ class StageEntry:
         self.length: float | None = None
 
 
+@dataclass(eq=False)
 class PlanAccounting:
     """The stages of one call as they happen, and its result at the end; of the thread that it is made in.
 
     Stages write into it what the result will say; what they need of each other they hand on as values.
 
-    Args:
+    Attributes:
         states: How many the call may check; None for no limit.
         search_states: How many of them searching may use.
         seconds: Wall time.
@@ -118,46 +119,37 @@ class PlanAccounting:
         roadmap: That of the request.
         tracer: Told how the search goes; None if nobody asked.
         origin: What the result says that it comes from.
-
-    Attributes:
         notes: As in the result; so are ``deterministic``, ``padding``, ``near_ends``, ``attempts``, ``roadmap`` and
             ``polish``.
         end_trouble: Which end the search could not leave, as the end of a sentence.
         tried_in_vain: What else was tried after a search without progress; the same.
     """
 
-    def __init__(
-        self,
-        checker: CollisionChecker,
-        *,
-        states: int | None = None,
-        search_states: int | None = None,
-        seconds: float | None = None,
-        cancel: CancelToken | None = None,
-        roadmap: Roadmap | None = None,
-        tracer: Tracer | None = None,
-        origin: Origin | None = None,
-    ) -> None:
-        self.ledger, self._robot = checker.ledger, checker.robot
-        self.tally = checker.ledger.own
-        self._states, self._search_states = states, search_states
-        self._seconds, self._cancel = seconds, cancel
-        self.tracer, self._origin = tracer, origin
+    checker: CollisionChecker
+    states: int | None = None
+    search_states: int | None = None
+    seconds: float | None = None
+    cancel: CancelToken | None = None
+    roadmap: Roadmap | None = None
+    tracer: Tracer | None = None
+    origin: Origin | None = None
+    notes: list[str] = field(default_factory=list)
+    deterministic: bool = True
+    padding: float = 0.0
+    near_ends: tuple[NearEnd, ...] = ()
+    attempts: int = 0
+    end_trouble: str = ""
+    tried_in_vain: str = ""
+    polish: PolishReport | None = None
+    constraints: ConstraintSet | None = None
+    projector: _core.Projector | None = None
+    torque_limits: TorqueLimits | None = None
+
+    def __post_init__(self) -> None:
+        self.ledger, self.tally = self.checker.ledger, self.checker.ledger.own
         self._reports: dict[Stage, StageReport] = {}
         self._stage = Stage.ENDPOINTS
         self._hits = Counter(self.tally.hits)
-        self.notes: list[str] = []
-        self.deterministic = True
-        self.padding = 0.0
-        self.near_ends: tuple[NearEnd, ...] = ()
-        self.attempts = 0
-        self.end_trouble = ""
-        self.tried_in_vain = ""
-        self.roadmap = roadmap
-        self.polish: PolishReport | None = None
-        self.constraints: ConstraintSet | None = None
-        self.projector: _core.Projector | None = None
-        self.torque_limits: TorqueLimits | None = None
 
     def keep(self, constraints: Sequence[Constraint]) -> None:
         """Hold the call to constraints.
@@ -167,7 +159,7 @@ class PlanAccounting:
             InvalidRequest: As ``ConstraintSet``.
         """
         if constraints:
-            self.constraints = constraint_set(self._robot, tuple(constraints))
+            self.constraints = constraint_set(self.checker.robot, tuple(constraints))
             self.projector = projector_of(self.constraints)
 
     def require_end(self, end: str, *Q: FloatArray) -> None:
@@ -271,7 +263,7 @@ class PlanAccounting:
             NoPlan: A limit was reached.
         """
         try:
-            return self.ledger.held(act, states=self._states, seconds=self._seconds, cancel=self._cancel)
+            return self.ledger.held(act, states=self.states, seconds=self.seconds, cancel=self.cancel)
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
@@ -311,7 +303,7 @@ class PlanAccounting:
             near_ends=() if path is None else self.near_ends,
             no_path=no_path,
             trace=None if self.tracer is None else self.tracer.trace,
-            origin=self._origin,
+            origin=self.origin,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
@@ -342,11 +334,11 @@ class PlanAccounting:
             return Failure(self._stage, Reason.PREEMPTED, str(stopped))
         if isinstance(stopped, TimeBoxSpent):
             self.deterministic = False
-            return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._seconds:g} s passed")
+            return self._unknown(Reason.TIMED_OUT, f"the time limit of {self.seconds:g} s passed")
         return self._unknown(
             Reason.CHECK_BUDGET_EXHAUSTED,
-            f"no path within the {self._states:,} checks that may be made"
-            + (f", {self._search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
+            f"no path within the {self.states:,} checks that may be made"
+            + (f", {self.search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
         )
 
     def impossible(self, proof: NoPath, hulls: str) -> NoPlan:

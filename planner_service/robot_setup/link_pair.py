@@ -124,7 +124,7 @@ class LinkPair:
 
     @cached_property
     def motion(self) -> Motion:
-        return Motion(self.robot, self.listed, compiled=True)
+        return Motion(self.robot, self.listed)
 
     @cached_property
     def checker(self) -> CollisionChecker:

@@ -212,16 +212,6 @@ class Kernel {
         return out;
     }
 
-    std::vector<std::vector<double>> samples(std::vector<double> a, std::vector<double> b, int segments) const {
-        const Edge edge = edge_of(std::move(a), std::move(b), 0, segments);
-        std::vector<std::vector<double>> out;
-        for (const int k : bisection_order(segments, segments - 1)) {
-            out.emplace_back(static_cast<std::size_t>(model_.dof));
-            edge.sample(0, k, out.back().data());
-        }
-        return out;
-    }
-
   private:
     Model model_;
     Settings settings_;
@@ -483,8 +473,7 @@ void bind(nb::module_& m) {
              nb::arg("motion_steps"), nb::arg("joint_steps"), nb::arg("coarse_segments"))
         .def("check_state", &Kernel::check_state, nb::arg("q").none())
         .def("check_edge", &Kernel::check_edge, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"),
-             nb::arg("samples"), nb::arg("max_rows"))
-        .def("samples", &Kernel::samples);
+             nb::arg("samples"), nb::arg("max_rows"));
 }
 
 }  // namespace collision

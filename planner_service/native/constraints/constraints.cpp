@@ -95,11 +95,6 @@ void bind(nb::module_& m) {
                  require_fit(self, q);
                  return self.share(q.data());
              })
-        .def("has_room",
-             [](Projector& self, const Configuration& q) {
-                 require_fit(self, q);
-                 return self.has_room(q.data());
-             })
         .def("project",
              [](Projector& self, Configuration q) -> nb::object {
                  require_fit(self, q);

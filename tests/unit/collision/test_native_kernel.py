@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, get_args
@@ -78,18 +77,6 @@ def test_every_instruction_set_says_the_same_of_an_edge() -> None:
             for kernel in built_kernels(checker)
         ]
         assert checks[1:] == checks[:-1]
-
-
-@pytest.mark.parametrize("segments", [1, 2, 33])
-def test_the_kernel_samples_an_edge_to_the_last_bit_as_numpy_does(segments: int) -> None:
-    checker = checkers(*case("wxai bin"))[0]
-    chance = random.Random(segments)
-    for kernel in built_kernels(checker):
-        for _ in range(20):
-            a, b = ([chance.uniform(-3.0, 3.0) for _ in range(6)] for _ in range(2))
-            b[0] = chance.choice([b[0], a[0]])
-            for first, last in ((a, b), (b, a), (a, a)):
-                assert kernel.samples(first, last, segments) == interior(first, last, segments).tolist()
 
 
 @pytest.mark.slow

@@ -67,7 +67,6 @@ def test_compiled_and_in_python_there_are_the_same_bits_and_what_is_projected_ke
         assert not violated(robot, constraints, np.array(near))
         assert (constraints.lower <= near).all()
         assert (near <= constraints.upper).all()
-        assert compiled.has_room(near)
         for size in (0.02, 0.2):
             end = tuple(np.clip(near + size * rng.normal(size=robot.n), constraints.lower, constraints.upper).tolist())
             assert compiled.keeps(near, end) == reference.keeps(near, end)
