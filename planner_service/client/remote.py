@@ -50,6 +50,7 @@ from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.presentation.progress import bar
 from planner_service.records.http.bodies import sent
 from planner_service.records.http.replies import (
+    VERBS,
     CertificateReply,
     Checked,
     CheckReply,
@@ -60,7 +61,6 @@ from planner_service.records.http.replies import (
     RobotReply,
     read_reply,
 )
-from planner_service.records.http.verbs import VERBS
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
 from planner_service.records.request import RequestRecord, astray, goals_of

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from planner_service.datasets.bin_task import BinPickPlace
+from planner_service.datasets.card import EpisodesSummary
 from planner_service.datasets.dataset import write_episodes
 from planner_service.datasets.episode import EpisodeWork
-from planner_service.datasets.random_draws import RandomDraws
-from planner_service.datasets.summary import EpisodesSummary
-from planner_service.datasets.task import EpisodeTask, EpisodeWorld
+from planner_service.datasets.task import EpisodeTask, EpisodeWorld, RandomDraws
 from planner_service.errors import UnknownName
 from planner_service.geometry.validation import text
 

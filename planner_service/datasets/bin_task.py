@@ -13,8 +13,7 @@ from functools import partial
 import numpy as np
 
 from planner_service.collision import CollisionChecker
-from planner_service.datasets.random_draws import RandomDraws
-from planner_service.datasets.task import EpisodeWorld
+from planner_service.datasets.task import EpisodeWorld, RandomDraws
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose

@@ -8,13 +8,12 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from planner_service.datasets.card import card
+from planner_service.datasets.card import EpisodesSummary, card
 from planner_service.datasets.episode import Episode, EpisodeWork, lost_episode
 from planner_service.datasets.folder import DatasetFolder
 from planner_service.datasets.lerobot import info_of, write_meta
 from planner_service.datasets.parquet import pyarrow_version
-from planner_service.datasets.random_draws import RandomDraws
-from planner_service.datasets.summary import EpisodesSummary
+from planner_service.datasets.task import RandomDraws
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.validation import whole

@@ -13,8 +13,7 @@ from planner_service.collision import CheckCounts
 from planner_service.constraints.values import constraint_names
 from planner_service.datasets.frames import EpisodeMotion, Frames, frames, timeline
 from planner_service.datasets.parquet import TABLES, Rows
-from planner_service.datasets.random_draws import RandomDraws
-from planner_service.datasets.task import EpisodeTask, EpisodeWorld
+from planner_service.datasets.task import EpisodeTask, EpisodeWorld, RandomDraws
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere
 from planner_service.geometry.validation import instance, number, whole

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from planner_service.datasets.card import EpisodesSummary
 from planner_service.datasets.episode import EpisodeWork
 from planner_service.datasets.folder import EPISODE_PATH, FILES_PER_FOLDER, PACKED_PATH, DatasetFolder
 from planner_service.datasets.parquet import REAL, TEXT, WHOLE, rows_of, sheet_bytes
-from planner_service.datasets.summary import EpisodesSummary
 from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["info_of", "write_meta"]

@@ -36,11 +36,11 @@ from planner_service.planning.result import Failure, Origin, PlanResult
 from planner_service.planning.task_result import SAME_WIDTH, Segment, TaskResult, require_joined, task_blocks
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import render_html, render_text
-from planner_service.records.failure import FailureRecord
 from planner_service.records.old_versions import command_of
 from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
 from planner_service.records.result import (
     CountsRecord,
+    FailureRecord,
     GripperMotionRecord,
     PairList,
     ResultRecord,

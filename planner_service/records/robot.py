@@ -113,7 +113,7 @@ class LinkFrameRecord(schema.Record, makes=LinkFrame):
     """A ``LinkFrame``."""
 
 
-class ContactRecord(schema.Record, makes=AllowedContact):
+class AllowedContactRecord(schema.Record, makes=AllowedContact):
     """An ``AllowedContact``."""
 
     reason: schema.Prose
@@ -219,7 +219,7 @@ class RobotRecord(schema.GrownRecord):
     tool_placement: Matrix
     bodies: Annotated[list[BodyRecord], Field(min_length=2), schema.at_most(MAX_JOINTS + 1)]
     shapes: Annotated[list[LinkShapeRecord], schema.at_most(MAX_SHAPES)]
-    allowed_contacts: Annotated[list[ContactRecord], schema.at_most(MAX_PAIRS)]
+    allowed_contacts: Annotated[list[AllowedContactRecord], schema.at_most(MAX_PAIRS)]
     gripper: GripperRecord | None
     gripper_width: float
     retreats: Annotated[list[RetreatRecord], schema.at_most(MAX_JOINTS)]

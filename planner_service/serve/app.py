@@ -19,6 +19,8 @@ from starlette.routing import Route
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.records.http.bodies import EditsBody, SceneBody
 from planner_service.records.http.replies import (
+    ANSWERS,
+    VERBS,
     AcceptedReply,
     JobsReply,
     RobotReply,
@@ -26,8 +28,8 @@ from planner_service.records.http.replies import (
     SceneReply,
     ScenesReply,
     StoredReply,
+    Verb,
 )
-from planner_service.records.http.verbs import ANSWERS, VERBS, Verb
 from planner_service.serve.documentation import (
     SECURITY,
     Operation,

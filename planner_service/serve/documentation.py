@@ -18,8 +18,7 @@ from starlette.responses import Response
 
 from planner_service.files.package_data import RELEASE
 from planner_service.records.http.bodies import EditsBody, SceneBody
-from planner_service.records.http.replies import OTHERS, ProblemReply
-from planner_service.records.http.verbs import ANSWERS, VERBS
+from planner_service.records.http.replies import ANSWERS, OTHERS, VERBS, ProblemReply
 from planner_service.serve.problems import PROBLEM_JSON
 from planner_service.serve.server import PlanningServer
 

@@ -29,8 +29,7 @@ from planner_service.parallel.pool import Backend, Raised
 from planner_service.planning.request import World
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.records.http.bodies import AfterTask, Body, EditsBody, SceneBody, SceneVersion, read_body
-from planner_service.records.http.replies import RobotReply
-from planner_service.records.http.verbs import VERBS
+from planner_service.records.http.replies import VERBS, RobotReply
 from planner_service.records.plan_file import SavedPlan, plan_or_task
 from planner_service.records.scene import PlanReading, SceneRecord
 from planner_service.roadmap import RoadmapReference

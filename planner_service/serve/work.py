@@ -32,6 +32,7 @@ from planner_service.planning.task_result import Handling
 from planner_service.records.http import bodies
 from planner_service.records.http.bodies import PaceBody
 from planner_service.records.http.replies import (
+    VERBS,
     CertificateReply,
     Checked,
     CheckedState,
@@ -42,7 +43,6 @@ from planner_service.records.http.replies import (
     ReplannedRecord,
     RoadmapReply,
 )
-from planner_service.records.http.verbs import VERBS
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify
 from planner_service.records.scene import PlanReading, SceneRecord

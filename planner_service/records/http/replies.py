@@ -1,7 +1,11 @@
-"""Answers of a server, read as strictly as files are. Plans and tasks are files, and so is what they are made of."""
+"""Answers of a server, read as strictly as files are, and its verbs: which body each takes, which answer it gives.
+
+Plans and tasks are files, and so is what they are made of.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,11 +22,20 @@ from planner_service.infeasibility.remedies import Explanation, Remedy
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import World
 from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
-from planner_service.records.failure import MAX_PAIRS, ContactRecord, FailureRecord
+from planner_service.records.http import bodies
 from planner_service.records.http.bodies import MAX_STATES, PaceBody
-from planner_service.records.plan_file import MAX_SEGMENTS, PlanRecord, SavedPlan, StepRecord
+from planner_service.records.plan_file import MAX_SEGMENTS, PlanRecord, SavedPlan, StepRecord, TaskRecord
 from planner_service.records.recertify import ProvenMotion
-from planner_service.records.result import CertificateRecord, CountsRecord, PairList, PathRecord, TrajectoryRecord
+from planner_service.records.result import (
+    MAX_PAIRS,
+    CertificateRecord,
+    ContactRecord,
+    CountsRecord,
+    FailureRecord,
+    PairList,
+    PathRecord,
+    TrajectoryRecord,
+)
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord
 from planner_service.replanning.result import Outcome, Replanned
@@ -30,7 +43,9 @@ from planner_service.roadmap import Roadmap
 from planner_service.scene.scene import Scene
 
 __all__ = [
+    "ANSWERS",
     "OTHERS",
+    "VERBS",
     "AcceptedReply",
     "CertificateReply",
     "CheckReply",
@@ -48,6 +63,7 @@ __all__ = [
     "SceneReply",
     "ScenesReply",
     "StoredReply",
+    "Verb",
     "read_reply",
 ]
 
@@ -378,3 +394,49 @@ OTHERS: tuple[type[BaseModel], ...] = (
     *(LineSections, ReplannedRecord),
 )
 """Those that no verb has; the last two are sections of plans."""
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A kind of request for work.
+
+    Attributes:
+        body: The model of what is sent.
+        answers: The models of what comes back, one of them.
+    """
+
+    summary: str
+    body: type[bodies.Body]
+    answers: tuple[type[Record], ...]
+
+    @property
+    def is_task(self) -> bool:
+        """Whether the answer is a task file."""
+        return TaskRecord in self.answers
+
+    @property
+    def is_file(self) -> bool:
+        """Whether the answer is a plan file or a task file, also if the request is not carried out."""
+        return self.is_task or PlanRecord in self.answers
+
+
+VERBS: Mapping[str, Verb] = {
+    "plans": Verb("Plan a motion", bodies.PlanBody, (PlanRecord,)),
+    "certify": Verb(
+        "Prove that a path, or a finished plan or task, is free",
+        bodies.CertifyBody,
+        (CertificateReply, ProofReply),
+    ),
+    "check": Verb("Check configurations and straight edges", bodies.CheckBody, (CheckReply,)),
+    "pick": Verb("Plan to take an object", bodies.PickBody, (TaskRecord,)),
+    "place": Verb("Plan to set a carried object down", bodies.PlaceBody, (TaskRecord,)),
+    "pick_place": Verb("Plan a whole pick-and-place", bodies.PickPlaceBody, (TaskRecord,)),
+    "move_linear": Verb("Plan straight motions of the tool", bodies.MoveLinearBody, (PlanRecord,)),
+    "replan": Verb("Plan a new motion for a robot that is moving", bodies.ReplanBody, (PlanRecord,)),
+    "explain": Verb("Explain why there is no plan, and what would help", bodies.ExplainBody, (ExplainReply,)),
+    "roadmaps": Verb("Grow a roadmap", bodies.RoadmapBody, (RoadmapReply,)),
+}
+"""By route and kind."""
+
+ANSWERS = tuple(dict.fromkeys(model for verb in VERBS.values() for model in verb.answers))
+"""All of their models."""

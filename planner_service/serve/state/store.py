@@ -29,8 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.serve.state.folder_lock import FolderLock
-from planner_service.serve.state.index import open_index
+from planner_service.serve.state.index import FolderLock, open_index
 
 __all__ = [
     "ENDED",

@@ -31,7 +31,7 @@ from planner_service.datasets.bin_task import BinPickPlace
 from planner_service.datasets.episode import _columns
 from planner_service.datasets.frames import Frames
 from planner_service.datasets.parquet import TABLES
-from planner_service.datasets.random_draws import RandomDraws
+from planner_service.datasets.task import RandomDraws
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box

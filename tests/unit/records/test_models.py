@@ -13,13 +13,11 @@ from planner_service.files.schema import Record, plain
 from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.planning.result import Failure, MotionReport, PlanResult, StageReport
 from planner_service.planning.task_result import Handling, Segment
-from planner_service.records.failure import FailureRecord
 from planner_service.records.http.bodies import HandlingBody, PaceBody, RequestBody
-from planner_service.records.http.replies import RobotReply
-from planner_service.records.http.verbs import VERBS
+from planner_service.records.http.replies import VERBS, RobotReply
 from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, SegmentRecord, TaskRecord
 from planner_service.records.request import RequestRecord
-from planner_service.records.result import MotionRecord, ResultRecord, StageRecord
+from planner_service.records.result import FailureRecord, MotionRecord, ResultRecord, StageRecord
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
 from planner_service.roadmap import roadmap_file

@@ -10,7 +10,7 @@ import pytest
 
 from planner_service.planning.request import PlanRequest, World
 from planner_service.records.http.bodies import PlanBody, read_body
-from planner_service.records.http.verbs import VERBS
+from planner_service.records.http.replies import VERBS
 from planner_service.records.plan_file import SavedPlan
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Scene
