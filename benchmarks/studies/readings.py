@@ -195,7 +195,7 @@ class _Comparison:
 
     def shapes(self, reader: str, theirs: Mapping[str, Sequence[tuple[str, FloatArray | None]]]) -> None:
         """Compare the kinds of shapes of each link in order, and the sizes of boxes around meshes where known."""
-        from planner_service.robot.loading import extent
+        from planner_service.geometry.composite import extent
 
         for link in self.urdf.links:
             own = [(type(item.shape).__name__.lower(), extent(item.shape)) for item in link.collisions]
