@@ -373,8 +373,8 @@ def _version_to_match(request: Request) -> int | None:
 )
 async def get_roadmap(server: PlanningServer, request: Request) -> Response:
     """The npz file of the roadmap with this hash."""
-    entry = await asyncio.to_thread(server.store.roadmap, request.path_params["roadmap"])
-    data = await asyncio.to_thread(server.store.content, entry.content)
+    content = await asyncio.to_thread(server.store.roadmap, request.path_params["roadmap"])
+    data = await asyncio.to_thread(server.store.content, content)
     return Response(data, media_type="application/octet-stream")
 
 

@@ -310,7 +310,7 @@ class PlanningServer:
             sources["plan"] = self._answer_content("plan", plan)
         for planner in _planners(body):
             if isinstance(planner, RoadmapReference):
-                sources["roadmap"] = self.store.roadmap(planner.hash).content
+                sources["roadmap"] = self.store.roadmap(planner.hash)
         return sources
 
     def _answer_content(self, field_name: str, job: str) -> str:

@@ -41,7 +41,6 @@ __all__ = [
     "MAX_VERSIONS",
     "Job",
     "ReusedKey",
-    "RoadmapEntry",
     "SceneVersion",
     "StaleVersion",
     "State",
@@ -113,19 +112,6 @@ class SceneVersion:
 
     name: str
     version: int
-    hash: str
-    content: str
-
-
-@dataclass(frozen=True)
-class RoadmapEntry:
-    """A roadmap.
-
-    Attributes:
-        hash: ``Roadmap.hash``.
-        content: SHA-256 of its file.
-    """
-
     hash: str
     content: str
 
@@ -309,38 +295,32 @@ class Store:
 
     # roadmaps
 
-    def put_roadmap(self, roadmap_hash: str, file: bytes) -> RoadmapEntry:
-        """Keep a roadmap under its hash; the same one again is the same entry.
+    def put_roadmap(self, roadmap_hash: str, file: bytes) -> None:
+        """Keep the file of a roadmap under the roadmap's hash; the same one again changes nothing.
 
         Raises:
             InvalidRequest: There are ``MAX_ROADMAPS`` already.
         """
         with self._writing() as index:
-            kept = self._roadmap(roadmap_hash)
-            if not kept:
-                if self._rows("SELECT count(*) FROM roadmaps")[0][0] >= MAX_ROADMAPS:
+            kept = dict(self._rows("SELECT hash, content FROM roadmaps"))
+            if roadmap_hash not in kept:
+                if len(kept) >= MAX_ROADMAPS:
                     raise InvalidRequest("roadmaps", MAX_ROADMAPS + 1, f"at most {MAX_ROADMAPS:,} roadmaps; delete one")
-                kept = [RoadmapEntry(roadmap_hash, self._put(file))]
-                index.execute("INSERT INTO roadmaps VALUES (?, ?)", (roadmap_hash, kept[0].content))
+                index.execute("INSERT INTO roadmaps VALUES (?, ?)", (roadmap_hash, self._put(file)))
         self.sync()
-        return kept[0]
 
-    def roadmap(self, roadmap_hash: str) -> RoadmapEntry:
-        """The roadmap with that hash; ``content`` has its file.
+    def roadmap(self, roadmap_hash: str) -> str:
+        """The content that is the file of the roadmap with that hash.
 
         Raises:
             UnknownName: There is none.
         """
         with self._lock:
-            kept = self._roadmap(roadmap_hash)
-        if not kept:
-            raise UnknownName("roadmap", roadmap_hash, [entry.hash for entry in self.roadmaps()])
-        return kept[0]
-
-    def roadmaps(self) -> list[RoadmapEntry]:
-        """All roadmaps, by hash."""
-        with self._lock:
-            return [RoadmapEntry(*row) for row in self._rows("SELECT * FROM roadmaps ORDER BY hash")]
+            kept = dict(self._rows("SELECT hash, content FROM roadmaps ORDER BY hash"))
+        if roadmap_hash not in kept:
+            raise UnknownName("roadmap", roadmap_hash, kept)
+        content: str = kept[roadmap_hash]
+        return content
 
     def delete_roadmap(self, roadmap_hash: str) -> None:
         """Delete a roadmap; jobs that use it keep its content.
@@ -352,9 +332,6 @@ class Store:
         with self._writing():
             self._release("DELETE FROM roadmaps WHERE hash = ? RETURNING content", (roadmap_hash,))
         self.sync()
-
-    def _roadmap(self, roadmap_hash: str) -> list[RoadmapEntry]:
-        return [RoadmapEntry(*row) for row in self._rows("SELECT * FROM roadmaps WHERE hash = ?", roadmap_hash)]
 
     # jobs
 
