@@ -137,16 +137,17 @@ def _judged(source: str, states: int, seed: int) -> dict[str, Any]:
     Q = rng.uniform(limits.lower, limits.upper, (states, robots["hull"].n))
     timed = rng.uniform(limits.lower, limits.upper, (TIMED, robots["hull"].n))
     told: dict[str, Any] = {"states": states, "missed": 0}
-    free = {}
+    free, judges = {}, dict[tuple[tuple[str, str], ...], IndependentChecker]()
     for name, robot in robots.items():
-        with TemporaryDirectory() as place:
-            judge = IndependentChecker(table_of_robot(robot, source, Path(place)) | {"surfaces": True}, {})
-        checker = CollisionChecker(robot, Scene())
+        if robot.link_pairs not in judges:
+            with TemporaryDirectory() as place:
+                table = table_of_robot(robot, source, Path(place)) | {"surfaces": True}
+                judges[robot.link_pairs] = IndependentChecker(table, {})
+        judge, checker = judges[robot.link_pairs], CollisionChecker(robot, Scene())
         free[name] = checker.states_are_free(Q)
-        gaps = [min(judge.gaps(q).values(), default=np.inf) for q in Q]
-        apart, touch = np.array(gaps) > ALLOWED, np.array(gaps) < -CONTACT
-        told[f"{name}_blocked"] = int((apart & ~free[name]).sum())
-        told["missed"] += int((touch & free[name]).sum())
+        told[f"{name}_blocked"] = sum(min(judge.gaps(q).values()) > ALLOWED for q in Q[~free[name]])
+        suspects = [q for q in Q[free[name]] if not judge.free(q)]
+        told["missed"] += sum(min(judge.gaps(q).values()) < -CONTACT for q in suspects)
         checker.states_are_free(timed[:100])
         spent = []
         for _ in range(3):

@@ -26,8 +26,8 @@ __all__ = ["MAX_PIECES", "MOST", "concave_surface", "hull_ratio", "pieces_of_fil
 MAX_PIECES = 64
 """Each piece is checked against everything near it: more pieces cost more than a finer shape is worth."""
 
-MOST = 12
-"""Pieces at most where nobody says how many: links take three to six."""
+MOST = 8
+"""Pieces at most where nobody says how many: links take two to four."""
 
 TIGHT = 1.02
 """Volume of a hull relative to its mesh up to which the hull is as good as any pieces."""

@@ -39,12 +39,12 @@ LEVEL, BESIDE = 1e-3, 1e-4
 planes are tried that far on both sides, as what lies in a plane is in both of the parts."""
 RETRIED = 6
 """Of these, how many are tried with all points, the most promising ones first."""
-POINTS = 600
+POINTS = 400
 """Of the surface of a part, about, with which planes are tried."""
 LINES = 24
 """Lines along the longest side of a mesh, on which its inside is looked for."""
 
-GAIN = 0.01
+GAIN = 0.02
 """Part of the hull's volume that a cut has to free, and that joining two parts may fill again."""
 SPARE = 2
 """How many times as many parts are cut as are wanted, and then joined: cuts that help little help the next ones."""

@@ -92,13 +92,13 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return asked
 
 
-def test_a_letter_becomes_the_boxes_it_is_made_of() -> None:
+def test_a_letter_becomes_three_pieces_that_fill_little_else() -> None:
     pieces = convex_pieces(*LETTER)
     assert len(pieces) == 3
     assert depth(pieces, on_surface(*LETTER)) < 1e-12
     assert depth(pieces, in_letter()) < 1e-12
     volumes = [hull_ratio(HULL, *LETTER) / hull_ratio(HULL, piece.vertices, piece.faces) for piece in pieces]
-    assert sum(volumes) == pytest.approx(1.0, abs=0.01)
+    assert sum(volumes) == pytest.approx(1.0, abs=0.04)
 
 
 def test_what_is_between_the_arms_stays_free() -> None:

@@ -37,8 +37,8 @@ def test_an_end_that_only_hulls_block_is_not_proven_to_be_blocked(tmp_path: Path
     path = arm(tmp_path)
     found = failure(load_robot(path, cut_meshes=False), [0.0, 0.0], [0.5, 0.6])
     assert (found.reason, found.proven) == (Reason.START_IN_COLLISION, False)
-    assert "only the hulls of bar and letter touch: cut links with decompose = {letter = 12}" in found.detail
-    cut = Robot.from_urdf(path, decompose={"letter": 12})
+    assert "only the hulls of bar and letter touch: cut links with decompose = {letter = 8}" in found.detail
+    cut = Robot.from_urdf(path, decompose={"letter": 8})
     assert PlannerService(cut, Scene()).plan(PlanRequest([0.0, 0.0], [0.5, 0.6])).ok
 
 
@@ -55,7 +55,7 @@ def test_a_wall_of_hulls_alone_is_no_proof_that_no_path_exists(tmp_path: Path) -
     explained = service.explain(PlanRequest([0.0, 0.0], [0.0, 0.6]))
     assert explained.no_path is not None
     assert not explained.proven
-    assert "this is so for the hulls of letter: cut links with decompose = {letter = 12}" in str(explained)
+    assert "this is so for the hulls of letter: cut links with decompose = {letter = 8}" in str(explained)
     found = service.plan(PlanRequest([0.0, 0.0], [0.0, 0.6])).failure
     assert found is not None
     assert (found.reason, found.proven) == (Reason.NO_PATH, False)
@@ -70,6 +70,6 @@ def test_of_an_object_it_says_how_a_scene_cuts_it(tmp_path: Path) -> None:
     whole = Scene((Obstacle("c", Mesh.from_file(tmp_path / "letter.obj", scale), at),))
     found = failure(robot, [0.0, 0.0], [0.0, 0.6], whole)
     assert not found.proven
-    assert "only the hulls of bar and c touch: cut objects with pieces = 12" in found.detail
-    cut = Scene((Obstacle("c", Compound.of_mesh(tmp_path / "letter.obj", scale, most=12), at),))
+    assert "only the hulls of bar and c touch: cut objects with pieces = 8" in found.detail
+    cut = Scene((Obstacle("c", Compound.of_mesh(tmp_path / "letter.obj", scale, most=8), at),))
     assert PlannerService(robot, cut).plan(PlanRequest([0.0, 0.0], [0.0, 0.6])).ok
