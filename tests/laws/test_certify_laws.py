@@ -69,17 +69,6 @@ def coal_distance(a: Shape, b: Shape, poses: tuple[Pose, Pose]) -> float:
     return float(coal.distance(coal_shape(a), placed[0], coal_shape(b), placed[1], coal.DistanceRequest(), result))
 
 
-@given(shapes, seeds)
-def test_a_support_value_is_that_of_the_farthest_point(shape: Shape, seed: int) -> None:
-    n = np.random.default_rng(seed).normal(size=(8, 3))
-    n /= np.sqrt((n * n).sum(axis=1))[:, None]
-    n[:3] = np.eye(3)
-    expected = (n * shape.support(n)).sum(axis=1)
-    one = Solids.of([shape] * 8)
-    assert np.abs(one.extent(n.T) - expected).max() < 1e-14
-    assert one.radius()[0] == pytest.approx(np.sqrt((points_of(shape) ** 2).sum(axis=1)).max(), rel=1e-12)
-
-
 def gapped(a: Shape, b: Shape, rng: np.random.Generator, gap: float) -> tuple[tuple[Pose, Pose], float]:
     """Poses at which a and b are about ``gap`` apart, and Coal's distance there."""
     pose_a, pose_b, way = turned(rng), turned(rng), rng.normal(size=3)
@@ -129,18 +118,6 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 def anywhere(robot: Robot, rng: np.random.Generator, count: int) -> FloatArray:
     return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
-
-
-def test_the_pieces_stand_where_the_robot_says(robot: Robot) -> None:
-    motion = motion_of(robot)
-    q = anywhere(robot, np.random.default_rng(3), 20)
-    found = motion.nodes(q)[0].reshape(3, 4, 20, -1)
-    R, t = robot.body_poses_batch(q)
-    for k, piece in enumerate(robot.shapes):
-        pose = piece.pose.matrix
-        expected = R[:, piece.body] @ pose[:3, :3], (R[:, piece.body] @ pose[:3, 3]) + t[:, piece.body]
-        assert np.abs(found[:, :3, :, k].transpose(2, 0, 1) - expected[0]).max() < 1e-13
-        assert np.abs(found[:, 3, :, k].T - expected[1]).max() < 1e-13
 
 
 def curve(robot: Robot, rng: np.random.Generator) -> JointPath:
@@ -205,8 +182,6 @@ BLOCK = Attached("block", Box((0.045, 0.045, 0.045)), Pose((0.01, 0.0, 0.0)), FI
 @pytest.mark.parametrize(
     ("name", "held", "allowed"),
     [
-        ("bin", (), ()),
-        ("shelf", (BLOCK,), ()),
         ("narrow", (BLOCK,), (("wall_left", "block"), ("link_5", "link_2"))),
         ("clutter", (NEEDLE,), ()),
     ],

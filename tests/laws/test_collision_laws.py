@@ -32,6 +32,7 @@ from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene
+from tests.support.hull_arm import HELD, HullSetup
 
 ROOT = Path(__file__).parents[2]
 FINGERS = ("finger_left", "finger_right")
@@ -121,7 +122,15 @@ SETUPS = (
     ),
     Setup("closed gripper", "clutter", width=0.0),
 )
-by_name = pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.name)
+HULLS: dict[str, tuple[Attached, ...]] = {"hulls": (), "hulls with a spoon": (HELD,)}
+
+
+@pytest.fixture(params=[*(setup.name for setup in SETUPS), *HULLS])
+def setup(request: pytest.FixtureRequest, folder: Path) -> Setup | HullSetup:
+    """Every robot and scene above, and an arm of hulls."""
+    if request.param in HULLS:
+        return HullSetup(request.param, folder, attached=HULLS[request.param])
+    return next(setup for setup in SETUPS if setup.name == request.param)
 
 
 class PairLoop:
@@ -223,7 +232,7 @@ class Comparison:
     differing: list[tuple[str, FloatArray]] = field(default_factory=list)
 
 
-def compare(setup: Setup, count: int, seed: int) -> Comparison:
+def compare(setup: Setup | HullSetup, count: int, seed: int) -> Comparison:
     """Ask all three about ``count`` states of each kind."""
     checker, second = setup.checker(), setup.independent()
     first = PairLoop(checker, second.model)
@@ -249,8 +258,7 @@ def compare(setup: Setup, count: int, seed: int) -> Comparison:
     return found
 
 
-@by_name
-def test_a_verdict_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Setup) -> None:
+def test_a_verdict_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Setup | HullSetup) -> None:
     found = compare(setup, 120, seed=3)
     assert found.differing == []
     assert found.unlike_fcl == 0  # not even at contact: whatever FCL says there is repeated
@@ -258,17 +266,17 @@ def test_a_verdict_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Setup) -> None
     assert found.at_contact <= found.states / 100
 
 
-@by_name
-def test_both_checkers_judge_the_same_pairs(setup: Setup) -> None:
+def test_both_checkers_judge_the_same_pairs(setup: Setup | HullSetup) -> None:
     checker, second = setup.checker(), setup.independent()
     ours = Counter(frozenset(checker.pair_names(k)) for k in range(checker.pair_count))
-    clouds = {o.name: len(o.shape.pieces.shapes) for o in setup.obstacles if isinstance(o.shape, PointCloud)}
+    obstacles = setup.obstacles
+    clouds = {o.name: len(o.shape.pieces.shapes) for o in obstacles if isinstance(o.shape, PointCloud)}
     for name, boxes in clouds.items():  # an octree is one thing to Coal
         for pair in (pair for pair in ours if name in pair):
             each, rest = divmod(ours[pair], boxes)
             ours[pair] = each + rest
     theirs = Counter(frozenset(pair) for pair in second.pairs)
-    if not any(isinstance(o.shape, HeightField) for o in setup.obstacles):  # whose columns Coal has one by one
+    if not any(isinstance(o.shape, HeightField) for o in obstacles):  # whose columns Coal has one by one
         assert ours == theirs
     assert set(ours) == set(theirs)
 
@@ -335,7 +343,7 @@ def parts_of(q1: FloatArray, q2: FloatArray, step: EdgeStep, reach: FloatArray) 
     return max(1, math.ceil(math.dist(q1, q2) / step.angle - 1e-9))
 
 
-def compare_edges(setup: Setup, step: EdgeStep, count: int, seed: int) -> tuple[int, list[Any]]:
+def compare_edges(setup: Setup | HullSetup, step: EdgeStep, count: int, seed: int) -> tuple[int, list[Any]]:
     """How many of ``count`` edges collide, and those on which verdict or count differ from the two other judges'."""
     checker, second = setup.checker(step), setup.independent()
     first = PairLoop(checker, second.model)
@@ -360,16 +368,14 @@ def compare_edges(setup: Setup, step: EdgeStep, count: int, seed: int) -> tuple[
 
 
 @pytest.mark.parametrize("step", [MotionStep(), JointStep()], ids=["motion", "joint"])
-@pytest.mark.parametrize("name", ["bin", "window", "rod in shelf", "padded round"])
-def test_an_edge_is_judged_and_counted_as_its_samples_one_by_one(name: str, step: EdgeStep) -> None:
-    setup = next(s for s in SETUPS if s.name == name)
+@pytest.mark.parametrize("setup", ["bin", "rod in shelf", "padded round", "hulls with a spoon"], indirect=True)
+def test_an_edge_is_judged_and_counted_as_its_samples_one_by_one(setup: Setup | HullSetup, step: EdgeStep) -> None:
     colliding, differing = compare_edges(setup, step, 12, seed=5)
     assert differing == []
     assert 0 < colliding < 12
 
 
-@by_name
-def test_clearance_is_a_bound_of_the_distance_and_close_to_it(setup: Setup) -> None:
+def test_clearance_is_a_bound_of_the_distance_and_close_to_it(setup: Setup | HullSetup) -> None:
     checker, second = setup.checker(), setup.independent()
     rng = np.random.default_rng(11)
     missing = []
@@ -385,8 +391,7 @@ def test_clearance_is_a_bound_of_the_distance_and_close_to_it(setup: Setup) -> N
     assert max(missing) <= 0.001
 
 
-@by_name
-def test_contacts_name_the_pairs_that_coal_finds_and_bound_their_depth(setup: Setup) -> None:
+def test_contacts_name_the_pairs_that_coal_finds_and_bound_their_depth(setup: Setup | HullSetup) -> None:
     checker, second = setup.checker(), setup.independent()
     rng = np.random.default_rng(13)
     compared = 0

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, ExemptInterval, pairs
-from planner_service.certify.pairs import bundled
 from planner_service.collision import CollisionChecker, MotionStep
 from planner_service.collision import pairs as parts
 from planner_service.errors import InvalidRequest
@@ -21,7 +20,6 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
@@ -108,7 +106,7 @@ class Crowded:
         return self.rng.uniform(self.robot.limits.lower, self.robot.limits.upper)
 
 
-SETUPS = [("wxai", 0), ("planar2", 1), ("ur5", 2), ("panda_mbm", 3), ("wxai", 4), ("ur5", 5)]
+SETUPS = [("planar2", 1), ("ur5", 2), ("wxai", 4)]
 
 
 @pytest.mark.parametrize(("name", "seed"), SETUPS)
@@ -179,96 +177,9 @@ def cloud(x: float) -> Obstacle:
     return Obstacle("cloud", PointCloud(points, 0.02), Pose((x, 0.0, 0.2)))
 
 
-def test_a_crowd_that_everything_may_touch_is_as_if_it_were_not_there() -> None:
-    robot = load_robot("wxai")
-    allowed = [(shape.link, "cloud") for shape in robot.shapes]
-    checker = CollisionChecker(robot, Scene((cloud(0.2),)), allowed=allowed)
-    alone = CollisionChecker(robot, Scene())
-    assert checker._parts.crowds
-    assert checker.clearance(robot.home) == alone.clearance(robot.home)
-    assert checker.contacts(robot.home) == alone.contacts(robot.home)
-
-
-def test_hulls_of_which_no_pair_is_left_to_judge_are_proven() -> None:
-    robot = load_robot("ur5")
-    certifier = Certifier(robot, Scene())
-    home = np.array(robot.home)
-    names = {certifier.listed.names(k) for k in range(len(certifier.listed.pairs))}
-    path = JointPath(np.array([home, home + 0.1]))
-    assert certifier.certify(path, exempt=[ExemptInterval(0.0, path.length, tuple(names), "")]).certified
-
-
-def test_pieces_that_are_kilometres_apart_are_proven() -> None:
-    robot = load_robot("wxai")
-    row = Compound(tuple((Box((0.1, 0.1, 0.1)), Pose((x, 0.3, 0.9))) for x in np.linspace(-1000.0, 1000.0, 80)))
-    two = Scene((Obstacle("row", row, Pose((1000.0, 0.0, 0.0))),))
-    path = [np.array(robot.home), np.array(robot.home) + 0.1]
-    certifier = Certifier(robot, two)
-    assert len(certifier.listed.pairs) > certifier.listed.judged
-    assert certifier.certify(path).certified
-
-
-def test_many_pieces_in_the_hand_are_listed_at_once() -> None:
-    """Each with each would be a hundred million questions."""
-    robot = load_robot("planar2")
-    points = np.random.default_rng(3).uniform(-0.1, 0.1, (20_000, 3))
-    held = Attached("scan", PointCloud(points, 0.001), Pose())
-    found = parts.Parts(robot, Scene((), (held,)), padding=0.0, allowed=())
-    assert found.riding > 15_000
-    assert len(found.pairs) == len(pairs.ProofPairs(robot, Scene((), (held,)), ()).pairs)
-
-
 @pytest.mark.parametrize("lists", [CollisionChecker, Certifier])
 def test_more_pairs_than_memory_holds_are_refused(lists: type, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parts, "MAX_PAIRS", 1000)
     monkeypatch.setattr(pairs, "MAX_PAIRS", 1000)
     with pytest.raises(InvalidRequest, match=r"scene: got .*; expected at most 1,000 pairs of pieces"):
         lists(load_robot("wxai"), Scene((cloud(1.0),)))
-
-
-def tips(shape: Shape, T: FloatArray) -> FloatArray:
-    """Points of a shape at a pose that lie farthest in many directions."""
-    d = np.random.default_rng(2).normal(size=(200, 3))
-    d = np.concatenate([d, np.eye(3), -np.eye(3)])
-    found = shape.support(d @ T[:3, :3]) @ T[:3, :3].T + T[:3, 3]
-    return np.asarray(found)
-
-
-def depth_in(size: FloatArray, R: FloatArray, t: FloatArray, points: FloatArray) -> float:
-    """How deep in a box points are, the least deep one; negative if it is outside."""
-    return float((size / 2 - np.abs((points - t) @ R)).min())
-
-
-def stirred() -> Scene:
-    rng = np.random.default_rng(9)
-    pieces = tuple((shape(rng, 0.02), turned(rng, 0.3)) for _ in range(150))
-    return Scene((Obstacle("crowd", Compound(pieces), turned(rng, 0.5)),))
-
-
-def test_every_piece_is_inside_the_boxes_around_it() -> None:
-    robot, scene = load_robot("planar2"), stirred()
-    checker = CollisionChecker(robot, scene, padding=0.004)
-    crowds, listed = checker._clearances._crowds, checker._parts
-    assert crowds is not None
-    groups = crowds._groups
-    starts = np.cumsum(crowds._size) - crowds._size + listed.crowds[0][0]
-    for k, (start, count) in enumerate(zip(starts.tolist(), crowds._size.tolist(), strict=True)):
-        for j in range(start, start + count):
-            points = tips(listed.shapes[j], listed.parts[j].T)
-            assert depth_in(2 * groups.solids.half[k], groups.R[k], groups.t[k], points) >= 0.0
-    assert crowds._size.sum() == 150
-
-
-def test_every_piece_is_inside_the_bundles_around_it_and_in_some_of_each_level() -> None:
-    scene = stirred()
-    solid = scene.obstacles[0].shape
-    assert isinstance(solid, Compound)
-    tree = bundled(solid.pieces, 0, 150)
-    inside = {k: [tips(s, T)] for k, (s, T) in enumerate(zip(solid.pieces.shapes, solid.pieces.frames, strict=True))}
-    for bundle in tree:
-        held = [points for k in range(bundle.first, bundle.first + bundle.count) for points in inside[k]]
-        frame = np.array(bundle.frame)
-        assert depth_in(np.array(bundle.box.size), frame[:, :3], frame[:, 3], np.concatenate(held)) >= 0.0
-        inside[bundle.number] = held
-    assert len(inside[tree[-1].number]) == 150
-    assert [len(inside[bundle.number]) for bundle in tree[:19]] == [8] * 18 + [6]

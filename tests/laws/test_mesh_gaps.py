@@ -9,8 +9,6 @@ import coal
 import fcl
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from planner_service.certify import hulls, separation
 from planner_service.certify.interval_proof import LAST_ROUNDS
@@ -29,7 +27,6 @@ KINDS: tuple[Shape, ...] = (
     ROCK, RAMP, DRUM, SPOON, NEEDLE.shape, Box((0.1, 0.07, 0.05)), Sphere(0.04), Cylinder(0.05, 0.03),
     Capsule(0.03, 0.2),
 )  # fmt: skip
-seeds = st.integers(0, 2**32 - 1)
 
 
 def fcl_shape(shape: Shape) -> Any:
@@ -119,28 +116,3 @@ def test_fcl_says_of_hulls_what_the_bounds_say_but_for_a_micrometre() -> None:
         for apart in (0.0, inside, two.touching - 1e-5, two.touching - 2e-6, two.touching + 2e-6, two.touching * 1.1):
             gap = two.gap(apart)
             assert abs(gap) <= 1e-6 or two.collide(apart) == (gap < 0.0)
-
-
-def test_where_hulls_overlap_both_bounds_say_so() -> None:
-    rng = np.random.default_rng(13)
-    for _ in range(100):
-        two = Two(rng)
-        for apart in (0.0, two.touching * rng.random()):
-            if two.distance(apart) < -COAL:
-                assert max(two.gap(apart), two.proven(apart)) < 0.0
-
-
-@given(st.sampled_from(KINDS[:5]), seeds)
-def test_a_hulls_support_value_about_its_centre_is_that_of_its_farthest_corner(shape: Mesh, seed: int) -> None:
-    n = np.random.default_rng(seed).normal(size=(9, 3))
-    n /= np.sqrt((n * n).sum(axis=1))[:, None]
-    n[:3] = np.eye(3)
-    centre = np.array(separation.centre_of(shape))
-    expected = (n * (shape.support(n) - centre)).sum(axis=1)
-    solids = separation.Solids.of([Box((1.0, 1.0, 1.0)), *[shape] * 9])
-    n = np.concatenate([np.eye(3)[:1], n])
-    assert solids.extent(n.T)[0] == 0.5
-    assert np.abs(solids.extent(n.T)[1:] - expected).max() < 1e-14
-    assert np.abs((solids.farthest(n.T).T[1:] * n[1:]).sum(axis=1) - expected).max() < 1e-14
-    assert solids.radius()[1] == pytest.approx(np.sqrt(((shape.vertices - centre) ** 2).sum(axis=1)).max(), rel=1e-12)
-    assert (expected[:3] > 0.0).all()

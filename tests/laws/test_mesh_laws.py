@@ -11,69 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service.certify.pairs import ProofPairs
-from planner_service.collision import JointStep, MotionStep, native_kernel
 from planner_service.collision import backends as backends
 from planner_service.collision import fcl as judge
+from planner_service.collision import native_kernel
 from planner_service.collision.bounds import Solids
-from planner_service.collision.edge_sampling import EdgeStep
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Shape
-from tests.laws.test_certify_laws import COAL, anywhere
-from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like
+from tests.laws.test_certify_laws import COAL
+from tests.laws.test_collision_laws import compare, near_contact
 from tests.support.hull_arm import HELD, HullSetup
-
-
-def test_a_verdict_on_hulls_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Any) -> None:
-    found = compare(setup, 250, seed=5)
-    assert found.differing == []
-    assert found.unlike_fcl == 0
-    assert 0 < found.free < found.states
-    assert found.at_contact <= found.states / 100
-
-
-def test_both_checkers_judge_the_same_pairs_of_hulls(setup: HullSetup) -> None:
-    checker, second = setup.checker(), setup.independent()
-    listed = ProofPairs(checker.robot, setup.whole_scene(), ())
-    ours = sorted(sorted(checker.pair_names(k)) for k in range(checker.pair_count))
-    assert ours == sorted(sorted(pair) for pair in second.pairs)
-    assert ours == sorted(sorted(listed.names(k)) for k in range(len(listed.pairs)))
-
-
-@pytest.mark.parametrize("step", [MotionStep(), JointStep()], ids=["motion", "joint"])
-def test_an_edge_among_hulls_is_judged_and_counted_as_its_samples(setup: Any, step: EdgeStep) -> None:
-    colliding, differing = compare_edges(setup, step, 40, seed=7)
-    assert differing == []
-    assert 0 < colliding < 40
-
-
-def test_clearance_among_hulls_is_a_bound_of_coals_distance_and_close_to_it(setup: HullSetup) -> None:
-    checker, second = setup.checker(), setup.independent()
-    missing = []
-    for q in planner_like(checker.robot, second.free, np.random.default_rng(8), 60):
-        distance, bound = min(second.gaps(q).values()), checker.clearance(q)
-        if distance > 0.0:
-            assert bound <= distance + COAL
-            missing.append(distance - bound)
-        else:
-            assert bound <= COAL
-    assert len(missing) >= 30
-    assert max(missing) <= 2e-5
-
-
-def test_contacts_of_hulls_are_those_that_coal_finds_and_no_deeper_than_told(setup: HullSetup) -> None:
-    checker, second = setup.checker(), setup.independent()
-    compared = 0
-    for q in anywhere(checker.robot, np.random.default_rng(9), 60):
-        gaps = {frozenset(pair): gap for pair, gap in second.gaps(q).items()}
-        if min(abs(gap) for gap in gaps.values()) <= COAL:
-            continue
-        contacts = {frozenset((c.a, c.b)): c.depth for c in checker.contacts(q)}
-        assert set(contacts) == {pair for pair, gap in gaps.items() if gap < 0.0}
-        assert all(depth > 0.0 for depth in contacts.values())
-        compared += len(contacts)
-    assert compared >= 10
 
 
 def test_padded_hulls_are_free_only_where_all_keep_the_padding_and_always_where_they_keep_1_74_of_it(

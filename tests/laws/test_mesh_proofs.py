@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner_service.certify import Certifier, certify, separation
+from planner_service.certify import MARGIN, Certifier, certify, separation
 from planner_service.certify import motion_bounds as motion
 from planner_service.certify.hulls import Corners
 from planner_service.certify.motion_bounds import Motion
@@ -25,12 +25,11 @@ from planner_service.scene.scene import Obstacle, Scene
 from tests.laws.test_certify_laws import COAL, anywhere, samples, walks
 from tests.laws.test_collision_laws import near_contact
 from tests.laws.test_mesh_laws import blunt, loose, uncentred
+from tests.reference.pair_proof import nearest
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup
 from tests.support.refusals import refused_pair
 
 seeds = st.integers(0, 2**32 - 1)
-STEP = 0.004
-"""Metres that any point moves between two samples of the second checker."""
 
 
 @settings(deadline=None, max_examples=20)
@@ -57,48 +56,19 @@ def test_no_corner_moves_farther_than_reach_and_motion_bounds_say(folder: Path, 
             assert way <= (reach * travel[0]).sum() + 1e-12
 
 
-def test_the_reach_of_the_last_joint_is_the_distance_of_its_farthest_corner(folder: Path) -> None:
-    robot = HullSetup("reaching", folder).robot()
-    far = 0.0
-    for item in robot.shapes:
-        if item.link == "hand" and isinstance(item.shape, Mesh):
-            corners = item.shape.vertices @ item.pose.rotation.T + np.array(item.pose.position)
-            far = float(np.sqrt(corners[:, 1] ** 2 + corners[:, 2] ** 2).max())
-    assert robot.reach()[3] == pytest.approx(far, rel=1e-6)
-
-
-def test_a_hull_stands_in_the_proof_where_the_robot_and_the_scene_say(folder: Path) -> None:
-    setup = HullSetup("standing", folder, attached=(HELD, NEEDLE))
-    robot, scene = setup.robot(), setup.whole_scene()
-    listed = ProofPairs(robot, scene, ())
-    q = anywhere(robot, np.random.default_rng(3), 10)
-    motion = Motion(robot, listed)
-    riding, standing = motion.nodes(q)[0].reshape(3, 4, 10, -1), motion.fixed
-    R, t = robot.body_poses_batch(q)
-    for k, piece in enumerate(listed.riding):
-        frame = np.array(piece.frame)
-        centre = frame[:, :3] @ np.array(separation.centre_of(piece.shape)) + frame[:, 3]
-        assert np.abs(riding[:, 3, :, k].T - (R[:, piece.body] @ centre + t[:, piece.body])).max() < 1e-12
-    for k, obstacle in enumerate(scene.obstacles):
-        assert isinstance(obstacle.shape, Shape)
-        centre = np.array([*separation.centre_of(obstacle.shape), 1.0])
-        assert np.abs(standing[:, 3, k] - (obstacle.pose.matrix @ centre)[:3]).max() < 1e-12
-
-
 # certificates
 
 
 def judged(setup: HullSetup, count: int, seed: int) -> Iterator[tuple[bool, str]]:
-    """Of ``count`` walks whether each is certified, and what Coal says against that on dense samples."""
+    """Of ``count`` walks whether each is certified, and what the reference says against that."""
     robot, second = setup.robot(), setup.independent()
     certifier = Certifier(robot, setup.whole_scene())
     for path in walks(robot, second, np.random.default_rng(seed), count):
-        found, wrong = certifier.certify(path), ""
-        smallest = min(min(second.gaps(q).values()) for q in samples(path, second.reach, STEP))
-        if found.certified and found.clearance > smallest + COAL:
-            wrong = f"{found.clearance} proven, {smallest} found"
-        elif not found.certified and smallest > STEP:  # some sample is within half a step of the place
-            wrong = f"refused at {smallest}"
+        found, (low, high), wrong = certifier.certify(path), nearest(second, path), ""
+        if found.certified and found.clearance > high + COAL:
+            wrong = f"{found.clearance} proven, {high} found"
+        elif not found.certified and low > MARGIN:
+            wrong = f"refused at {low}"
         yield found.certified, wrong
 
 
@@ -130,7 +100,7 @@ def shrunk_proof(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("fault", [uncentred_proof, symmetric_proof, shrunk_proof])
-def test_dense_samples_notice_a_fault_in_the_proof(
+def test_the_reference_notices_a_fault_in_the_proof(
     folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fault(monkeypatch)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +18,7 @@ from planner_service.constraints.values import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.constraint_set import constraint_set, projector_of
-from planner_service.kinematics.tool_arm import descended
 from planner_service.path.joint_path import JointPath
-from planner_service.records.robot import RobotRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.timing.laws import tool_speeds
@@ -30,7 +27,7 @@ from tests.reference.projector import ReferenceProjector
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import built, joint, link, solid, urdf
 
-SEEDS = range(4)
+SEEDS = range(3)
 WALL = Obstacle("wall", Box((0.1, 1.0, 1.0)), Pose((0.6, 0.0, 0.2)))
 FLOOR = Obstacle("floor", Box((2.0, 2.0, 0.1)), Pose((0.0, 0.0, -0.6)))
 SCENE = Scene((WALL, FLOOR))
@@ -78,27 +75,6 @@ def test_mimics_stand_where_pinocchio_has_them(case: Case) -> None:
             assert R @ frame.pose.position + p == pytest.approx(expected[:3, 3], abs=1e-12)
 
 
-def test_poses_have_the_same_bits_alone_and_in_a_batch(case: Case) -> None:
-    Q = case.anywhere(10)
-    R, t = case.robot.body_poses_batch(Q)
-    for q, rotations, positions in zip(Q, R, t, strict=True):
-        alone = np.array(case.robot.body_poses(q))
-        assert (alone[:, :9].reshape(-1, 3, 3) == rotations).all()
-        assert (alone[:, 9:] == positions).all()
-
-
-def test_no_point_moves_farther_than_reach_allows(case: Case) -> None:
-    robot = case.robot
-    A = case.anywhere(200)
-    B = np.clip(A + case.rng.normal(0.0, 0.05, A.shape), robot.limits.lower, robot.limits.upper)
-    most = (np.abs(B - A) * robot.reach()).sum(axis=1)
-    (R_a, t_a), (R_b, t_b) = robot.body_poses_batch(A), robot.body_poses_batch(B)
-    for item in robot.shapes:
-        at = np.array(item.pose.position)
-        moved = (R_b[:, item.body] @ at + t_b[:, item.body]) - (R_a[:, item.body] @ at + t_a[:, item.body])
-        assert (np.sqrt((moved * moved).sum(axis=1)) <= most * (1.0 + 1e-9)).all()
-
-
 def test_reach_is_the_sum_of_what_a_joint_moves_itself_and_through_its_mimics(tmp_path: Path) -> None:
     mimic = '<mimic joint="first" multiplier="-3"/>'
     ball = solid("sphere", 'radius="0.1"', "1 0 0")
@@ -123,17 +99,6 @@ def test_the_jacobian_is_the_derivative(case: Case) -> None:
         assert pytest.approx(np.stack(moved).T / (2.0 * h), abs=1e-7) == J
         qd = case.rng.normal(size=robot.n)
         assert tool_speeds(robot, q[None], qd[None])[0] == pytest.approx(float(np.linalg.norm(J @ qd)), abs=1e-12)
-
-
-def test_a_descent_that_arrives_has_the_tool_at_its_pose(case: Case) -> None:
-    robot, arrived = case.robot, 0
-    for q in case.anywhere(5):
-        there = robot.tool_pose(q)
-        found = descended(robot, Pose.from_matrix(there), np.concatenate([q[None] + 1e-3, case.anywhere(5)]))
-        for end in found.q[found.arrived]:
-            assert robot.tool_pose(end) == pytest.approx(there, abs=1e-7)
-        arrived += int(found.arrived.sum())
-    assert arrived > 0
 
 
 def test_the_kernel_says_what_fcl_says(case: Case) -> None:
@@ -180,22 +145,3 @@ def test_constraints_are_projected_with_the_same_bits_and_proven_as_densely_samp
         samples = path(np.linspace(0.0, path.length, 200))
         kept = not isinstance(prove_kept(robot, path, (region,)), KeptRefusal)
         assert kept == all(resolved.violation(sample) is None for sample in samples)
-
-
-def test_a_plan_file_holds_the_robot(case: Case) -> None:
-    document = json.loads(json.dumps(RobotRecord.of(case.robot).document()))
-    back = RobotRecord.model_validate(document).value
-    assert back.hash == case.robot.hash
-    assert [body.multiplier for body in back.bodies] == [body.multiplier for body in case.robot.bodies]
-    others = [replace(body, multiplier=-body.multiplier) if body.multiplier != 1.0 else body for body in back.bodies]
-    if any(body.multiplier != 1.0 for body in back.bodies):
-        assert replace(back, bodies=tuple(others)).hash != back.hash
-
-
-def test_a_mimic_of_a_locked_joint_stands_with_it(case: Case) -> None:
-    robot = case.robot
-    if robot.n < 2:
-        return
-    q = case.anywhere(1)[0]
-    locked = robot.locked({robot.joint_names[0]: float(q[0])})
-    assert locked.tool_pose(q[1:]) == pytest.approx(robot.tool_pose(q), abs=1e-12)

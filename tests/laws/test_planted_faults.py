@@ -109,7 +109,7 @@ def edges(count: int, seed: int) -> list[FloatArray]:
     while len(out) < count:
         a = rng.uniform(WXAI.limits.lower, WXAI.limits.upper)
         b = np.clip(a + rng.normal(size=WXAI.n) * 0.3, WXAI.limits.lower, WXAI.limits.upper)
-        if SECOND.free(a) and SECOND.free(b) and not SECOND.path_is_free([a, b], 0.016):
+        if SECOND.free(a) and SECOND.free(b) and not SECOND.path_is_free([a, b], 0.03):
             out.append(np.array([a, b]))
     return out
 

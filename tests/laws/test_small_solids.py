@@ -23,7 +23,7 @@ from planner_service.robot.model import Body, JointLimits, LinkShape, Robot
 from planner_service.scene.scene import Obstacle, Scene
 
 BACKENDS: list[BackendName] = ["native", "fcl"]
-STATES = int(os.environ.get("SMALL_STATES", "3000"))
+STATES = int(os.environ.get("SMALL_STATES", "1500"))
 EACH = 40
 """States of each pair of shapes; so many that the sieves are asked, too."""
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
@@ -75,7 +75,7 @@ def face_to_face(one: Shape, other: Shape, rng: np.random.Generator) -> tuple[Ro
     return slider(one, first), Scene((Obstacle("other", other, Pose((x, y, z), second.quaternion)),))
 
 
-@pytest.mark.parametrize("decade", [-9.0, -7.0, -6.0, -5.0, -4.0, -3.3, -3.0, -2.0])
+@pytest.mark.parametrize("decade", [-9.0, -6.0, -4.0, -3.0])
 def test_small_solids_get_the_verdict_of_fcl(decade: float) -> None:
     rng = np.random.default_rng(round(10 * decade) % 1000)
     judged = colliding = 0

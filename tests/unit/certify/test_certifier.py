@@ -21,7 +21,7 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.support.refusals import refused_pair
-from tests.support.small_robots import SLIDER, TWINS, built
+from tests.support.small_robots import SLIDER, built
 
 ROOT = Path(__file__).parents[3]
 PLANAR = load_robot("planar2")
@@ -103,14 +103,6 @@ def test_a_sheet_is_refused_wherever_it_stands() -> None:
         refused(certify(PLANAR, scene, SWEEP))
 
 
-def test_a_curve_that_starts_in_collision_is_refused_at_its_start() -> None:
-    touching = LESSON[0] + 0.5 * (LESSON[1] - LESSON[0])
-    refusal = refused(certify(PLANAR, DISCS, [touching, LESSON[0]]))
-    assert (refusal.s_start, refusal.s_end, refusal.b) == (0.0, 0.0, "lesson_disc")
-    length = JointPath(np.array([LESSON[0], touching])).length
-    assert refused(certify(PLANAR, DISCS, [LESSON[0], touching])).s_end == length
-
-
 def test_one_configuration_is_certified_by_itself() -> None:
     certifier = Certifier(PLANAR, ball_beyond(0.02, 0.0))
     found = certifier.certify(JointPath(np.zeros((1, 2))))
@@ -168,15 +160,6 @@ def test_other_pairs_are_judged_on_an_exempt_stretch() -> None:
     assert certify(PLANAR, DISCS, LESSON, exempt=[whole]).certified
 
 
-def test_exempt_stretches_that_meet_are_one() -> None:
-    enters, leaves = lesson_stretch()
-    pairs = (("lesson_disc", "forearm"),)
-    spans = [(enters - 0.01, enters + 0.1), (enters + 0.1, leaves - 0.1), (leaves - 0.2, leaves + 0.01)]
-    assert certify(PLANAR, DISCS, LESSON, exempt=[ExemptInterval(*span, pairs, "") for span in spans]).certified
-    gapped = [ExemptInterval(*span, pairs, "") for span in (spans[0], spans[2])]
-    refused(certify(PLANAR, DISCS, LESSON, exempt=gapped))
-
-
 def test_an_exempt_point_exempts_nothing_but_a_path_of_one_point() -> None:
     at = sum(lesson_stretch()) / 2
     point = ExemptInterval(at, at, (("lesson_disc", "forearm"),), "meant")
@@ -214,26 +197,6 @@ def test_a_sliding_joint_is_proven_to_its_last_microns(tmp_path: Path, gap: floa
         assert (refused(found).a, refused(found).b) == ("cart", "wall")
 
 
-def test_two_arms_of_one_torso_are_judged_against_each_other(tmp_path: Path) -> None:
-    robot = built(tmp_path, TWINS)
-    outwards, inwards, aside = [0.0, 0.4, -0.4], [0.5, -1.0, 1.0], [2.5, 0.4, -0.4]
-    refusal = refused(certify(robot, OPEN, [outwards, inwards]))
-    assert {refusal.a, refusal.b} == {"left", "right"}
-    alike = certify(robot, OPEN, [[-2.0, -1.0, -1.0], [2.0, 1.0, 1.0]])
-    assert alike.certified
-    turned = certify(robot, OPEN, [outwards, aside])
-    assert turned.certified
-    pairs = len(Certifier(robot, OPEN).listed.pairs)
-    assert turned.distances == 3 * pairs  # the waist moves all alike: their spheres, and both ends, are the proof
-
-
-def test_waypoints_that_all_but_coincide_do_no_harm() -> None:
-    for apart in [0.0, 1e-12, 1e-9, 1e-6, 1e-3]:
-        way = np.array([SWEEP[0], [0.1, 0.0], [0.1 + apart, 0.0], [0.1 + apart, apart], SWEEP[1]])
-        assert certify(PLANAR, ball_beyond(0.001), way).certified
-        refused(certify(PLANAR, ball_beyond(-0.001), way))
-
-
 def test_every_bound_is_charged_before_it_is_asked_and_counted_once() -> None:
     asked: list[int] = []
     found = Certifier(PLANAR, DISCS).certify(JointPath(np.array([[0.0, 0.0], [-0.5, 0.3]])), charge=asked.append)
@@ -254,13 +217,10 @@ def test_a_mistake_is_named() -> None:
         ({"path": JointPath(np.zeros((1, 3)))}, "path: got 3; expected a path of 2 joints"),
         ({"path": JointPath(np.array([[0.0, 0.0], [3.2, 0.0]]))}, r"waypoints\[1\]\[0\]: got 3\.2; expected shoulder"),
         ({"padding": -0.001}, "padding: got -0.001"),
-        ({"padding": 0.11}, "padding: got 0.11"),
         ({"padding": math.nan}, "padding: got nan"),
         ({"exempt": [ExemptInterval(0.0, 1.1, (), "")]}, "exempt: got"),
         ({"exempt": ExemptInterval(0.0, 0.1, (), "")}, "exempt: got .* expected a list of ExemptInterval"),
         ({"exempt": [(0.0, 0.1)]}, r"exempt\[0\]: got"),
-        ({"exempt": None}, "exempt: got None"),
-        ({"path": "straight on"}, "path: got 'straight on'"),
     ]:
         certifier = Certifier(PLANAR, DISCS)
         with pytest.raises(InvalidRequest, match=told):
@@ -272,11 +232,8 @@ def test_an_impossible_exempt_stretch_is_refused() -> None:
     for values, told in [
         ((-0.1, 0.1, ()), "s_start: got -0.1"),
         ((0.2, 0.1, ()), "s_end: got 0.1; expected a number >= 0.2"),
-        ((0.0, math.nan, ()), "s_end: got nan"),
-        (("a", 0.1, ()), "s_start: got 'a'"),
         ((0.0, 0.1, (("forearm",),)), r"pairs: got \('forearm',\)"),
         ((0.0, 0.1, (("forearm", "forearm"),)), "pairs of two different"),
-        ((0.0, 0.1, None), "pairs: got None"),
     ]:
         with pytest.raises(InvalidRequest, match=told):
             ExemptInterval(values[0], values[1], values[2], "")

@@ -13,7 +13,6 @@ import pytest
 from planner_service import (
     Attached,
     Box,
-    CancelToken,
     CollisionChecker,
     Handling,
     InvalidRequest,
@@ -29,7 +28,6 @@ from planner_service import (
     top_grasps,
 )
 from planner_service.certify import certify_gripper
-from planner_service.collision.budget import Cancelled
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.recertify import recertify
 from tests.support.optional import present
@@ -86,12 +84,6 @@ def test_what_is_certified_is_free_at_every_width_and_the_clearance_is_a_lower_b
     assert {True, False} == set(verdicts)
 
 
-def test_a_motion_that_ends_where_it_began_is_judged_at_that_width() -> None:
-    robot, scene = load_robot("wxai"), load_scene("bin").with_obstacle(plate(0.027))
-    assert certify_gripper(robot, scene, robot.home, (0.08, 0.08)).certificate.certified
-    assert not certify_gripper(robot, scene, robot.home, (0.05, 0.05)).certificate.certified
-
-
 def test_fingers_may_touch_what_they_close_on_and_nothing_else() -> None:
     service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
     task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
@@ -114,21 +106,6 @@ def test_what_is_held_counts_unless_the_fingers_may_touch_it() -> None:
     assert "finger_right x bar" in certify_gripper(robot, Scene(attached=(loose,)), q, (0.03, 0.08)).refused
 
 
-def test_a_task_tells_what_its_gripper_does_and_counts_the_proof() -> None:
-    service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
-    task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
-    first, none, grip = (segment.gripper for segment in task.segments)
-    assert first is not None
-    assert grip is not None
-    assert none is None
-    assert (first.name, first.start, grip.start) == ("gripper closes", 0.08, first.end)
-    assert first.end == pytest.approx(0.069)
-    assert grip.end == pytest.approx(0.045)
-    proofs = first.certificate.distances + grip.certificate.distances
-    motions = sum(segment.result.counts.distances for segment in task.segments)
-    assert task.counts.distances == motions + proofs + task.choosing.distances
-
-
 @pytest.mark.slow
 def test_a_place_goes_where_the_gripper_can_open() -> None:
     """A post stands just beside the first place: the closed fingers come by, the opening ones would hit it."""
@@ -147,13 +124,6 @@ def test_a_place_goes_where_the_gripper_can_open() -> None:
     assert any(re.search(r"gripper cannot open from 45.0 to 69.0 mm: finger_\w+ x post", note) for note in put.notes), (
         put.notes
     )
-
-
-def test_a_cancelled_proof_ends() -> None:
-    service, token = PlannerService("wxai", "bin"), CancelToken()
-    token.cancel()
-    with pytest.raises(Cancelled):
-        service.certify_gripper(service.robot.home, 0.0, 0.08, cancel=token)
 
 
 def test_bad_input_names_what_is_wrong() -> None:

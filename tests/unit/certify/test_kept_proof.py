@@ -8,16 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner_service.certify import KeptBound, KeptRefusal, certify, prove_kept
+from planner_service.certify import KeptBound, KeptRefusal, prove_kept
 from planner_service.certify.kept_proof import SLACK
 from planner_service.constraints import (
     Constraint,
-    InBox,
     JointRange,
     KeepOrientation,
     KeepUpright,
     OnPlane,
-    RelativePose,
     ToolRegion,
 )
 from planner_service.errors import InvalidRequest, UnknownName
@@ -25,7 +23,6 @@ from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.scene import Scene
 from tests.support.small_robots import CRANE, SLIDER, built
 
 PLANAR = load_robot("planar2")
@@ -87,7 +84,7 @@ def test_a_long_stretch_does_not_turn_unseen() -> None:
     assert refused(PLANAR, way, KeepUpright(X_UP, 3.0, up=(-1.0, 0.0, 0.0))).deviation > 3.0
 
 
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-3, 0.01])
+@pytest.mark.parametrize("tolerance", [1e-4, 0.01])
 def test_a_line_that_bulges_out_of_a_plane_between_two_samples_is_refused(tolerance: float) -> None:
     """Both ends are on the plane, and what the arm sweeps in between is an arc."""
     half = math.acos(1.0 - 1.2 * tolerance / 1.5)
@@ -127,15 +124,6 @@ def test_a_bound_holds_where_a_joint_gathers_speed_in_a_blend() -> None:
     assert found[0].bounds[0].bound >= furthest
 
 
-def test_every_blend_that_bulges_out_is_named_at_once() -> None:
-    one = corner().waypoints
-    twice = JointPath(np.concatenate([one, [[0.0, 0.0]], one])).with_blends([0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    region = ToolRegion(upper=(INF, 1.305, INF))
-    refusal = refused(PLANAR, twice, region)
-    assert len(refusal.broken) == 2
-    assert (refusal.s_start, refusal.s_end) in refusal.broken
-
-
 def test_ends_on_the_tolerance_are_kept_and_beyond_it_are_not() -> None:
     ends = line([0.5, 0.0], [1.2, 0.4])
     at_start = 1.5 * math.cos(0.5)
@@ -161,14 +149,6 @@ def test_a_curve_on_its_tolerance_all_along_is_kept_and_one_just_beyond_it_does_
     assert "not excluded" in str(refusal)
 
 
-def test_what_slides_straight_is_proven_to_the_nanometre(tmp_path: Path) -> None:
-    crane = built(tmp_path, CRANE)
-    region = ToolRegion(lower=(0.05, -INF, -INF), link="trolley")
-    (x,) = proven(crane, line([0.0, 0.2], [0.0, 1.7]), region)
-    assert (x.quantity, x.unit) == ("-x", "m")
-    assert x.bound == pytest.approx(-0.3, abs=2 * NANO)
-
-
 def test_a_turning_joint_moves_what_has_slid_far_out(tmp_path: Path) -> None:
     crane = built(tmp_path, CRANE)
     way = line([-0.1, 1.9], [0.1, 1.9])
@@ -176,18 +156,6 @@ def test_a_turning_joint_moves_what_has_slid_far_out(tmp_path: Path) -> None:
     assert -x.bound <= 2.0 * math.cos(0.1)
     way = line([-0.1, 1.9], [0.0, 1.9], [0.1, 1.9])
     assert refused(crane, way, ToolRegion(upper=(1.999, INF, INF), link="trolley")).deviation > 1.999
-
-
-def test_a_frame_that_carries_the_region_moves_it(tmp_path: Path) -> None:
-    slider = built(tmp_path, SLIDER)
-    way = line([-0.5, -1.0], [0.7, 1.3])
-    fixed = RelativePose("cart", "cart", Pose(), 1e-4, 1e-3)
-    assert all(item.bound < item.tolerance for item in proven(slider, way, fixed))
-    (tilt,) = proven(slider, way, ToolRegion(tilt=1.5, link="rail", relative_to="boom"))
-    (same,) = proven(slider, way, ToolRegion(tilt=1.5, link="boom", relative_to="rail"))
-    widest = math.acos(math.cos(1.3) + 0.64 * (1.0 - math.cos(1.3)))
-    assert tilt.bound == pytest.approx(same.bound, abs=1e-6)
-    assert widest <= tilt.bound <= 1.3 * widest
 
 
 def test_a_joint_range_is_exact_on_straight_pieces_and_close_on_blends() -> None:
@@ -227,20 +195,6 @@ def test_a_refusal_names_the_constraint_the_place_and_the_amount() -> None:
     low = refused(PLANAR, way, ToolRegion(lower=(1.5 * math.cos(0.2), -INF, -INF)))
     assert "x = 1428" in str(low)
     assert "at least 1470" in str(low)
-
-
-def test_a_certificate_says_free_and_kept() -> None:
-    way = np.array([[0.0, 0.0], [0.3, 0.0]])
-    box = InBox(Pose((1.4, 0.2, 0.0)), (0.4, 0.6, INF))
-    found = certify(PLANAR, Scene(), way, constraints=[box, JointRange("elbow", -0.5, 0.5)])
-    assert found.certified
-    assert [kept.name for kept in found.kept] == ["box", "elbow"]
-    assert str(found).endswith("; elbow kept (elbow 0 of 0.5 rad)")
-    refused_ = certify(PLANAR, Scene(), way, constraints=[box, JointRange("shoulder", -0.2, 0.2)])
-    assert isinstance(refused_.refusal, KeptRefusal)
-    assert (refused_.certified, refused_.clearance, refused_.distances, refused_.kept) == (False, -INF, 0, ())
-    assert str(refused_).startswith("refused: shoulder is not proven kept")
-    assert certify(PLANAR, Scene(), way).kept == ()
 
 
 def test_what_is_not_there_is_named() -> None:

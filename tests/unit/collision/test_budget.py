@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Sequence
@@ -22,8 +21,6 @@ PLANAR = load_robot("planar2")
 START, GOAL = (0.0, 0.0), (3.0, 0.0)
 SAMPLES = 801
 """Samples of the edge from START to GOAL, both ends included."""
-HIT_AT = 6
-"""With the pin in the way: both ends, then 1/2, 1/4, 3/4 and 1/8 of the edge, the last of which collides."""
 
 
 def checker_with(*obstacles: Obstacle) -> CollisionChecker:
@@ -32,11 +29,6 @@ def checker_with(*obstacles: Obstacle) -> CollisionChecker:
 
 def open_checker() -> CollisionChecker:
     return checker_with(Obstacle("far", Cylinder(0.1, 0.2), Pose((-1.3, -0.5, 0.0))))
-
-
-def blocked_checker() -> CollisionChecker:
-    angle = 3.0 / 8.0
-    return checker_with(Obstacle("pin", Cylinder(0.005, 0.2), Pose((1.4 * math.cos(angle), 1.4 * math.sin(angle), 0))))
 
 
 class CountingDown(CancelToken):
@@ -74,18 +66,6 @@ def test_a_budget_below_the_cost_of_an_edge_is_spent_exactly() -> None:
         assert checker.counts == CheckCounts(states=budget, edges=1)
 
 
-def test_a_budget_that_reaches_the_first_collision_is_enough() -> None:
-    for budget in range(12):
-        checker = blocked_checker()
-        with checker.limited(states=budget):
-            if budget < HIT_AT:
-                with pytest.raises(CheckBudgetSpent):
-                    checker.edge_is_free(START, GOAL)
-            else:
-                assert not checker.edge_is_free(START, GOAL)
-        assert checker.counts == CheckCounts(states=min(budget, HIT_AT), edges=1)
-
-
 def test_a_budget_counts_from_where_it_is_set_and_over_variants() -> None:
     checker = open_checker()
     checker.state_is_free(START)
@@ -120,17 +100,6 @@ def test_limits_end_with_their_block_even_when_it_raises() -> None:
     assert ledger.counts == CheckCounts(states=101)
 
 
-def test_a_time_box_that_is_over_stops_before_the_next_check() -> None:
-    checker = open_checker()
-    with checker.limited(deadline=time.monotonic() - 1.0):
-        with pytest.raises(TimeBoxSpent):
-            checker.state_is_free(START)
-        with pytest.raises(TimeBoxSpent):
-            checker.edge_is_free(START, GOAL)
-    assert checker.counts == CheckCounts(edges=1)
-    assert checker.state_is_free(START)
-
-
 def test_a_time_box_ends_an_edge_midway(monkeypatch: pytest.MonkeyPatch) -> None:
     checker = open_checker()
     ticks = iter(range(1000))
@@ -161,22 +130,6 @@ def test_a_token_ends_an_edge_midway() -> None:
     with checker.limited(token=CountingDown(looks=2)), pytest.raises(Cancelled):
         checker.edge_is_free(START, GOAL)
     assert 0 < checker.counts.states < SAMPLES
-
-
-@pytest.mark.parametrize(("inner", "room"), [(3, 3), (10, 10), (50, 10)])
-def test_a_limit_never_reaches_beyond_the_limits_around_it(inner: int, room: int) -> None:
-    ledger = Ledger()
-    with ledger.limited(states=10, deadline=None, token=None):
-        with ledger.limited(states=inner):
-            assert ledger.room() == room
-            ledger.record_states(room)
-            with pytest.raises(CheckBudgetSpent):
-                ledger.require_room()
-        assert ledger.room() == 10 - room
-    with ledger.limited(states=2):
-        assert ledger.room() == 2
-    assert ledger.room() is None
-    assert ledger.counts == CheckCounts(states=room)
 
 
 def test_work_apart_does_not_use_up_the_limits_around_it() -> None:
@@ -240,17 +193,7 @@ def test_a_limit_is_of_the_thread_whose_block_it_is() -> None:
     assert checker.state_is_free(START)
 
 
-def test_a_block_that_never_ended_limits_nothing_once_it_is_gone() -> None:
-    checker = open_checker()
-    for limits in ({"states": 1}, {"deadline": 0.0}):
-        block = checker.limited(**limits)
-        block.__enter__()
-        del block  # as an interrupt between two steps of the interpreter leaves it
-        assert all(checker.state_is_free(START) for _ in range(5))
-        assert checker.edge_is_free(START, GOAL)
-
-
-@pytest.mark.parametrize("room", range(12))
+@pytest.mark.parametrize("room", range(0, 12, 3))
 def test_at_a_spent_budget_just_what_was_judged_is_counted(room: int, monkeypatch: pytest.MonkeyPatch) -> None:
     judged = 0
     touching = FclBackend._touching
@@ -268,14 +211,6 @@ def test_at_a_spent_budget_just_what_was_judged_is_counted(room: int, monkeypatc
         checker.contacts(START)
         checker.edge_is_free(START, GOAL)
     assert checker.counts.states == judged == room
-
-
-def test_the_ledger_remembers_which_pairs_blocked() -> None:
-    checker = blocked_checker()
-    for _ in range(3):
-        assert not checker.edge_is_free(START, GOAL)
-    assert checker.state_is_free(START)
-    assert dict(checker.ledger.hits) == {("forearm", "pin"): 3}
 
 
 def test_hits_of_several_pieces_of_two_owners_add_up() -> None:

@@ -132,7 +132,7 @@ def test_what_rounds_the_corners_of_a_large_hull_proves_no_gap() -> None:
                 assert at_gap(kernel, rider, wall, 1e-5 + 1e-5 * size).free
 
 
-@pytest.mark.parametrize("name", ["panda_mbm", "ur5"])
+@pytest.mark.parametrize("name", ["panda_mbm"])
 def test_tables_of_the_robots_own_pairs_prove_nothing_that_is_in_doubt_without_them(name: str) -> None:
     robot = load_robot(name)
     lower, upper = robot.limits.lower, robot.limits.upper

@@ -29,7 +29,6 @@ from planner_service.datasets.bin_task import BinPickPlace
 from planner_service.datasets.episode import EpisodeWork
 from planner_service.parallel import Processes
 from planner_service.records.result import result_record
-from planner_service.tasks import best_of_seeds
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 UPRIGHT = KeepUpright((-1, 0, 0), 0.1)
@@ -65,11 +64,6 @@ def test_plans_of_many_requests_keep_them() -> None:
     assert [each.origin is not None and each.origin.request is not None for each in found] == [True, True]
 
 
-def test_the_best_of_several_seeds_keeps_them() -> None:
-    found = best_of_seeds(service(), request(), (7,))
-    assert without_seconds(found) == without_seconds(planned())
-
-
 # What refuses them.
 
 
@@ -92,15 +86,6 @@ def test_roadmaps_refuse_them() -> None:
 def test_a_motion_that_was_planned_with_them_is_not_replanned_without() -> None:
     with pytest.raises(InvalidRequest, match=r"previous: got 'constraints \(upright\)'; expected a plan without"):
         service().replan(planned(), at_time=0.1)
-
-
-def test_a_motion_is_not_replanned_with_them() -> None:
-    with pytest.raises(InvalidRequest, match=r"request\.constraints: got 'upright'; expected none: replan"):
-        service().replan(planned(), at_time=0.1, request=request())
-
-
-def test_whoever_gives_a_request_without_them_replans_without() -> None:
-    assert service().replan(planned(), at_time=0.1, request=request(constraints=())).ok
 
 
 def test_a_planner_that_keeps_none_does_not_carry_what_is_to_stay_upright() -> None:

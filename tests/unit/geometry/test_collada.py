@@ -8,10 +8,8 @@ import coal
 import numpy as np
 import pytest
 
-from planner_service.errors import InvalidFile
 from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.collada import dae_surface
-from planner_service.geometry.mesh import Mesh
 
 CORNERS = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.3], [0.0, 0.2, 0.0], [0.1, 0.0, 0.0]]
 """What the tetrahedron of ``document`` has; its fifth point is in no face."""
@@ -51,7 +49,6 @@ def test_the_vertices_are_those_that_a_face_uses() -> None:
 
 PLACED = {
     "translate, then rotate": f"<node><translate>1 2 3</translate><rotate>0 0 1 90</rotate>{GEOMETRY}</node>",
-    "rotate, then translate": f"<node><rotate>0.6 0.8 0 30</rotate><translate>1 2 3</translate>{GEOMETRY}</node>",
     "a matrix": f"<node><matrix>0 -1 0 1 1 0 0 2 0 0 1 3 0 0 0 1</matrix>{GEOMETRY}</node>",
     "scale below a turn": f"<node><rotate>1 0 0 40</rotate><node><scale>2 3 0.5</scale>{GEOMETRY}</node></node>",
     "twice": f"<node>{GEOMETRY}</node><node><translate>1 0 0</translate>{GEOMETRY}</node>",
@@ -124,7 +121,6 @@ def test_a_polygon_of_fewer_than_three_corners_is_refused(sizes: str) -> None:
 
 
 REFUSED = [
-    (document('<node><instance_controller url="#c"/></node>'), "<instance_controller> in a node"),
     (
         document(library='<library_animations><animation><channel target="a/b"/></animation></library_animations>'),
         "an animation moves 'a/b'",
@@ -133,19 +129,16 @@ REFUSED = [
     (document(f"<node><matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1</matrix>{GEOMETRY}</node>"), "last row is not 0 0 0 1"),
     (document(f"<node><rotate>0 0 2 90</rotate>{GEOMETRY}</node>"), "a rotation about 0 0 2; expected"),
     (document('<node><instance_geometry url="b.dae#g"/></node>'), "'b.dae#g' is no <geometry>"),
-    (document(mesh="<spline/>"), "<spline> in a mesh"),
     (document(faces=FACES.replace("</triangles>", "<ph/></triangles>")), "or with holes"),
     (document(faces=FACES.replace("4 3</p>", "4 5</p>")), "vertices that do not exist"),
     (document(faces=FACES.replace('"4"', '"5"')), "12 corners; expected 15"),
     (document().replace('count="5"', 'count="6"'), "6 positions X, Y, Z every 3 of 15"),
     (document().replace("9 9 9", "9 9 x"), "'x' is not a number"),
-    (document().replace("9 9 9", f"9 9 {'9' * 65}"), "is not a number"),
     (
         document('<node><instance_node url="#n"/></node>', library='<node id="n"/><node id="n"/>'),
         "<node> with the id 'n' twice",
     ),
     (document().replace("<scene>", "<scenes>").replace("</scene>", "</scenes>"), "with 0 <scene>"),
-    ("<!DOCTYPE COLLADA>" + document().partition("?>")[2], "<!DOCTYPE is not allowed"),
 ]
 
 
@@ -161,26 +154,9 @@ def test_a_document_of_too_many_elements_is_refused(monkeypatch: pytest.MonkeyPa
         dae_surface(document().encode())
 
 
-def test_nodes_in_a_circle_end() -> None:
-    library = '<library_nodes><node id="n"><instance_node url="#n"/></node></library_nodes>'
-    with pytest.raises(Malformed, match="nested deeper than 64, perhaps in a circle"):
-        dae_surface(document('<node><instance_node url="#n"/></node>', library=library).encode())
-
-
 def test_nodes_that_multiply_end() -> None:
     twice = [2 * f'<instance_node url="#n{k + 1}"/>' for k in range(40)]
     nodes = "".join(f'<node id="n{k}">{below}</node>' for k, below in enumerate(twice))
     library = f'<library_nodes>{nodes}<node id="n40"/></library_nodes>'
     with pytest.raises(Malformed, match="more than 10,000"):
         dae_surface(document('<node><instance_node url="#n0"/></node>', library=library).encode())
-
-
-def test_a_mesh_file_may_be_collada(tmp_path: Path) -> None:
-    (tmp_path / "part.DAE").write_text(document())
-    assert Mesh.from_file(tmp_path / "part.DAE") == Mesh(np.array(CORNERS))
-
-
-def test_a_place_beyond_every_number_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "far.dae").write_text(document(f"<node>{40 * '<scale>1e300 1 1</scale>'}{GEOMETRY}</node>"))
-    with pytest.raises(InvalidFile, match="a vertex is not finite"):
-        Mesh.from_file(tmp_path / "far.dae")

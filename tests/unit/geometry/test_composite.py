@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from planner_service import PlannerService, PlanRequest
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Compound, HeightField, Pieces, PointCloud
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene
-from tests.support.optional import present
 
 RNG = np.random.default_rng(5)
 STEPS = PointCloud.from_cells([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]], 0.01)
@@ -118,11 +115,8 @@ def test_equal_content_is_equal() -> None:
 
 BAD_CLOUDS: list[tuple[Any, Any, str]] = [
     ([["a", "b", "c"]], 0.1, r"points: got .*; expected 1 to 500,000 points"),
-    (np.zeros((0, 3)), 0.1, r"points: got an array of shape \(0, 3\)"),
     ([[0.0, 0.0, 0.0], [0.0, float("nan"), 0.0]], 0.1, r"points\[1\]: got \[0.0, nan, 0.0\]"),
-    ([[1000.0, 0.0, 0.0]], 0.01, r"points\[0\]: got \[1000.005, 0.005, 0.005\]"),
     ([[-999.0, 0.0, 0.0], [999.0, 0.0, 0.0]], 1.0, "points: 1999 m long; expected a cloud no longer than 1000 m"),
-    ([[0.0, 0.0, 0.0]], 0.0, "resolution: got 0.0; expected an edge of 0.0001 to 1000 m"),
 ]
 
 
@@ -136,7 +130,6 @@ BAD_FIELDS: list[tuple[Any, Any, Any, str]] = [
     ([0.1, 0.2], 0.1, 0.0, r"heights: got an array of shape \(2,\)"),
     ([[0.1, float("nan")]], 0.1, 0.0, r"heights\[0, 1\]: got nan"),
     ([[0.1, 0.0]], 0.1, 0.1, "floor: got 0.1; expected below the highest column, 0.1"),
-    ([[0.1] * 3], 999.0, 0.0, "cell: got 999.0; expected a field no longer than 1000 m"),
     ([[0.1]], 0.1, "low", "floor: got 'low'"),
     (RNG.uniform(0.1, 0.2, (300, 300)), 0.01, 0.0, "cell: 0.01 m makes 90,000 boxes"),
 ]
@@ -151,7 +144,6 @@ def test_a_field_that_is_none_is_refused(heights: Any, cell: Any, floor: Any, me
 BAD_COMPOUNDS: list[tuple[Any, str]] = [
     ((), "parts: got 0; expected 1 to 1,000 pairs"),
     (((Box((1, 1, 1)), (0, 0, 0)),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
-    (((PAIR, Pose()),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
     (((Sphere(1), Pose()),) * 1001, "parts: got 1001"),
 ]
 
@@ -209,9 +201,7 @@ BAD_FILES: list[tuple[str, bytes, str]] = [
     ("a.npy", plain(POINTS)[:-9], r"1,191 bytes are not those of an array of shape \(50, 3\)"),
     ("a.npy", lying(), r"1,200 bytes are not those of an array of shape \(99, 3\)"),
     ("a.npy", plain(np.array([{"a": 1}], dtype=object)), "expected real numbers"),
-    ("a.npz", packed(a=POINTS, b=POINTS), "holds a, b; expected an array 'points'"),
     ("a.npz", bomb(), "unpacks to more than 50,000,000 bytes"),
-    ("a.npy", plain(POINTS[:, :2]), r"points: got an array of shape \(50, 2\)"),
 ]
 
 
@@ -220,19 +210,6 @@ def test_a_file_that_holds_no_cloud_is_refused(tmp_path: Path, name: str, conten
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InvalidFile, match=message):
         PointCloud.from_file(tmp_path / name, 0.1)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_a_spoilt_file_is_refused_or_read(tmp_path: Path, seed: int) -> None:
-    chance = np.random.default_rng(seed)
-    suffix, content = [("npz", packed(points=POINTS)), ("npy", plain(POINTS))][seed % 2]
-    spoilt = bytearray(content)
-    for at in chance.integers(0, min(len(spoilt), 200 if seed % 4 < 2 else len(spoilt)), 3).tolist():
-        spoilt[at] = int(chance.integers(256))
-    file = tmp_path / f"a.{suffix}"
-    file.write_bytes(spoilt)
-    with suppress(InvalidFile):
-        assert len(PointCloud.from_file(file, 0.1).cells)
 
 
 def test_heights_are_read_from_a_file(tmp_path: Path) -> None:
@@ -271,10 +248,7 @@ def test_a_scene_file_names_cloud_and_heights_in_its_own_folder(tmp_path: Path) 
 
 BAD_ENTRIES: list[tuple[str, str]] = [
     ("cloud = { resolution = 0.1 }", "cloud: got .*; expected { file = ..., resolution = ..., scale = ... }"),
-    ('cloud = { file = "../a.npz", resolution = 0.1 }', "lies outside the folders that may be read"),
     ("cloud = { cells = [[0, 0, 0]], resolution = 0.1, scale = 2 }", "cloud: got .*; expected { file"),
-    ("heights = { values = [[1, 2], [3]], cell = 0.1 }", "heights: got .*; expected finite heights"),
-    ("compound = [{ box = [1, 1, 1] }]", r"compound\[0\].position: missing"),
     (
         "compound = [{ cloud = { cells = [[0, 0, 0]], resolution = 1 }, position = [0, 0, 0] }]",
         r"compound\[0\]: unknown key 'cloud'",
@@ -287,23 +261,3 @@ def test_a_bad_entry_of_a_scene_file_is_named(tmp_path: Path, text: str, message
     (tmp_path / "s.toml").write_text(f'[[obstacle]]\nname = "a"\n{text}\nposition = [0, 0, 0]\n')
     with pytest.raises(InvalidFile, match=rf"obstacle\[0\] 'a'.*{message}"):
         load_scene(tmp_path / "s.toml")
-
-
-def wall(resolution: float) -> Scene:
-    """A measured wall across the arm's way, some thousand boxes of noise."""
-    chance = np.random.default_rng(1)
-    points = chance.uniform([0.0, -0.05, 0.0], [0.35, 0.0, 0.35], (6000, 3))
-    return Scene((Obstacle("wall", PointCloud(points, resolution), Pose((0.18, 0.0, 0.0))),))
-
-
-def test_a_plan_around_a_cloud_is_certified_and_repeats_to_the_bit() -> None:
-    scene = wall(0.01)
-    service = PlannerService("wxai", scene)
-    assert service.checker.pair_count > 10_000
-    start, goal = np.array([-0.8, 1.2, 1.0, -0.5, 0.0, 0.0]), np.array([0.8, 1.2, 1.0, -0.5, 0.0, 0.0])
-    assert service.checker.edge_hit(start, goal) is not None
-    first, second = (PlannerService("wxai", scene).plan(PlanRequest(start, goal, seed=2)) for _ in range(2))
-    assert first.ok, first.failure
-    assert present(first.certificate).certified
-    assert first.counts == second.counts
-    assert present(first.path).waypoints.tobytes() == present(second.path).waypoints.tobytes()

@@ -26,7 +26,6 @@ STL_TEXT = "solid x\n" + "".join(
 ) + "endsolid x\n"  # fmt: skip
 V = "".join("v {} {} {}\n".format(*row) for row in CORNERS)
 OBJ = V + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in TRIANGLES)
-OBJ_MIXED = "v 9 9 9\n" + V + "vn 0 0 1\nf 2//1 4//1 3//1\nf -4/7 -3/7/2 -1/7 # behind\nf 2 5 4\n\tf +3 4 5\n"
 HEAD = "ply\nformat {}\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\nelement face {}\n"
 LIST = "property list uchar int vertex_indices\n"
 ROWS = "".join("{} {} {}\n".format(*row) for row in CORNERS)
@@ -79,12 +78,6 @@ def test_every_format_gives_the_same_solid_facing_outwards(tmp_path: Path, name:
     assert volume(vertices, faces) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_obj_corners_count_from_either_end_and_what_follows_a_slash_is_not_read(tmp_path: Path) -> None:
-    vertices, faces = read_triangles(written(tmp_path, "mixed.obj", OBJ_MIXED))
-    assert len(vertices) == 5  # one is in no triangle, and stays
-    assert volume(vertices, faces) == pytest.approx(1.0, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("name", "data"),
     [
@@ -106,33 +99,21 @@ def test_a_scale_keeps_the_outside_outside(tmp_path: Path, scale: tuple[float, f
     assert volume(vertices, faces) == pytest.approx(2.0, rel=1e-12)
 
 
-def test_a_triangle_without_three_different_corners_is_left_out(tmp_path: Path) -> None:
-    _, faces = read_triangles(written(tmp_path, "thin.obj", OBJ + "f 1 1 2\nv 1 0 0\nf 2 5 3\n"))
-    assert len(faces) == 4
-
-
 BIG = ply_binary(">", "binary_big_endian")
 REFUSED = [
     ("x.txt", OBJ, "suffix '.txt'; expected one of .stl, .obj, .ply, .dae"),
-    ("none.stl", bytes(84), "no triangles"),
     ("none.obj", V, "an OBJ without a face"),
     ("two.obj", V + "f 1 2\n", "a face with 2 corners; expected three or more"),
-    ("word.obj", V + "f 1 2 three\n", "'three' in a face; expected the number of a vertex"),
     ("digits.obj", V + "f 1 2 " + "9" * 5000 + "\n", "'99999999999999999999' in a face"),
-    ("far.obj", "v 0 0 1e9\n" + OBJ, "more than 1000 m from 0"),
     ("cut.stl", STL[:-1], "no STL"),
     ("cut.ply", BIG[:-1], "cut short: the PLY header says 4 faces"),
-    ("cut3.ply", PLY[:-8], "3 faces; the PLY header says 4"),
     ("short.ply", PLY.replace("3 1 2 3", "4 1 2 3"), "a PLY face whose number of corners is wrong"),
     ("beyond.ply", PLY.replace("3 1 2 3", "3 1 2 4"), "a corner of a triangle is none of the 4 vertices"),
-    ("points.ply", PLY.replace("element face 4", "comment no faces"), "expected a plain number"),
     (
         "many.ply",
         PLY.replace("element face 4", "element face 1000001"),
         "1,000,001 face rows; expected at most 1,000,000",
     ),
-    ("named.ply", PLY.replace("vertex_indices", "texcoord"), "a list 'texcoord'; expected vertex_indices alone"),
-    ("listless.ply", PLY.replace(LIST, "property int x\n"), "PLY faces have no list vertex_indices"),
 ]
 
 

@@ -135,7 +135,7 @@ class History:
 def test_no_history_makes_a_roadmap_lie(name: str, seed: int) -> None:
     history = History(name, seed)
     held = 0
-    for _ in range(20):
+    for _ in range(14):
         history.change()
         for _ in range(2):
             history.ask()

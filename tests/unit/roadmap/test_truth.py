@@ -17,7 +17,6 @@ from planner_service import (
     CollisionChecker,
     JointStep,
     LazyPRM,
-    MotionStep,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -25,10 +24,9 @@ from planner_service import (
     Scene,
     Stage,
 )
-from planner_service.collision.edge_sampling import FinestStep
 from planner_service.planning import search_stage
 from planner_service.roadmap import Terms, Verdict
-from planner_service.roadmap.verdicts import SELF, Knowledge
+from planner_service.roadmap.verdicts import SELF
 from tests.support.optional import present
 from tests.support.roadmaps import cell, checker_of, lies
 
@@ -80,14 +78,6 @@ def test_parts_of_edges_are_remembered_only_once_judged(step: float, monkeypatch
     assert lies(roadmap, service) == []
 
 
-def test_a_roadmap_grown_for_a_plan_that_fails_comes_back() -> None:
-    query = queries.load("bin")[0]
-    few = PRM(milestones=30, neighbours=2)
-    result = cell().plan(PlanRequest(query.start, query.goal, planner=few, time_limit=None, max_checks=10))
-    assert not result.ok
-    assert lies(present(result.roadmap), cell()) == []
-
-
 class Whim:
     """A rule of a user's own, which nobody can tell from another."""
 
@@ -110,29 +100,6 @@ def test_what_was_judged_at_samples_nobody_can_tell_is_not_known_again() -> None
     assert lies(fine.update_roadmap(roadmap).roadmap, fine) == []
 
 
-def test_another_step_of_the_same_rule_is_another_rule() -> None:
-    checkers = [
-        CollisionChecker(cell().robot, Scene(), edge_step=step)
-        for step in (
-            JointStep(0.05),
-            JointStep(0.04),
-            MotionStep(0.05),
-            FinestStep((JointStep(0.05), MotionStep(0.05))),
-            FinestStep((JointStep(0.05), MotionStep(0.04))),
-        )
-    ]
-    terms = [Terms.of(checker) for checker in checkers]
-    assert all(one.same(two) == (one is two) for one in terms for two in terms)
-    odd = Terms.of(CollisionChecker(cell().robot, Scene(), edge_step=FinestStep((JointStep(0.05), Whim(0.1)))))
-    assert not odd.same(odd)
-
-
-def test_edges_are_blocked_whichever_end_is_named_first() -> None:
-    roadmap = Roadmap.judged([[0.0], [1.0], [2.0]], [(2, 1)], {(1, 0): "post"})
-    assert roadmap.edges.tolist() == [[0, 1], [1, 2]]
-    assert roadmap.verdicts.tolist() == [BLOCKED, FREE]
-
-
 def test_with_less_padding_what_was_blocked_is_not_known_and_what_was_free_is() -> None:
     terms = Terms.of(CollisionChecker(cell().robot, Scene(), padding=0.01))
     edges = {0: (FREE, None), 1: (BLOCKED, "post"), 2: (Verdict.FREE_BEFORE, None)}
@@ -153,18 +120,6 @@ def test_what_stood_in_the_way_of_a_grown_edge_is_what_is_blamed() -> None:
         assert len(blamed) > 2
         assert roadmap.edge_knowledge.count(BLOCKED) > 50
         assert false_blames(roadmap, service) == []
-
-
-def test_obstacles_that_are_gone_are_forgotten_in_the_end() -> None:
-    known = Knowledge.none(3)
-    for k in range(50):
-        known = known.with_lessons({0: (BLOCKED, f"parcel {k}"), 1: (BLOCKED, "wall"), 2: (BLOCKED, SELF)})
-        assert known.names[known.blockers[0]] == f"parcel {k}"
-        known = known.after({f"parcel {k + 1}"}, {f"parcel {k}"}, {f"parcel {k + 1}"})
-        assert [known.names[at] for at in known.blockers[1:]] == ["wall", SELF]
-    assert known.verdicts.tolist() == [Verdict.BLOCKED_BEFORE, BLOCKED, BLOCKED]
-    assert known.blockers[0] == -1
-    assert len(known.names) == 2
 
 
 @pytest.mark.parametrize("fallback", [True])

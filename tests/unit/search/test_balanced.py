@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +16,6 @@ from planner_service import (
     CancelToken,
     CollisionChecker,
     Cylinder,
-    JointStep,
     Obstacle,
     Pose,
     Robot,
@@ -26,8 +24,7 @@ from planner_service import (
     load_scene,
 )
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent
-from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, joint_distance
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import SearchOracle, SearchProblem, TieredOracle
 from tests.reference.edges import ReferenceOracle
 from tests.reference.search import ReferenceSearch
@@ -127,22 +124,6 @@ def test_with_less_padding_near_tight_ends_it_gives_the_same_bits_and_counts(nam
         assert outcomes[0] == outcomes[1]
 
 
-def test_of_an_edge_only_what_is_near_a_tight_end_keeps_less() -> None:
-    robot, scene, near, told = load_robot("planar2"), load_scene("discs"), 0.2, Counter[bool]()
-    a, b = tight_ends(robot, scene, 1)
-    checker = CollisionChecker(robot, scene)
-    roomy, own = SearchOracle(checker.variant(padding=0.005)), SearchOracle(checker)
-    tiered = TieredOracle(roomy, {tuple(q.tolist()): own for q in (a, b)})
-    for q in np.random.default_rng(2).uniform(robot.limits.lower, robot.limits.upper, (200, 2)):
-        if roomy.state_is_free(q):
-            for end in (a, b):
-                between = end + (q - end) * (near / joint_distance(end, q))
-                parts = own.edge_is_free(end, between) and roomy.edge_is_free(between, q)
-                assert tiered.edge_is_free(end, q) == parts
-                told[parts] += 1
-    assert min(told[True], told[False]) > 10
-
-
 @pytest.mark.parametrize("states", [0, 17, 333])
 def test_a_budget_of_states_ends_it_at_the_same_state(states: int) -> None:
     robot, scene = load_robot("wxai"), load_scene("clutter")
@@ -194,10 +175,3 @@ def test_edges_that_a_first_look_finds_free_are_judged_in_full_before_they_are_a
         assert all(judge.edge_is_free(a, b) for a, b in pairwise(compiled[0]))
         refuted += len(compiled[1][0][0]) < compiled[2].edges
     assert refuted > 0
-
-
-def test_an_edge_of_too_many_samples_is_refused_by_its_step() -> None:
-    robot, scene = load_robot("planar2"), load_scene("discs")
-    checker = CollisionChecker(robot, scene, edge_step=JointStep(1e-7))
-    with pytest.raises(InvalidRequest, match="edge_step"):
-        BalancedRRTConnect().search(problem(checker, ends(robot, scene, 1)))

@@ -86,15 +86,6 @@ def test_a_search_gives_the_bits_and_counts_of_its_reference(name: str) -> None:
         assert projections == python.take() > 0
 
 
-def test_a_budget_ends_it_at_the_same_check_with_any_step() -> None:
-    whole = outcome("upright", 1)[1].states
-    for share in (0.1, 0.5, 0.9):
-        states = int(share * whole)
-        ended = outcome("upright", 1, states=states)
-        assert ended[0][-1] == "the check budget is spent"
-        assert ended == outcome("upright", 1, step=InPython(), states=states)
-
-
 @pytest.mark.parametrize("name", ["upright", "plane", "line"])
 def test_shortening_keeps_ends_and_constraints_and_is_never_longer(name: str) -> None:
     robot, _, projector = case(name)

@@ -15,7 +15,6 @@ import pytest
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import (
     AORRTC,
     BFMT,
@@ -34,7 +33,7 @@ from planner_service.planners import (
     SORRTstar,
     planner_by_name,
 )
-from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
+from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across
 from tests.support.optional import present
 
 QUICK: dict[str, Any] = {
@@ -95,20 +94,6 @@ def test_a_second_process_finds_the_same_path(planner: Planner) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(outcome(planner, n=6, seed=3))
     assert done.stderr == ""
-
-
-@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
-def test_threads_do_not_disturb_each_other(planner: Planner) -> None:
-    alone = [outcome(planner, n=6, seed=seed) for seed in range(4)]
-    together: dict[int, Any] = {}
-    threads = [
-        threading.Thread(target=lambda s=seed: together.update({s: outcome(planner, n=6, seed=s)})) for seed in range(4)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert [together[seed] for seed in range(4)] == alone
 
 
 def test_a_search_that_waits_for_its_turn_can_be_stopped() -> None:
@@ -176,13 +161,6 @@ def test_a_limit_leaves_an_anytime_planner_the_path_in_its_hand(name: str) -> No
     assert world.found_free(present(result.waypoints))
 
 
-def test_more_checks_give_a_shorter_path() -> None:
-    for name in ["rrtstar", "informedrrtstar", "sorrtstar", "bitstar"]:
-        brief: FloatArray = np.array(outcome(replace(QUICK[name], checks=1))[1])
-        ample: FloatArray = np.array(outcome(replace(QUICK[name], checks=4000))[1])
-        assert length(ample) < length(brief)
-
-
 @pytest.mark.parametrize("name", FEW[:4])
 def test_without_a_way_through_the_limit_ends_the_search(name: str) -> None:
     problem = across(DiscWorld(SEALED, limit=4000, error=lambda: SearchStopped("enough")))
@@ -194,13 +172,6 @@ def test_without_a_way_through_the_limit_ends_the_search(name: str) -> None:
 @pytest.mark.parametrize("name", ["prm", "lazyprm"])
 def test_without_a_way_through_a_roadmap_has_no_path(name: str) -> None:
     assert QUICK[name].search(across(DiscWorld(SEALED))).waypoints is None
-
-
-def test_a_planner_that_goes_in_circles_is_ended_with_its_path() -> None:
-    world = DiscWorld()
-    result = AORRTC(checks=10_000_000).search(across(world, seed=3, goals=((2.0, 0.1), (1.5, -1.5))))
-    assert result.waypoints is not None
-    assert "nothing new" in result.note
 
 
 @pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
@@ -270,13 +241,6 @@ def test_a_problem_that_makes_no_sense_is_refused_by_field() -> None:
             SearchProblem(**{**fields, field: value})
 
 
-@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
-def test_a_start_that_is_the_goal_is_no_crash(planner: Planner) -> None:
-    world = DiscWorld()
-    result = planner.search(across(world, goals=((-2.0, -0.2),)))
-    assert world.found_free(present(result.waypoints))
-
-
 @pytest.mark.slow
 def test_interrupted_searches_do_not_crash_the_process_even_while_their_exceptions_are_kept() -> None:
     """Frames in a kept traceback once held OMPL's states beyond their time: the next search crashed the process."""
@@ -297,24 +261,6 @@ def test_interrupted_searches_do_not_crash_the_process_even_while_their_exceptio
     assert int(done.stdout) > 100
 
 
-@pytest.mark.slow
-def test_a_child_forked_during_a_search_can_search() -> None:
-    """The lock that another thread of the parent held is nobody's in the child."""
-    program = (
-        "import os\n"
-        "from planner_service.search import ompl\n"
-        "from planner_service.planners import RRTConnect\n"
-        "from tests.support.discs import DiscWorld, across\n"
-        "child = ompl._turns.hold(os.fork)\n"
-        "if child == 0:\n"
-        "    found = RRTConnect().search(across(DiscWorld())).waypoints is not None\n"
-        "    os._exit(0 if found else 1)\n"
-        "print(os.waitpid(child, 0)[1])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.strip() == "0"
-
-
 @pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
 def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free(planner: Planner) -> None:
     refuted = 0
@@ -328,9 +274,3 @@ def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_ed
         assert worlds[0].judged == worlds[1].judged
         refuted += len(worlds[0].edges) - len(worlds[0].free_edges)
     assert refuted > 5
-
-
-def test_planners_that_improve_a_path_judge_every_edge_at_once() -> None:
-    world = GlancingWorld()
-    assert RRTstar(checks=2000).search(across(world)).waypoints is not None
-    assert world.glances == 0

@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest, PlanResult, Reason, RRTConnect, Stage
+from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.planners import PLANNERS
-from planner_service.records.result import result_record
 from planner_service.search.trace import Trace
 from tests.support.optional import present
 
@@ -70,25 +69,6 @@ def test_shortcutting_is_traced_between_search_and_plan(discs: PlannerService) -
         assert points[-1].tolist() == result.path.waypoints[-1].tolist()
         with pytest.raises(ValueError, match="read-only"):
             points[0] = 0.0
-
-
-def test_a_search_that_fails_tells_what_it_grew(discs: PlannerService) -> None:
-    result = discs.plan(asked(discs, max_checks=60, retries=0, planner=RRTConnect(range=0.2)), trace=True)
-    assert present(result.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
-    trace = trace_of(result)
-    assert len(present(trace.graph).edges) > 1
-    assert trace.searched is None
-
-
-def test_a_free_straight_line_has_nothing_to_tell(discs: PlannerService) -> None:
-    start = discs.robot.pose("lesson_start")
-    result = discs.plan(asked(discs, goal=start + 0.01), trace=True)
-    assert result.stage(Stage.STRAIGHT_LINE).note == "free"
-    assert (trace_of(result).graph, trace_of(result).searched) == (None, None)
-
-
-def test_a_trace_is_not_kept_in_a_plan_file(discs: PlannerService) -> None:
-    assert "trace" not in result_record(discs.plan(asked(discs), trace=True))
 
 
 def test_a_result_knows_who_planned_it_and_what_was_asked(discs: PlannerService) -> None:

@@ -11,7 +11,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.search.problem import compiled
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
-from tests.support.discs import WALL, DiscWorld, GlancingWorld, Stop, across, length
+from tests.support.discs import DiscWorld, GlancingWorld, across, length
 from tests.support.optional import present
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
@@ -35,33 +35,6 @@ def test_the_laws_of_shortcutting(seed: int, n: int, step: float) -> None:
     assert world.found_free(short)
     asked = [frozenset(edge) for edge in world.edges[before:]]
     assert len(set(asked)) == len(asked)
-
-
-def test_random_cuts_shorten_what_skipping_vertices_cannot() -> None:
-    world = DiscWorld(WALL[:1])
-    path = [[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]]
-    skipped = shortcut(path, world, np.random.default_rng(0), tries=0)
-    assert skipped.tolist() == path
-    assert length(shortcut(path, world, np.random.default_rng(0))) < 0.85 * length(skipped)
-
-
-def test_the_rest_of_a_piece_that_fails_on_its_own_undoes_the_cut() -> None:
-    path = np.array([[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]])
-
-    class Picky(DiscWorld):
-        """Refuses every edge that touches an end of the path, as finer samples might."""
-
-        def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
-            self.edges.append((tuple(q1.tolist()), tuple(q2.tolist())))
-            return not {tuple(path[0]), tuple(path[2])} & {tuple(q1), tuple(q2)}
-
-    assert shortcut(path, Picky(NOTHING), np.random.default_rng(0)).tolist() == path.tolist()
-
-
-def test_a_limit_comes_out_unchanged() -> None:
-    path = found(DiscWorld())
-    with pytest.raises(Stop, match="limit"):
-        shortcut(path, DiscWorld(limit=5, error=lambda: Stop("limit")), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("waypoints", [np.zeros((0, 2)), [1.0, 2.0], [[float("nan"), 0.0]]])
@@ -92,13 +65,6 @@ def test_a_corner_without_a_free_blend_stays_a_stop() -> None:
     assert everywhere.states == 10, "0.2 to 0.0125 at both"
 
 
-def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
-    must_not = compiled(DiscWorld(limit=0))
-    there_and_back = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
-    assert blended(JointPath(there_and_back), must_not, np.full(3, 0.2)).corners == (1,)
-    assert blended(JointPath(ZIGZAG), must_not, np.zeros(4)).corners == (1, 2)
-
-
 @pytest.mark.slow
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6))
@@ -122,11 +88,6 @@ def test_the_laws_of_pulling_corners_in(seed: int, n: int, step: float) -> None:
     assert short[-1].tolist() == path[-1].tolist()
     assert length(short) <= length(path) * (1 + 1e-12), "rounding of sums only"
     assert world.found_free(short)
-
-
-def test_a_corner_in_the_open_is_pulled_onto_the_line_between_its_neighbours() -> None:
-    short = pulled_in([[0.0, 0.0], [1.0, 0.8], [2.0, 0.0]], GlancingWorld(NOTHING))
-    assert short == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
 
 
 def test_a_joint_that_an_obstacle_holds_does_not_hold_the_others() -> None:
@@ -175,13 +136,6 @@ def test_a_pull_that_gains_less_than_half_a_percent_is_not_asked_about(height: f
     short = pulled_in([[0.0, 0.0], [1.0, height], [2.0, 0.0]], world)
     assert (world.glances > 0) == asked
     assert (short[1][1] == 0.0) == asked
-
-
-def test_a_corner_is_looked_at_again_when_its_neighbour_was_left_out_and_no_other_is() -> None:
-    world = DiscWorld(((0.5, -0.05, 0.06),))
-    a, b, c, d, e, f = [(0.0, 0.0), (0.03, 0.04), (1.0, 0.0), (1.12, 0.0), (1.04, 0.04), (2.0, 1.0)]
-    assert without_short_pieces([a, b, c, d, e, f], world).tolist() == [[*a], [*e], [*f]]
-    assert world.edges == [(a, c), (c, e), (b, e), (a, e)]
 
 
 class Shares(np.random.Generator):

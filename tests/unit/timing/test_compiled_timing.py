@@ -66,9 +66,9 @@ def random_limits(robot: Robot, rng: np.random.Generator) -> JointLimits:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("law", [ToppRa(), Trapezoidal(), ToppRa(2)])
+@pytest.mark.parametrize("law", [ToppRa(), Trapezoidal()])
 def test_whole_motions_have_the_bits_of_the_reference(name: str, law: ToppRa | Trapezoidal) -> None:
-    for seed in range(20):
+    for seed in range(12):
         robot, rng = load_robot(name), np.random.default_rng([seed, 1])
         path, limits = random_path(robot, rng), random_limits(robot, rng)
         compiled, reference = (
@@ -80,7 +80,7 @@ def test_whole_motions_have_the_bits_of_the_reference(name: str, law: ToppRa | T
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_motions_that_go_on_from_a_speed_have_the_bits_of_the_reference(name: str) -> None:
-    for seed in range(30):
+    for seed in range(15):
         robot, rng = load_robot(name), np.random.default_rng([seed, 2])
         path, limits, law = random_path(robot, rng), random_limits(robot, rng), ToppRa()
         s, speed, share = rng.uniform(0.0, path.length), rng.choice([0.0, 0.01, 0.3, 1.0]), [1.0, 0.99][seed % 2]
@@ -89,7 +89,7 @@ def test_motions_that_go_on_from_a_speed_have_the_bits_of_the_reference(name: st
         assert compiled == reference
 
 
-@pytest.mark.parametrize("factor", [1e-300, 1e-150, 1e150, 1e300])
+@pytest.mark.parametrize("factor", [1e-300, 1e300])
 def test_what_is_too_extreme_is_left_to_the_reference(factor: float) -> None:
     robot = load_robot("planar2")
     path = random_path(robot, np.random.default_rng(4))

@@ -20,9 +20,6 @@ from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, within_limits
 from planner_service.timing.limit_check import peaks
 
-QUARTER = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([0.0, 1.0, 0.0]))
-"""One blend from stop to stop, on which no constant speed will do."""
-
 LAWS: tuple[Timing, ...] = (Trapezoidal(), SCurve(), ToppRa())
 HELD = 1.0 + 1e-9
 WITHIN_GRID = 1e-3  # TOPP-RA's 50 intervals per segment, denser at its ends: at most 0.06 % above the optimum
@@ -104,7 +101,7 @@ def across_scales(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(deadline=None, max_examples=100, derandomize=True)
 @given(across_scales(-9, 2), across_scales(-3, 2), across_scales(-3, 3), across_scales(-3, 6))
 def test_s_curves_are_optimal_and_hold_every_limit(distance: float, v: float, a: float, j: float) -> None:
     given_limits = limits(1, v, a, j)
@@ -116,7 +113,7 @@ def test_s_curves_are_optimal_and_hold_every_limit(distance: float, v: float, a:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(deadline=None, max_examples=100, derandomize=True)
 @given(across_scales(-9, 2), across_scales(-3, 2), across_scales(-3, 3))
 def test_trapezoids_are_optimal_and_hold_every_limit(distance: float, v: float, a: float) -> None:
     given_limits = limits(1, v, a)
@@ -162,14 +159,6 @@ def test_turning_back_is_a_stop(law: Timing) -> None:
 
 
 @law_cases
-def test_a_waypoint_on_top_of_another_costs_nothing(law: Timing) -> None:
-    for gap in [0.0, 1e-15, 1e-13, 1e-12]:
-        path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
-        straight = law.time_path(line(1.2, 0.0), limits(2)).duration
-        assert law.time_path(path, limits(2)).duration == pytest.approx(straight, rel=1e-9)
-
-
-@law_cases
 def test_a_waypoint_next_to_another_on_a_straight_line_costs_nothing(law: Timing) -> None:
     for gap in [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3]:
         for share in [0.0, 0.37, 1.0]:
@@ -193,42 +182,11 @@ def test_a_waypoint_next_to_another_costs_its_two_stops(law: Timing) -> None:
 
 
 @law_cases
-def test_a_very_short_move_takes_a_very_short_time(law: Timing) -> None:
-    for distance in [1e-14, 1e-9, 1e-6, 1e-4, 0.99e-3, 1.01e-3]:
-        trajectory = law.time_path(line(distance, 0.0), limits(2, jerk=1e12))
-        assert trajectory.duration == pytest.approx(2 * math.sqrt(distance / 5), rel=1e-3)
-        assert trajectory(trajectory.duration).tolist() == [distance, 0.0]
-
-
-@law_cases
 def test_start_equal_to_goal_takes_no_time(law: Timing) -> None:
     path = JointPath(np.array([[0.3, 0.4], [0.3, 0.4]]))
     trajectory = law.time_path(path, limits(2, velocity=0.0))
     assert trajectory.duration == 0.0
     assert peaks(trajectory, limits(2)).velocity.ratio == 0.0
-
-
-def test_an_s_curve_s_own_jerk_replaces_a_robot_s() -> None:
-    rows = (-3.0 * np.ones(2), 3.0 * np.ones(2), 1.57 * np.ones(2), 5.0 * np.ones(2), 50.0 * np.ones(2))
-    assert SCurve(25.0).time_path(line(1.2, 0.4), JointLimits(*rows)).duration == pytest.approx(1.27833, abs=5e-6)
-
-
-# -- TOPP-RA
-
-
-@pytest.mark.slow
-def test_a_path_toppra_cannot_time_is_a_typed_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    import toppra.algorithm
-
-    def uncontrollable(self: object, start: float, end: float) -> tuple[None, None, None]:
-        code = toppra.algorithm.algorithm.ParameterizationReturnCode.FailUncontrollable
-        self._problem_data.return_code = code  # type: ignore[attr-defined]
-        return None, None, None
-
-    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", uncontrollable)
-    law, path, given_limits = ToppRa(backend="toppra"), QUARTER, limits(2)
-    with pytest.raises(TimingFailed, match=r"no motion from s = 0 at ds/dt = 0 to rest keeps the limits"):
-        law.time_path(path, given_limits)
 
 
 # -- verification
@@ -277,22 +235,6 @@ def test_an_s_curve_needs_a_jerk_limit() -> None:
 def test_a_joint_that_stands_still_may_have_any_limit(law: Timing, value: float) -> None:
     some = law.time_path(line(1.2, 0.0), limits(2, [1.57, value], [5.0, value], [50.0, value])).duration
     assert some == law.time_path(line(1.2), limits(1)).duration
-
-
-def test_closed_forms_survive_absurd_limits() -> None:
-    law: Any
-    for law in [Trapezoidal(), SCurve()]:
-        for scale in [1e-300, 1e-200, 1e-12, 1e12, 1e200, 1e300]:
-            absurd = limits(1, scale, scale, scale)
-            found = peaks(law.time_path(line(1.0), absurd), absurd)
-            jerk = found.jerk.ratio if isinstance(law, SCurve) else 0.0
-            assert max(found.velocity.ratio, found.acceleration.ratio, jerk) == pytest.approx(1.0, rel=1e-9)
-
-
-def test_limits_too_small_for_toppra_are_a_typed_failure() -> None:
-    law, path, absurd = ToppRa(), QUARTER, limits(2, 1e-300, 1e-300)
-    with pytest.raises(TimingFailed, match="limits too extreme"):
-        law.time_path(path, absurd)
 
 
 def test_an_impossible_jerk_is_refused() -> None:

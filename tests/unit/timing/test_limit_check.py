@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -99,13 +98,6 @@ def test_peaks_on_blends_name_the_joint_and_the_time() -> None:
             assert there / getattr(given_limits, kind)[found.joint] == pytest.approx(found.ratio, rel=1e-6)
 
 
-def test_a_jump_of_acceleration_on_a_blend_is_infinite_jerk() -> None:
-    path = blended([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [0.0, 0.25, 0.0])
-    c = [[0.0, 0.0, 0.375, 0.0], [0.75, 0.75 * math.sqrt(2), 0.0, 0.0], [1.25, 0.75 * math.sqrt(2), -0.375, 0.0]]
-    trajectory = Trajectory(path, np.array([math.sqrt(2), 0.5 / c[1][1], math.sqrt(2)]), np.array(c))
-    assert peaks(trajectory, limits(2)).jerk.ratio == math.inf
-
-
 @settings(deadline=None, max_examples=20, derandomize=True)
 @given(seed=st.integers(0, 10**6))
 def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(seed: int) -> None:
@@ -115,9 +107,3 @@ def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(s
     found = peaks(trajectory, given_limits)
     assert trajectory.dilation > 1.0
     assert 1 - 1e-9 <= max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD
-
-
-@pytest.mark.parametrize(("jerk", "expected"), [(math.inf, 0.0), (0.0, math.inf)])
-def test_a_jerk_limit_that_no_law_asked_for_may_be_anything_on_blends(jerk: float, expected: float) -> None:
-    path = rounded_corners(1)
-    assert peaks(s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n, jerk=jerk)).jerk.ratio == expected

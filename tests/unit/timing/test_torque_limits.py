@@ -112,22 +112,6 @@ def test_torques_are_those_of_pinocchio(tmp_path: Path) -> None:
         assert np.abs(limits.torques(*states) - theirs(file, robot, *states)).max() < 1e-12
 
 
-def test_a_joint_that_follows_adds_its_torque_to_its_leaders(tmp_path: Path) -> None:
-    free = built(tmp_path, SPREAD)
-    robot = built(tmp_path, FOLLOWING)
-    q, qd, qdd = motions(robot, 10, 4)
-    spread = [np.empty((10, free.n)) for _ in range(3)]
-    for full, part, offset in zip(spread, (q, qd, qdd), (0.2, 0.0, 0.0), strict=True):
-        for k, name in enumerate(free.joint_names):
-            turn = part[:, robot.joint_names.index("turn")]
-            full[:, k] = -0.5 * turn + offset if name == "swing" else part[:, robot.joint_names.index(name)]
-    torques = TorqueLimits(free).torques(*spread)
-    k, leader = free.joint_names.index("swing"), free.joint_names.index("turn")
-    torques[:, leader] += -0.5 * torques[:, k]
-    kept = [free.joint_names.index(name) for name in robot.joint_names]
-    assert np.abs(TorqueLimits(robot).torques(q, qd, qdd) - torques[:, kept]).max() < 1e-12
-
-
 def test_a_locked_joint_leaves_the_torques_of_the_others(tmp_path: Path) -> None:
     robot = built(tmp_path, SPREAD)
     q, qd, qdd = motions(robot, 10, 3)
@@ -176,7 +160,7 @@ def test_durations_are_those_of_toppras_own_torque_constraint(backend: Any) -> N
     assert motion.duration == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_torques_bend_no_more_than_their_bound_says(seed: int, tmp_path: Path) -> None:
     robot = (ur5(), built(tmp_path, SPREAD), built(tmp_path, FOLLOWING))[seed % 3]
     assert robot.dynamics is not None
