@@ -125,7 +125,9 @@ class Record(BaseModel):
     def __init_subclass__(cls, makes: type[Any] | None = None, **settings: Any) -> None:
         super().__init_subclass__(**settings)
         if makes is not None:
-            cls.makes, cls.models[makes] = makes, cls
+            cls.makes = makes
+            if cls.models.setdefault(makes, cls) is not cls:
+                raise TypeError(f"two records of {makes.__name__}: a field of that type could be either")
 
     @classmethod
     def __pydantic_init_subclass__(cls, makes: type[Any] | None = None, **settings: Any) -> None:

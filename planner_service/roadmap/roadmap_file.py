@@ -116,21 +116,12 @@ Texts = Annotated[list[Text], schema.FirstOnly()]
 Pairs = Annotated[list[schema.NamePair], schema.FirstOnly()]
 
 
-class TermsRecord(Record):
+class TermsRecord(Record, makes=Terms):
     """``Terms``."""
 
-    makes = Terms
-
-    robot: Text
-    robot_hash: Text
     joint_names: Texts
-    scene: Text
-    scene_hash: Text
     obstacles: Pairs
-    attached: Text
     allowed: Pairs
-    padding: float
-    step: Text
 
 
 class CostRecord(Record):
