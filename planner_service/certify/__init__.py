@@ -10,8 +10,8 @@ from planner_service.certify.certifier import (
     Trail,
     certify,
 )
-from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.gripper import GripperMotion, certify_gripper
+from planner_service.certify.interval_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.kept_proof import Kept, KeptBound, KeptRefusal, prove_kept
 
 __all__ = [

@@ -16,12 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify import clearance, hulls, separation
-from planner_service.certify import edge_proof as edge
+from planner_service.certify import hulls, separation
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion_terms
-from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict, Judged
-from planner_service.certify.interval_proof import NO_LEAVES, Obstruction, Roots, Span
+from planner_service.certify.interval_proof import NO_LEAVES, EdgeProof, EdgeVerdict, Judged, Obstruction, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.native.loading import load_proof
@@ -325,7 +323,7 @@ def _terms() -> list[float]:
         *(motion_terms.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND, separation.DRAWS),
         *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
         *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
-        *(edge.MAX_EDGE_BOUNDS, edge.OVERLAP_STEPS, edge.CERTAIN, clearance.CLEARANCE_ROUNDS),
+        *(tree.MAX_EDGE_BOUNDS, tree.OVERLAP_STEPS, tree.CERTAIN, motion_terms.CLEARANCE_ROUNDS),
     ]
 
 

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner_service.certify.pairs import Frame, Piece, ProofPairs
-from planner_service.certify.separation import Facing, Solids, centre_of
+from planner_service.certify.separation import Bounds, Facing, Solids, centre_of
 from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.robot.model import Body, Robot
 
@@ -22,6 +22,12 @@ __all__ = ["Motion"]
 
 ROUNDING = 1e-9
 """Relative, and far above what a few dozen operations round."""
+
+CLEARANCE_ROUNDS = 20
+"""Steps of the search for the best direction of a clearance."""
+
+STEP = 1e-6
+"""Radians (or metres) by which a joint is moved to either side for a slope."""
 
 
 class _Arm:
@@ -257,6 +263,37 @@ class Motion:
         first, second = self._in_poses(pair, node)
         a, b = self._every.take(self.first[pair]), self._every.take(self.second[pair])
         return Facing.of(a, b, poses[:, :, first], poses[:, :, second])
+
+    def slopes(self, q: FloatArray, pair: IntArray, n: FloatArray) -> FloatArray:
+        """How gaps of pairs change with each joint at q (n,), metres per rad or m, (pairs, n).
+
+        Along fixed directions (3, pairs): where a gap is the largest along any, this is how the gap itself changes.
+        """
+        Q = np.repeat(q[None], 2 * len(q), axis=0)
+        joints = np.arange(len(q))
+        Q[2 * joints, joints] += STEP
+        Q[2 * joints + 1, joints] -= STEP
+        poses = np.concatenate([self.fixed, self.nodes(Q)[0]], axis=2)
+        node = np.repeat(np.arange(len(Q)), len(pair))
+        facing = self.facing(poses, np.tile(pair, len(Q)), node)
+        gaps = facing.along(np.tile(n, len(Q))).reshape(len(q), 2, len(pair))
+        return np.asarray((gaps[:, 0] - gaps[:, 1]).T / (2.0 * STEP))
+
+    def along_deepest(self, q: FloatArray, pair: IntArray, owner: IntArray, found: Bounds) -> Bounds:
+        """Gaps of pairs at q (n,) along one direction for all of an owner (p,): that of its smallest in ``found``."""
+        poses = np.concatenate([self.fixed, self.nodes(q[None])[0]], axis=2)
+        facing = self.facing(poses, pair, np.zeros(len(pair), dtype=np.intp))
+        turns = self.second_axes(poses, pair)
+        out = found.n.copy()
+        for each in np.unique(owner).tolist():
+            rows = np.flatnonzero(owner == each)
+            deepest = rows[found.gaps[rows].argmin()]
+            u, v, w = found.n[:, deepest]
+            R = turns[:, :, deepest]
+            x, y, z = R[:, 0] * u + R[:, 1] * v + R[:, 2] * w  # in the world
+            S = turns[:, :, rows]
+            out[:, rows] = S[0] * x + S[1] * y + S[2] * z
+        return Bounds(facing.along(out), out)
 
 
 def _centred(piece: Piece) -> Frame:

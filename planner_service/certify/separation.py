@@ -189,15 +189,6 @@ class Bounds:
     gaps: FloatArray
     n: FloatArray
 
-    def take(self, rows: IntArray) -> Bounds:
-        """The bounds at ``rows``."""
-        return Bounds(self.gaps[rows], self.n[:, rows])
-
-    @classmethod
-    def joined(cls, *parts: Bounds) -> Bounds:
-        """All of them, one after the other."""
-        return cls(np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1))
-
 
 def _unit(v: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Directions of vectors (..., 3, p), and which of them have one, (..., p)."""

@@ -112,16 +112,6 @@ class Solids:
         flat = a[..., 0] * self.half[..., 0] + a[..., 1] * self.half[..., 1] + a[..., 2] * self.half[..., 2]
         return np.asarray(flat + self.ball + self.disc * np.sqrt(a[..., 0] ** 2 + a[..., 1] ** 2))
 
-    def farthest(self, d: FloatArray) -> FloatArray:
-        """A point of each solid that is farthest along a unit direction d in its own axes; (p, 3) in and out."""
-        out = np.where(d < 0.0, -self.half, self.half) + self.ball[:, None] * d
-        radial = np.maximum(np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2), _TINY)
-        out[:, :2] += (self.disc / radial)[:, None] * d[:, :2]
-        for hull in np.unique(self.hulls[self.hulls >= 0]).tolist():
-            rows = np.flatnonzero(self.hulls == hull)
-            out[rows] = self.corners[hull].T[(d[rows] @ self.corners[hull]).argmax(axis=-1)]
-        return np.asarray(out)
-
     def nearest(self, x: FloatArray) -> FloatArray:
         """The point of each solid nearest to a point x in its own axes; (p, 3) in and out."""
         core = np.minimum(np.maximum(x, -self.half), self.half)
@@ -181,10 +171,6 @@ class Placed:
     def take(self, rows: IntArray) -> Placed:
         """The placed solids at ``rows``."""
         return Placed(self.solids.take(rows), self.R[rows], self.t[rows])
-
-    def farthest(self, d: FloatArray) -> FloatArray:
-        """A point of each solid farthest along a unit direction of the world; (p, 3) in and out."""
-        return self.t + _out_of(self.R, self.solids.farthest(_into(self.R, d)))
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """The point of each solid nearest to a world point; (p, 3) in and out."""

@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from planner_service.certify import MAX_OVERLAP, Certifier, ExemptInterval
-from planner_service.certify.clearance import along_deepest, slopes
 from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
@@ -285,11 +284,11 @@ class _Walk:
         _, pairs, found = self._certifier.near(self._q[None], least, self._pairs)
         if shared:
             owner = self._owner[np.searchsorted(self._pairs, pairs)]
-            found = along_deepest(self._certifier.motion, self._q, pairs, owner, found)
+            found = self._certifier.motion.along_deepest(self._q, pairs, owner, found)
         lacks = least - found.gaps
         most = np.argsort(-lacks, kind="stable")[:ROWS]
         self._charge(2 * len(self._q) * len(most))
-        rates = slopes(self._certifier.motion, self._q, pairs[most], found.n[:, most]) / lacks[most, None]
+        rates = self._certifier.motion.slopes(self._q, pairs[most], found.n[:, most]) / lacks[most, None]
         low, high = self._limits.lower, self._limits.upper
         held = np.zeros(len(self._q), dtype=bool)
         for _ in range(len(self._q)):  # joints at their limits stay there unless they turn away

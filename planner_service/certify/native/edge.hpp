@@ -1,4 +1,4 @@
-// The verdict on a straight edge; edge_proof.py says how it is found. As soon as a pair is proven to overlap, it is over.
+// The verdict on a straight edge; interval_proof.py says how it is found. As soon as a pair is proven to overlap, it is over.
 #pragma once
 
 #include <vector>

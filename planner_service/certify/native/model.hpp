@@ -19,8 +19,8 @@ struct Terms {
     double tiny, shift, steps_per_round, draws;    // separation.py
     double gain, share, thin, none;                // hulls.py
     double fraction, most, far, batch, near, close, rounds, last_rounds;  // interval_proof.py
-    double edge_most, steps, certain;                                     // edge_proof.py
-    double clearance_rounds;                                              // clearance.py
+    double edge_most, steps, certain;                                     // interval_proof.py
+    double clearance_rounds;                                              // motion_bounds.py
 };
 
 // Corners about the centre: x's, y's and z's, the first corner repeated at the end of each; then those of a few corners
