@@ -14,8 +14,8 @@ from rich.table import Table
 from benchmarks.harness.fresh_process import told_by
 from benchmarks.harness.report import Promise, Report, Row, merged, p50, spread, table, table_of
 from benchmarks.studies import meshes, readings
-from benchmarks.worlds.foreign import ROBOTS, ForeignRobot
-from planner_service.errors import InvalidRequest
+from benchmarks.worlds.foreign import READINGS, ROBOTS, ForeignRobot
+from planner_service.errors import InvalidRequest, UnknownName
 
 __all__ = ["PARTS", "run"]
 
@@ -38,7 +38,13 @@ def run(
 
     Args:
         part: One of ``PARTS``.
+
+    Raises:
+        UnknownName: there is no such robot.
     """
+    names = [one.name for one in READINGS]
+    if robot is not None and robot not in names:
+        raise UnknownName("robot", robot, names)
     chosen = [one for one in ROBOTS if robot in (None, one.name)]
     reports = []
     if part in (None, "plans"):

@@ -7,6 +7,7 @@ import pytest
 from benchmarks.harness.fresh_process import told_by
 from benchmarks.studies import robots
 from benchmarks.worlds.foreign import ForeignRobot
+from planner_service.errors import UnknownName
 
 
 def test_a_tool_frame_that_the_file_does_not_mean_breaks_the_promise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,3 +26,8 @@ def test_a_process_that_fails_says_how_it_ended() -> None:
     assert told_by("timeit", "-n", 1, "-r", 1, "import time; time.sleep(9)", seconds=0.5) == {
         "error": "not done in 0.5 s"
     }
+
+
+def test_a_robot_that_is_not_listed_is_refused() -> None:
+    with pytest.raises(UnknownName, match="unknown robot 'UR4'; did you mean 'UR"):
+        robots.run(robot="UR4")
