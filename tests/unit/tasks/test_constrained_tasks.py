@@ -21,7 +21,7 @@ from planner_service import (
     TaskResult,
     inverse_kinematics,
 )
-from planner_service.constraints import Constraint, JointRange, KeepUpright, OnLine, OnPlane
+from planner_service.constraints import Constraint, JointRange, KeepOrientation, KeepUpright, OnLine, OnPlane
 from planner_service.planning.result import Reason
 from planner_service.records.plan_file import SavedTask, load_task
 from planner_service.records.recertify import recertify
@@ -72,6 +72,16 @@ def test_a_line_ends_where_it_leaves_a_constraint() -> None:
     tool = nothing_there().robot.tool_pose(present(part.path).waypoints[-1])
     assert tool[0, 3] - START[0] == pytest.approx(0.05 * present(part.fraction), abs=1e-6)
     assert present(part.fraction) == pytest.approx(0.61, abs=0.001)
+
+
+@pytest.mark.parametrize("zone", [0.0, 0.01])
+def test_lines_with_corners_keep_them(zone: float) -> None:
+    asked = [OnPlane(Pose(START), 0.0003), KeepOrientation(Pose(START, DOWN), 0.002)]
+    result = move_linear(nothing_there(), start(), [FORWARD, (0.0, 0.04, 0.0)], zone=zone, constraints=asked)
+    assert result.ok
+    assert names(result) == ["plane", "orientation"]
+    stops = [k for k in present(result.path).corners if present(result.path).blends[k] == 0.0]
+    assert len(stops) == (1 if zone == 0.0 else 0)
 
 
 def test_a_polyline_that_breaks_them_between_its_waypoints_is_refused() -> None:
