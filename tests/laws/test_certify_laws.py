@@ -8,39 +8,32 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import coal
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker, tables_of
-from planner_service.certify import MARGIN, Certifier, certify
-from planner_service.certify.interval_proof import LAST_ROUNDS
+from planner_service.certify import MARGIN, Certifier
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
-from planner_service.collision import CollisionChecker, JointStep, backends, native_kernel
+from planner_service.collision import CollisionChecker, backends, native_kernel
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
-from planner_service.scene.scene import Attached, Obstacle, Scene
+from planner_service.scene.scene import Attached, Scene
 from tests.reference.pair_proof import nearest
-from tests.support.coal_shapes import coal_shape
-from tests.support.refusals import refused_pair
 from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.collision.test_edge_sampling import points_of
 
 ROOT = Path(__file__).parents[2]
 WXAI = load_robot("wxai")
 PLANAR = load_robot("planar2")
-STEP = 0.0002
-"""Metres that any point moves between two samples of the second checker."""
 COAL = 5e-6
 """Metres to which Coal's distance is right where it is positive."""
 NEEDLE = Attached("needle", Capsule(0.002, 0.3), Pose.from_rpy((0.15, 0.0, 0.0), (0.0, math.pi / 2, 0.0)), ("link_6",))
@@ -61,48 +54,6 @@ def turned(rng: np.random.Generator) -> Pose:
     q = rng.normal(size=4) * (1.0 if rng.random() < 0.75 else [1.0, 0.0, 0.0, 0.0])
     w, x, y, z = (q / np.sqrt((q * q).sum())).tolist()
     return Pose((0.0, 0.0, 0.0), (w, x, y, z))
-
-
-def coal_distance(a: Shape, b: Shape, poses: tuple[Pose, Pose]) -> float:
-    placed = [coal.Transform3s(pose.rotation, np.array(pose.position)) for pose in poses]
-    result = coal.DistanceResult()
-    return float(coal.distance(coal_shape(a), placed[0], coal_shape(b), placed[1], coal.DistanceRequest(), result))
-
-
-def gapped(a: Shape, b: Shape, rng: np.random.Generator, gap: float) -> tuple[tuple[Pose, Pose], float]:
-    """Poses at which a and b are about ``gap`` apart, and Coal's distance there."""
-    pose_a, pose_b, way = turned(rng), turned(rng), rng.normal(size=3)
-    way /= math.sqrt(float((way * way).sum()))
-    low, high = 0.0, 2.0
-    for _ in range(40):
-        middle = (low + high) / 2
-        x, y, z = (way * middle).tolist()
-        if coal_distance(a, b, (Pose((x, y, z), pose_a.quaternion), pose_b)) < gap:
-            low = middle
-        else:
-            high = middle
-    x, y, z = (way * high).tolist()
-    poses = (Pose((x, y, z), pose_a.quaternion), pose_b)
-    return poses, coal_distance(a, b, poses)
-
-
-def test_a_bound_is_no_more_than_the_distance_and_close_to_it() -> None:
-    rng = np.random.default_rng(8)
-    kinds = (Box((0.002, 0.1, 0.2)), Box((0.1, 0.07, 0.05)), Sphere(0.04), Cylinder(0.05, 0.03), Capsule(0.03, 0.2))
-    missing = []
-    for _ in range(100):
-        a, b = (kinds[k] for k in rng.integers(len(kinds), size=2))
-        gap = float(10.0 ** rng.uniform(-4.5, -0.5))
-        poses, distance = gapped(a, b, rng, gap)
-        frames = [pose.matrix[:3, :, None] for pose in poses]
-        facing = Facing.of(Solids.of([a]), Solids.of([b]), frames[0], frames[1])
-        rough, n = rough_gaps(facing, np.zeros((0, 3, 1)))
-        tight, best = refined_gaps(facing, rough, n, LAST_ROUNDS)
-        assert rough[0] <= tight[0] <= distance + COAL
-        assert facing.along(best)[0] == pytest.approx(tight[0], abs=1e-12)
-        missing.append(distance - tight[0])
-    assert np.median(missing) < 1e-6
-    assert np.quantile(missing, 0.98) < COAL
 
 
 def motion_of(robot: Robot) -> Motion:
@@ -231,45 +182,6 @@ def test_a_curve_is_certified_where_the_reference_proves_it_apart_and_nowhere_el
             certified += 1
             assert 0.25 * low <= found.clearance <= high + COAL
     assert 2 <= certified <= 6
-
-
-def crossing(path: JointPath, s: float, along: float) -> Obstacle:
-    """A sheet of 2 mm, met edge-on by the needle ``along`` metres from its middle at s."""
-    tool = Pose.from_matrix(WXAI.tool_pose(path(s))) @ NEEDLE.pose
-    point = tool @ Pose((0.0, 0.0, along))
-    after = Pose.from_matrix(WXAI.tool_pose(path(s + 1e-4))) @ NEEDLE.pose @ Pose((0.0, 0.0, along))
-    way = np.array(after.position) - np.array(point.position)
-    needle = tool.rotation[:, 2]
-    way -= needle * float((way * needle).sum())
-    way /= math.sqrt(float((way * way).sum()))
-    R = np.stack([way, needle, np.cross(way, needle)], axis=1)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, point.position
-    return Obstacle("sheet", Box((0.002, 0.02, 0.02)), Pose.from_matrix(T))
-
-
-@pytest.mark.parametrize("step", [0.05])
-def test_a_sheet_between_the_samples_is_refused(step: float) -> None:
-    """The needle passes the sheet half way between two samples of a search that steps so far."""
-    rng, missed = np.random.default_rng(int(step * 100)), 0
-    for _ in range(25):
-        q = rng.uniform([-1.5, 0.6, 0.6, -0.5, -0.5, -1.0], [1.5, 1.6, 1.6, 0.5, 0.5, 1.0])
-        way = rng.normal(size=6) * [3.0, 1.0, 1.0, 0.5, 1.0, 0.3]
-        way *= 10 * step / math.sqrt(float((way * way).sum()))
-        path = JointPath(np.clip([q, q + way], WXAI.limits.lower, WXAI.limits.upper))
-        parts = math.ceil(path.length / step - 1e-9)
-        sheet = crossing(path, (rng.integers(parts) + 0.5) / parts * path.length, float(rng.uniform(0.0, 0.13)))
-        scene = Scene((sheet,), (NEEDLE,))
-        checker = CollisionChecker(WXAI, scene, edge_step=JointStep(step))
-        second = IndependentChecker(ROOT / "robots" / "wxai", tables_of(scene))
-        touch = second.path_touch(path.waypoints, STEP)
-        found = certify(WXAI, scene, path)
-        if touch is not None:
-            refusal = refused_pair(found)
-            if checker.path_is_free(path):
-                missed += 1
-                assert {refusal.a, refusal.b} == {"needle", "sheet"}
-    assert missed >= 3
 
 
 def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:

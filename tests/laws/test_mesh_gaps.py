@@ -1,4 +1,4 @@
-"""Bounds of the gap between two hulls: no more than Coal's distance, and what FCL says at their contact."""
+"""Bounds of the gap between two solids, most of them hulls: no more than Coal's distance, and FCL's word at contact."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def fcl_shape(shape: Shape) -> Any:
 
 
 class Two:
-    """Two solids turned at random, the second some way off the first; the first is a hull."""
+    """Two solids turned at random, the second some way off the first, which is one of the first so many kinds."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.shapes = (KINDS[rng.integers(5)], KINDS[rng.integers(len(KINDS))])
+    def __init__(self, rng: np.random.Generator, first: int = 5) -> None:
+        self.shapes = (KINDS[rng.integers(first)], KINDS[rng.integers(len(KINDS))])
         turns = [_turned(rng) for _ in range(2)]
         way = rng.normal(size=3)
         self.way = way / math.sqrt(float((way * way).sum()))
@@ -98,7 +98,7 @@ def test_both_bounds_of_a_gap_are_no_more_than_coals_distance_and_close_to_it() 
     rng = np.random.default_rng(11)
     missing = []
     for _ in range(100):
-        two = Two(rng)
+        two = Two(rng, len(KINDS))
         apart = two.touching + float(10.0 ** rng.uniform(-5.0, 0.0))
         distance, walked, proven = two.distance(apart), two.gap(apart), two.proven(apart)
         assert max(walked, proven) <= distance + COAL

@@ -11,23 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner_service.certify import MARGIN, Certifier, certify, separation
+from planner_service.certify import MARGIN, Certifier, separation
 from planner_service.certify import motion_bounds as motion
 from planner_service.certify.hulls import Corners
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.collision import CollisionChecker, JointStep
 from planner_service.collision import backends as backends
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.shapes import Shape
 from planner_service.path.joint_path import JointPath
-from planner_service.scene.scene import Obstacle, Scene
 from tests.laws.test_certify_laws import COAL, anywhere, samples, walks
 from tests.laws.test_collision_laws import near_contact
 from tests.laws.test_mesh_laws import blunt, loose, uncentred
 from tests.reference.pair_proof import nearest
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup
-from tests.support.refusals import refused_pair
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -125,23 +122,6 @@ def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
     certifier = Certifier(robot, scene)
     assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
     assert [certifier.certify_edge(*edge).free for edge in fooled] == [False] * len(fooled)
-
-
-def test_a_thin_hull_that_crosses_a_thin_one_between_two_samples_is_refused(folder: Path) -> None:
-    """A sheet of 2 mm, 20 cm from the axis, which the needle passes sideways within a hundredth of the edge."""
-    plate = Mesh(np.array([[x, y, z] for x in (0.0, 0.001) for y in (0.0, 0.002) for z in (0.0, 0.05)]))
-    setup = HullSetup("thin", folder, obstacles=(), attached=(NEEDLE,))
-    robot = setup.robot()
-    path = JointPath(np.array([[-0.6, -0.3, 0.3, 0.0], [0.7, -0.3, 0.3, 0.0]]))
-    tip = Pose.from_matrix(robot.tool_pose(path(0.4317 * path.length))) @ NEEDLE.pose @ Pose((0.25, 0.0, -0.0005))
-    x, y, z = tip.position
-    scene = Scene((Obstacle("sheet", plate, Pose((x, y, z - 0.025))),), (NEEDLE,))
-    coarse = CollisionChecker(robot, scene, edge_step=JointStep(0.3))
-    assert coarse.path_is_free(path)
-    assert robot.n == 4
-    assert HullSetup("thin", folder, scene.obstacles, (NEEDLE,)).independent().path_touch(path.waypoints, 5e-4)
-    refusal = refused_pair(certify(robot, scene, path))
-    assert {refusal.a, refusal.b} == {"needle", "sheet"}
 
 
 def test_compiled_code_says_with_equal_bits_how_far_hulls_extend() -> None:

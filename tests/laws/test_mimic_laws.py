@@ -12,18 +12,14 @@ from auditor.checker import IndependentChecker, tables_of
 from benchmarks.studies.differential import STEP, compare, kernels, questions
 from planner_service.certify import certify
 from planner_service.certify.certifier import Certifier
-from planner_service.certify.kept_proof import KeptRefusal, prove_kept
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.constraints.values import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
-from planner_service.kinematics.constraint_set import constraint_set, projector_of
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.timing.laws import tool_speeds
 from tests.laws.test_proof_laws import agreed
-from tests.reference.projector import ReferenceProjector
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import built, joint, link, solid, urdf
 
@@ -127,21 +123,3 @@ def test_what_is_proven_free_is_free_between_samples(case: Case) -> None:
         if not certificate.certified and touch is None and case.auditor.free(start):
             assert certificate.refusal is not None
     assert proven > 0
-
-
-def test_constraints_are_projected_with_the_same_bits_and_proven_as_densely_sampled(case: Case) -> None:
-    robot = case.robot
-    q = case.anywhere(1)[0]
-    x, y, z = robot.tool_pose(q)[:3, 3].tolist()
-    region = ToolRegion(lower=(x - 0.2, y - 0.3, -9.0), upper=(x + 0.2, y + 0.3, z + 0.1))
-    resolved = constraint_set(robot, (region,))
-    compiled, reference = projector_of(resolved), ReferenceProjector(resolved)
-    for a, b in zip(map(tuple, case.anywhere(6).tolist()), map(tuple, case.anywhere(6).tolist()), strict=True):
-        assert compiled.share(a) == reference.share(a)
-        assert compiled.project(a) == reference.project(a)
-        near = tuple(u + 0.05 * (v - u) for u, v in zip(q.tolist(), b, strict=True))
-        assert compiled.keeps(tuple(q.tolist()), near) == reference.keeps(tuple(q.tolist()), near)
-        path = JointPath(np.array([q, near]))
-        samples = path(np.linspace(0.0, path.length, 200))
-        kept = not isinstance(prove_kept(robot, path, (region,)), KeptRefusal)
-        assert kept == all(resolved.violation(sample) is None for sample in samples)

@@ -160,13 +160,3 @@ def test_proofs_do_not_depend_on_what_objects_are_called(tmp_path: Path) -> None
                     assert found.refusal is expected.refusal is None
                     certified += 1
     assert WORLDS < certified < 9 * WORLDS
-
-
-def test_both_lists_hold_the_same_pairs(tmp_path: Path) -> None:
-    rng = np.random.default_rng(20)
-    for _ in range(WORLDS):
-        world = random_world(rng, tmp_path)
-        checker = CollisionChecker(world.robot, world.clashing, allowed=world.pairs)
-        listed = Certifier(world.robot, world.clashing, allowed=world.pairs).listed
-        ours = sorted(sorted(checker.pair_names(k)) for k in range(checker.pair_count))
-        assert ours == sorted(sorted(listed.names(k)) for k in range(len(listed.pairs)))

@@ -16,7 +16,6 @@ from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
 from planner_service.certify.certifier import Proof, Prover, instruction_sets
 from planner_service.certify.native.loading import load_proof
-from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
@@ -25,9 +24,8 @@ from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Obstacle, Scene
-from tests.laws.test_certify_laws import anywhere, curve
+from tests.laws.test_certify_laws import anywhere
 from tests.laws.test_crowd_laws import Crowded
-from tests.support.backends import case, edges_of
 from tests.support.hull_arm import NEEDLE, HullSetup
 from tests.support.optional import present
 from tests.support.small_robots import built
@@ -74,13 +72,6 @@ def made(tmp_path_factory: pytest.TempPathFactory, urdf: str) -> Robot:
 
 
 # --- curves
-
-
-@pytest.mark.parametrize("name", ["bin", "shelf", "clutter"])
-def test_proofs_and_refusals_of_straight_and_blended_paths_are_the_same(name: str) -> None:
-    certifier, rng = Certifier(WXAI, load_scene(name)), np.random.default_rng(5)
-    found = [agreed(certifier, curve(WXAI, rng), padding) for padding in (0.0, 0.0, 0.002, 0.03) for _ in range(6)]
-    assert {proof.obstruction is None for proof in found} == {True, False}
 
 
 @pytest.mark.parametrize(("name", "seed"), CROWDS)
@@ -183,13 +174,6 @@ def judged(
         assert others == [first] * len(others)
         found.append(first.verdict)
     return found
-
-
-@pytest.mark.parametrize(("name", "padding"), [("wxai bin", 0.0), ("wxai shelf", 0.004), ("planar2 pins", 0.0)])
-def test_verdicts_on_edges_are_the_same(name: str, padding: float) -> None:
-    robot, scene = case(name)
-    found = judged(Certifier(robot, scene), list(edges_of(CollisionChecker(robot, scene), 60, seed=12)), padding)
-    assert {EdgeVerdict.FREE, EdgeVerdict.COLLIDING} <= set(found)
 
 
 @pytest.mark.parametrize(("name", "seed"), CROWDS)

@@ -132,20 +132,6 @@ def test_what_is_out_of_reach_is_free_at_every_fine_sample(
     assert (world.checker.counts - before).distances == distances
 
 
-@pytest.mark.parametrize(
-    "row", [row for row in WORLDS if row[2] < 0.1 and row[0] != "panda_mbm"], ids=lambda row: f"{row[0]} {row[1][0]}"
-)
-def test_what_keeps_ten_centimetres_away_is_out_of_reach(
-    row: tuple[str, tuple[str, ...], float, bool, int, int],
-) -> None:
-    world = World(row[0], row[1], 7, padding=row[2], held=row[3])
-    A, B = world.edges(200)
-    wide = world.judge.variant(padding=0.1)
-    far = np.array([wide.edge_is_free(a, b) for a, b in zip(A, B, strict=True)])
-    assert far.any()
-    assert world.sweep.still_free(A[far], B[far]).all()
-
-
 def shrunk(parts: Any) -> Any:
     at, radius = _BALLS(parts)
     return at, 0.5 * radius

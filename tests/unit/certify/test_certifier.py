@@ -13,7 +13,7 @@ from auditor.checker import IndependentChecker, tables_of
 from planner_service.certify import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
 from planner_service.certify import interval_proof as proof_tree
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.errors import InvalidRequest
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
@@ -267,17 +267,6 @@ def test_a_long_compiled_proof_can_be_stopped_every_few_milliseconds() -> None:
     found = Certifier(PLANAR, Scene(near)).certify(JointPath(SWEEP), charge=calls.append)
     assert sum(calls) == found.distances
     assert len(calls) > 3
-
-
-def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
-    stretch = ExemptInterval(0.0, 0.1, (("forearm", "lesson_disk"),), "")
-    with pytest.raises(UnknownName, match="did you mean 'lesson_disc'"):
-        certify(PLANAR, DISCS, SWEEP, exempt=[stretch])
-    with pytest.raises(UnknownName, match="did you mean 'forearm'"):
-        certify(PLANAR, DISCS, SWEEP, allowed=[("fourarm", "lesson_disc")])
-    held = Scene((), (Attached("held", Sphere(0.01), Pose(), ("fourarm",)),))
-    with pytest.raises(UnknownName, match="unknown touch link"):
-        Certifier(PLANAR, held)
 
 
 def test_the_compiled_proof_includes_nothing_of_the_search() -> None:

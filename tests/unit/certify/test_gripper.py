@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +23,6 @@ from planner_service import (
     load_robot,
     load_scene,
     pick,
-    place,
     top_grasps,
 )
 from planner_service.certify import certify_gripper
@@ -104,26 +102,6 @@ def test_what_is_held_counts_unless_the_fingers_may_touch_it() -> None:
     assert certify_gripper(robot, Scene(attached=(held,)), q, (0.03, 0.08)).certificate.certified
     loose = replace(held, touch_links=("finger_left",))
     assert "finger_right x bar" in certify_gripper(robot, Scene(attached=(loose,)), q, (0.03, 0.08)).refused
-
-
-@pytest.mark.slow
-def test_a_place_goes_where_the_gripper_can_open() -> None:
-    """A post stands just beside the first place: the closed fingers come by, the opening ones would hit it."""
-    scene = load_scene("table").with_obstacle(CUBE)
-    service = PlannerService("wxai", scene)
-    taken = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
-    poses = [Pose((0.28, -0.10, 0.0215)), Pose((0.20, -0.16, 0.0215))]
-    free = place(PlannerService.of(taken.world), taken.q, "block", poses, Handling(support="table"))
-    assert free.notes[0].startswith("way 1 of 2")
-    q = free.segments[1].result.unwrap()[0].waypoints[-1]
-    fingers = Pose.from_matrix(service.robot.tool_pose(q)) @ Pose((0.0, 0.044, 0.0))
-    post = Obstacle("post", Box((0.004, 0.004, 0.04)), Pose((*fingers.position[:2], 0.0205)))
-    here = PlannerService.of(taken.world).with_scene(taken.world.scene.with_obstacle(post))
-    put = place(here, taken.q, "block", poses, Handling(support="table"))
-    assert put.notes[0].startswith("way 2 of 2")
-    assert any(re.search(r"gripper cannot open from 45.0 to 69.0 mm: finger_\w+ x post", note) for note in put.notes), (
-        put.notes
-    )
 
 
 def test_bad_input_names_what_is_wrong() -> None:

@@ -143,32 +143,6 @@ def test_work_apart_does_not_use_up_the_limits_around_it() -> None:
     assert ledger.counts == CheckCounts(states=54)
 
 
-def test_work_apart_keeps_to_the_time_and_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    ledger, token = Ledger(), CancelToken()
-    with ledger.limited(deadline=101.0, token=token), ledger.apart():
-        ledger.poll()
-        now[0] = 101.1
-        with pytest.raises(TimeBoxSpent):
-            ledger.poll()
-        token.cancel()
-        with pytest.raises(Cancelled):
-            ledger.poll()
-
-
-def test_blocks_may_end_in_any_order() -> None:
-    ledger = Ledger()
-    first, second = ledger.limited(states=5), ledger.limited(states=1000)
-    first.__enter__()
-    second.__enter__()
-    assert ledger.room() == 5
-    first.__exit__(None, None, None)
-    assert ledger.room() == 1000
-    second.__exit__(None, None, None)
-    assert ledger.room() is None
-
-
 def test_a_limit_is_of_the_thread_whose_block_it_is() -> None:
     checker, barrier = open_checker(), threading.Barrier(2)
     found: dict[int, int] = {}

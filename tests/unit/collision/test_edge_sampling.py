@@ -9,7 +9,6 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.collision import CheckCounts, CollisionChecker, JointStep, Known, MotionStep
@@ -157,17 +156,6 @@ def test_bisection_takes_halves_before_quarters_before_eighths() -> None:
 def test_bisection_visits_every_interior_sample_once() -> None:
     for parts in range(1, 300):
         assert sorted((bisection_order(parts)[:, 0] * parts).round().tolist()) == list(range(1, parts))
-
-
-@pytest.mark.slow
-@settings(max_examples=200, deadline=None)
-@given(joints, joints, st.integers(1, 200))
-def test_an_edge_and_its_reverse_have_the_same_samples_to_the_last_bit(
-    q1: list[float], q2: list[float], parts: int
-) -> None:
-    there, back = interior(q1, q2, parts), interior(q2, q1, parts)
-    assert np.array_equal(there, back)
-    assert there.shape == (parts - 1, 6)
 
 
 @pytest.mark.parametrize(("sixteenth", "place"), [(8, 1), (12, 3), (2, 4), (5, 10)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, get_args
@@ -182,17 +181,6 @@ def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_jud
         hits: list[EdgeHit | None] = [checker.edge_hit(a, b) for checker in pair]
         assert hits[0] == hits[1]
     assert pair[0].counts.states == pair[1].counts.states
-
-
-@pytest.mark.parametrize("turns", [1, 100_000_000])
-def test_angles_far_from_zero_are_turned_into_the_same_poses(turns: int) -> None:
-    checker = checkers(*case("planar2 pins"))[1]
-    Q = np.array(list(states_of(checker, 60, seed=2)))
-    far = Q + 2.0 * math.pi * turns
-    near = np.arctan2(np.sin(far), np.cos(far))  # what rounding left of the angles
-    for kernel in built_kernels(checker):
-        apart = set(zip(*kernel.candidates(near), strict=True)) ^ set(zip(*kernel.candidates(far), strict=True))
-        assert apart == set()
 
 
 @pytest.fixture

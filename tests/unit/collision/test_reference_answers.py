@@ -7,7 +7,6 @@ notice when a sieve still proves nothing wrong but less, so that FCL has to be a
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import fcl
@@ -15,9 +14,7 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker
-from planner_service.scene.scene import Attached
 from tests.laws.test_collision_laws import SETUPS, Setup
-from tests.support.hull_arm import HELD, HullSetup, write_arm
 
 ROWS: dict[str, tuple[int, int, float, float, int]] = {
     "bin": (29, 3297, 0.133616893, 0.501285703, 0),
@@ -74,25 +71,3 @@ def test_answers_and_questions_are_those_of_the_first_release(setup: Setup, monk
     assert found[:2] == (free, states)
     assert found[2:] == pytest.approx((clearances, depths), abs=2e-8)
     assert asked == questions
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("attached", "expected"),
-    [
-        ((), (30, 2216, 0.378471307, 0.013329279, 0)),
-        ((HELD,), (30, 2396, 0.378471307, 0.013329279, 0)),
-    ],
-)
-def test_answers_about_hulls_are_those_of_the_first_release(
-    attached: tuple[Attached, ...],
-    expected: tuple[int, int, float, float, int],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    write_arm(tmp_path)
-    setup = HullSetup("hulls", tmp_path, attached=attached)
-    found, asked = answers(CollisionChecker(setup.robot(), setup.whole_scene()), monkeypatch)
-    assert found[:2] == expected[:2]
-    assert found[2:] == pytest.approx(expected[2:4], abs=2e-8)
-    assert asked == expected[4]

@@ -83,11 +83,6 @@ def test_roadmaps_refuse_them() -> None:
         request(planner=service().path_memory())
 
 
-def test_a_motion_that_was_planned_with_them_is_not_replanned_without() -> None:
-    with pytest.raises(InvalidRequest, match=r"previous: got 'constraints \(upright\)'; expected a plan without"):
-        service().replan(planned(), at_time=0.1)
-
-
 def test_a_planner_that_keeps_none_does_not_carry_what_is_to_stay_upright() -> None:
     carried = Attached("cup", Cylinder(0.03, 0.1), Pose(), constraints=(UPRIGHT,))
     carrying = PlannerService("wxai", Scene(attached=(carried,)))

@@ -148,12 +148,6 @@ def test_what_is_not_understood_is_refused(text: str, reason: str) -> None:
         dae_surface(text.encode())
 
 
-def test_a_document_of_too_many_elements_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planner_service.files.xml_reader.MAX_ELEMENTS", 10)
-    with pytest.raises(Malformed, match="more than 10 elements"):
-        dae_surface(document().encode())
-
-
 def test_nodes_that_multiply_end() -> None:
     twice = [2 * f'<instance_node url="#n{k + 1}"/>' for k in range(40)]
     nodes = "".join(f'<node id="n{k}">{below}</node>' for k, below in enumerate(twice))

@@ -67,20 +67,6 @@ def test_the_boxes_of_a_cloud_are_its_cells(cells: Any) -> None:
     assert {tuple(cell) for cell in cloud.cells.tolist()} == solid
 
 
-@pytest.mark.slow
-def test_every_point_is_in_the_cloud_and_none_is_farther_than_a_cell() -> None:
-    points = RNG.normal(0.0, 0.3, (3000, 3))
-    cloud = PointCloud(points, 0.05)
-    assert cloud.distance(points).max() <= 1e-12
-    far = PointCloud(points, 0.05).pieces
-    corners = [
-        T[:3, 3] + np.array(shape.size) / 2
-        for shape, T in zip(far.shapes, far.frames, strict=True)
-        if isinstance(shape, Box)
-    ]
-    assert max(np.sqrt(((points - corner) ** 2).sum(axis=1)).min() for corner in corners) <= 0.05 * np.sqrt(3.0)
-
-
 def test_the_columns_of_a_field_stand_on_its_floor() -> None:
     assert boxes(GROUND.pieces) == [((0.5, 0.25, 0.05), (1.0, 0.5, 0.1)), ((0.5, 0.75, 0.1), (1.0, 0.5, 0.2))]
     deep = HeightField(np.array([[0.1]]), 0.5, floor=-0.3)
@@ -99,18 +85,6 @@ def test_support_and_distance_are_those_of_the_pieces(solid: Composite) -> None:
     assert (solid.support(directions) * directions).sum(axis=1) == pytest.approx(np.max(heights, axis=0), abs=1e-12)
     assert solid.distance(points) == pytest.approx(np.min(gaps, axis=0), abs=1e-12)
     assert solid.distance(solid.support(directions[0])) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_equal_content_is_equal() -> None:
-    points = RNG.uniform(0.0, 1.0, (100, 3))
-    cloud, again = PointCloud(points, 0.1), PointCloud(points[::-1], 0.1)
-    assert (cloud, hash(cloud)) == (again, hash(again))
-    assert cloud != PointCloud(points, 0.11)
-    assert cloud == PointCloud(cloud.points, 0.1) == PointCloud.from_cells(cloud.cells, 0.1)
-    low = np.array([[0.1]])
-    assert HeightField(low, 1.0) == HeightField(low.copy(), 1.0) != HeightField(low, 1.0, floor=-1.0)
-    assert repr(cloud).startswith("PointCloud(")
-    assert repr(GROUND).startswith("HeightField(2 x 3 columns of 0.5 m")
 
 
 BAD_CLOUDS: list[tuple[Any, Any, str]] = [

@@ -132,22 +132,6 @@ def test_the_faces_close_around_the_corners(seed: int) -> None:
     assert set(mesh.faces.ravel().tolist()) == set(range(len(mesh.vertices)))
 
 
-@pytest.mark.parametrize("away", [0.0, 900.0])
-@pytest.mark.parametrize("kind", ["ball", "prism"])
-def test_offsets_have_the_bits_of_plain_sums_whatever_a_processor_rounds(kind: str, away: float) -> None:
-    rng = np.random.default_rng(7)
-    points = rng.normal(size=(400, 3))
-    if kind == "ball":
-        points /= np.linalg.norm(points, axis=1, keepdims=True)
-    elif kind == "box":
-        points = np.clip(points, -1.0, 1.0)  # hundreds of points on each face
-    else:
-        points = np.concatenate([rim(200, 0.3, 0.0), rim(200, 0.3, 1.0)])
-    hull = Mesh(points + away)
-    (x, y, z), n = hull.vertices.T, hull.normals[:, :, None]
-    assert (hull.offsets == (n[:, 0] * x + n[:, 1] * y + n[:, 2] * z).max(axis=1)).all()
-
-
 @some
 @given(seeds)
 def test_a_walk_along_the_edges_ends_at_the_farthest_corner(seed: int) -> None:
@@ -191,10 +175,8 @@ def test_no_given_point_is_outside_the_hull(seed: int) -> None:
 @pytest.mark.parametrize(
     ("points", "problem"),
     [
-        ([[0, 0, 0]] * 3, r"vertices: got an array of shape \(3, 3\); expected 4 to 500,000 points"),
         (np.zeros((MAX_VERTICES + 1, 3)), r"shape \(500001, 3\)"),
         (np.where(CUBE == 3.0, np.nan, CUBE), r"vertices\[1\]: got \[0.0, 0.0, nan\]"),
-        (CUBE * 1000.0, r"vertices\[1\]: got \[0.0, 0.0, 3000.0\]; expected .* at most 1000 from 0"),
         (CUBE * [1.0, 1.0, 0.0], r"vertices: flat, 4 points within \[1.0, 2.0, 0.0\] m; expected points that span"),
     ],
 )

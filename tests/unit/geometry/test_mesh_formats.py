@@ -221,15 +221,6 @@ def test_a_mesh_elsewhere_is_refused(place: Path, name: str, problem: str) -> No
         MeshLoader((place / "robot",)).mesh(name.format(place=place))
 
 
-def test_a_mesh_that_is_named_again_is_read_once_for_each_scale(place: Path) -> None:
-    shelf = loader_of(place)
-    first, mirrored = shelf.mesh("a.stl"), shelf.mesh("a.stl", (-1.0, 1.0, 1.0))
-    (place / "robot" / "a.stl").write_bytes(b"")
-    assert shelf.mesh("./a.stl") is first
-    assert shelf.mesh("a.stl", [-1, 1, 1]) is mirrored
-    assert mirrored == Mesh(POINTS * [-1.0, 1.0, 1.0])
-
-
 def test_all_meshes_of_a_file_share_one_budget_of_bytes(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_path, "MAX_TOTAL", 2 * len(binary_stl()) + 1)
     shelf = loader_of(place)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from planner_service.errors import InvalidFile
-from planner_service.geometry import mesh_formats as mesh_file
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh_formats import read_triangles, read_vertices
 
@@ -121,18 +120,4 @@ REFUSED = [
 def test_what_is_no_list_of_triangles_is_refused(tmp_path: Path, name: str, data: bytes | str, why: str) -> None:
     path = written(tmp_path, name, data)
     with pytest.raises(InvalidFile, match=why):
-        read_triangles(path)
-
-
-FAN = ("fan.obj", V + "f" + " 1 2 3" * 2 + "\n")
-"""One polygon."""
-
-
-@pytest.mark.parametrize(("name", "data"), [ALIKE[0], ALIKE[3], FAN])
-def test_too_many_triangles_are_refused(
-    tmp_path: Path, name: str, data: bytes | str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mesh_file, "MAX_TRIANGLES", 3)
-    path = written(tmp_path, name, data)
-    with pytest.raises(InvalidFile, match=r"(4 triangles; expected at most 3|more than 3 triangles|4 face rows)"):
         read_triangles(path)

@@ -126,13 +126,8 @@ def test_a_grown_shape_holds_everything_within_the_margin(shape: Shape, seed: in
     [
         (lambda: Sphere(0.0), "radius: got 0.0; expected a positive length"),
         (lambda: Sphere(math.nan), "radius: got nan"),
-        (lambda: Sphere(1001.0), "up to 1000 m"),
         (lambda: Sphere("0.1"), "radius: got '0.1'; expected a positive length"),  # type: ignore[arg-type]
-        (lambda: Sphere(10**400), "expected a positive length"),
-        (lambda: Capsule(0.1, 0.0), "length: got 0.0"),
         (lambda: Box((0.1, -0.2, 0.3)), r"size\[1\]: got -0.2"),
-        (lambda: Box((300.0, 1200.0, 8.0)), r"size\[1\]: got 1200.0; expected .* up to 1000 m"),
-        (lambda: Box((0.1, 0.2)), "size: .*3 finite numbers"),  # type: ignore[arg-type]
     ],
 )
 def test_sizes_that_make_no_shape_are_refused(make: Any, message: str) -> None:
@@ -145,9 +140,7 @@ def test_sizes_that_make_no_shape_are_refused(make: Any, message: str) -> None:
     [
         (lambda: Pose((0.0, 0.0, math.nan)), "position: .*3 finite numbers"),
         (lambda: Pose(quaternion=(1.0, 1.0, 0.0, 0.0)), "its norm is 1.41421"),
-        (lambda: Pose.from_rpy((0.0, 0.0, 0.0), (0.0, math.nan, 0.0)), "rpy: .*3 finite numbers"),
         (lambda: Pose.from_matrix(np.eye(3)), "finite 4 x 4 matrix"),
-        (lambda: Pose.from_matrix(np.diag([2.0, 0.5, 1.0, 1.0])), "orthonormal"),
         (lambda: Pose.from_matrix(np.diag([1.0, 1.0, -1.0, 1.0])), "orthonormal"),
         (lambda: Pose.from_matrix(np.diag([1.0, 1.0, 1.0, 2.0])), "last row 0 0 0 1"),
     ],

@@ -147,14 +147,6 @@ def test_common_mistakes_are_suggested_where_the_corrected_pose_can_be_reached(n
         assert swapped(meant.pose).quaternion == pytest.approx(wrong.quaternion)
 
 
-def test_a_solution_that_few_starts_missed_is_handed_out(wxai: Robot) -> None:
-    q = wxai.pose("ready")
-    why = why_unreachable(wxai, tool(wxai, q))
-    assert why.cause is Cause.MISSED
-    assert np.abs(wxai.tool_pose(why.nearest) - wxai.tool_pose(q)).max() < 1e-7
-    assert "a longer search reaches it" in str(why)
-
-
 def facts(why: Unreachable) -> tuple[object, ...]:
     return why.cause, why.nearest.tobytes(), why.gap, why.turn, why.beyond, why.suggestion
 

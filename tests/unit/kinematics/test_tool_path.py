@@ -117,20 +117,6 @@ def test_following_a_path_with_corners_keeps_the_tool_on_it_however_widely_corne
         assert off < 1e-3
 
 
-def test_blended_corners_pass_through_the_path_from_which_sharp_ones_are_away(wxai: Robot) -> None:
-    begin = tool(wxai, wxai.home)
-    path = circular_arc(begin, displaced(begin, 0.0, 0.05, -0.05).position, displaced(begin, 0.0, 0.1, 0.0))
-    line = walk_tool_path(wxai, wxai.home, path, max_joint_rate=100.0)
-    points, sizes = thinned_along(wxai, line.waypoints, line.fractions * path.length, path)
-    assert (sizes > 0.0).tolist() == [False, *[True] * (len(points) - 2), False]
-    at, _ = path.poses_at(np.linspace(0.0, path.length, 20_000, dtype=np.float64))
-    off = []
-    for curve in (JointPath(points, sizes), JointPath(points)):
-        tips = [wxai.tool_pose(q)[:3, 3] for q in curve(curve.knots[1:-1])]
-        off.append(max(float(np.linalg.norm(at - tip, axis=1).min()) for tip in tips))
-    assert off[0] < 2e-5 < 1e-4 < off[1]
-
-
 @pytest.mark.parametrize("rate", [3.0, 1000.0])
 def test_no_joint_moves_farther_per_metre_than_allowed(wxai: Robot, rate: float) -> None:
     begin = tool(wxai, wxai.home)

@@ -69,15 +69,6 @@ def test_wrong_waypoints_are_refused() -> None:
             JointPath(waypoints)
 
 
-def test_merging_keeps_both_ends_bit_for_bit() -> None:
-    first, last = 0.1, 0.1 + 3e-13
-    path = JointPath(np.array([[first], [first + 1e-13], [0.5], [last + 1e-13], [last]]))
-    assert path.waypoints[0, 0] == first
-    assert path.waypoints[-1, 0] == last
-    assert len(path.waypoints) == 3
-    assert JointPath(np.array([[first], [last]])).waypoints.ravel().tolist() == [first, last]
-
-
 def test_a_path_may_be_a_single_point() -> None:
     path = JointPath(np.array([[0.3, -0.2], [0.3, -0.2]]))
     assert path.length == 0.0
@@ -91,15 +82,6 @@ def test_a_path_may_be_a_single_point() -> None:
 def test_corners_are_where_the_direction_changes() -> None:
     path = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 0.5]]))
     assert path.corners == (2, 3)
-
-
-def test_rounding_of_points_on_a_line_makes_no_corner() -> None:
-    rng = np.random.default_rng(7)
-    for gap in (1e-11, 1e-9, 1e-6, 1e-3):
-        a, b = rng.uniform(-3, 3, (2, 6))
-        unit = (b - a) / math.dist(a, b)
-        middle = (a + b) / 2
-        assert JointPath(np.array([a, middle, middle + gap * unit, b])).corners == ()
 
 
 def blended(rng: np.random.Generator, share: float = 0.4) -> JointPath:
@@ -213,13 +195,6 @@ def test_a_blended_path_reversed_is_the_same_curve() -> None:
     np.testing.assert_allclose(path.reversed()(path.length - s), path(s), rtol=0, atol=1e-12)
 
 
-def test_joined_paths_keep_their_blends_and_meet_in_a_stop() -> None:
-    path = blended(np.random.default_rng(8))
-    both = path + path.reversed()
-    assert both.blends.tolist() == [*path.blends, *path.blends[:-1][::-1]]
-    assert both.corners == (4,)
-
-
 def test_paths_that_do_not_meet_are_not_joined() -> None:
     a, b = JointPath(ELBOW[:2]), JointPath(ELBOW[:2])
     with pytest.raises(InvalidRequest, match=r"expected a path from \[3.0, 4.0\]"):
@@ -268,14 +243,6 @@ def test_time_outside_the_trajectory_is_refused() -> None:
             trajectory(t)
 
 
-def test_samples_include_the_exact_end() -> None:
-    samples = triangle(straight()).sample(0.3)
-    assert np.allclose(samples.t, [0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.0], rtol=0, atol=1e-15)
-    assert samples.t[-1] == 2.0
-    assert samples.q.shape == samples.qd.shape == samples.qdd.shape == (8, 1)
-    assert samples.q[-1, 0] == 1.0
-
-
 def test_an_impossible_sampling_step_is_refused() -> None:
     dt: Any
     for dt in [0.0, -1.0, math.nan, math.inf, 1e-9, "x", 10**400, True, None]:
@@ -293,14 +260,6 @@ def test_dilation_slows_the_same_motion_down() -> None:
     assert np.array_equal(slow(2 * t), trajectory(t))
     assert np.array_equal(slow(2 * t, 1), trajectory(t, 1) / 2)
     assert np.array_equal(slow(2 * t, 2), trajectory(t, 2) / 4)
-
-
-def test_an_impossible_dilation_is_refused() -> None:
-    factor: Any
-    for factor in [0.0, -1.0, math.nan, math.inf, 1e-320, 1e300, 10**400, "2", None]:
-        trajectory = triangle(straight())
-        with pytest.raises(InvalidRequest, match="factor: got"):
-            trajectory.dilated(factor)
 
 
 def test_a_law_that_is_no_motion_from_rest_to_rest_is_refused() -> None:

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-import itertools
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,12 +9,10 @@ import pytest
 from planner_service.errors import InvalidRequest
 from planner_service.planners import PRM, LazyPRM
 from planner_service.roadmap import Roadmap, Verdict
-from planner_service.roadmap.graph import SPACING
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from planner_service.search.problem import SearchProblem
 from tests.support.discs import SEALED, WALL, DiscWorld, across, length
 from tests.support.optional import present
-from tests.support.roadmaps import nearest_places, points_along
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
 
@@ -97,45 +93,6 @@ def test_a_path_is_remembered_as_milestones_and_free_edges() -> None:
     found = more.search(query(path[0], path[-1], world))
     assert found.waypoints is not None
     assert world.edges == [], "the ends are milestones now, and the way is known"
-
-
-def test_a_net_of_added_paths_is_as_if_made_at_once() -> None:
-    rng = np.random.default_rng(3)
-    roadmap = Roadmap.judged(CORNERS, SIDES)
-    for _ in range(30):
-        roadmap = roadmap.with_path(np.round(rng.random((4, 2)), 1))
-    whole = Roadmap.of(roadmap.milestones, roadmap.edges)
-    for node in range(len(roadmap.milestones)):
-        ends = sorted((other, length) for other, length, _ in roadmap.graph.around(node))
-        assert ends == sorted((other, length) for other, length, _ in whole.graph.around(node))
-        for other, _, number in roadmap.graph.around(node):
-            assert sorted(roadmap.edges[number].tolist()) == sorted((node, other))
-    for a, b in pairwise(range(len(roadmap.milestones))):
-        together = whole.graph.component(a) == whole.graph.component(b)
-        assert (roadmap.graph.component(a) == roadmap.graph.component(b)) == together
-
-
-@pytest.mark.parametrize("share", [0.05, 0.6])
-def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
-    rng = np.random.default_rng(4)
-    roadmap = LazyPRM(milestones=400, neighbours=6).grow(across(DiscWorld(NOTHING)), seed=1)
-    for _ in range(5):
-        roadmap = roadmap.with_path(rng.random((4, 2)) * 3)
-    graph = roadmap.graph
-    milestones, edges = rng.random(len(graph.milestones)) < 0.7, rng.random(len(graph.edges)) < share
-    grown, count = len(graph.trunk.edges), len(graph.edges)
-    parts = (np.arange(grown), graph.trunk.spacing), (np.arange(grown, count), SPACING)
-    spots, on = map(np.concatenate, zip(*(points_along(graph, *part) for part in parts), strict=True))
-    for q in rng.random((10, 2)) * 3:
-        nearest = {-1 - k: float(np.abs(graph.milestones[k] - q).sum()) for k in np.flatnonzero(milestones).tolist()}
-        for edge, far in zip(on.tolist(), np.abs(spots - q).sum(axis=1).tolist(), strict=True):
-            if edges[edge]:
-                nearest[edge] = min(nearest.get(edge, math.inf), far)
-        found = [*itertools.islice(nearest_places(graph, milestones, edges, q), 40)]
-        assert [place.far for place in found] == pytest.approx(sorted(nearest.values())[:40])
-        for place in found:
-            owner = place.edge if place.edge >= 0 else -1 - place.milestone
-            assert place.far == pytest.approx(nearest[owner])
 
 
 def test_what_an_obstacle_may_have_changed_is_in_doubt_and_nothing_else() -> None:

@@ -15,7 +15,6 @@ import pytest
 
 from planner_service import CheckCounts, Roadmap
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.reading import read_bytes
 from planner_service.roadmap import Built, Terms, Verdict
 from planner_service.roadmap.verdicts import SELF, Lesson
 
@@ -236,18 +235,3 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     assert refused(path, written({"head": np.arange(-5, 5)}))
     assert refused(path, written({"head": np.full(5, np.nan)}))
     assert refused(path, written({"head": np.full(5, 1e300)}))
-
-
-def test_a_file_that_is_replaced_meanwhile_is_read_as_of_one_moment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = saved(tmp_path)
-
-    def then_replaced(source: Path, most: int) -> bytes:
-        data = read_bytes(source, most)
-        NOTHING_KNOWN.save(source)
-        return data
-
-    monkeypatch.setattr("planner_service.geometry.point_files.read_bytes", then_replaced)
-    assert Roadmap.load(path).hash == sample().hash
-    assert Roadmap.load(path).hash == NOTHING_KNOWN.hash

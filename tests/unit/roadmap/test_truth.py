@@ -16,7 +16,6 @@ from planner_service import (
     CheckCounts,
     CollisionChecker,
     JointStep,
-    LazyPRM,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -120,23 +119,6 @@ def test_what_stood_in_the_way_of_a_grown_edge_is_what_is_blamed() -> None:
         assert len(blamed) > 2
         assert roadmap.edge_knowledge.count(BLOCKED) > 50
         assert false_blames(roadmap, service) == []
-
-
-@pytest.mark.parametrize("fallback", [True])
-def test_what_was_learned_before_the_budget_was_spent_comes_back_and_is_true(fallback: bool) -> None:
-    service, query = cell(), queries.load("bin")[1]
-    roadmap = replace(service.build_roadmap(LazyPRM(milestones=300), seed=1), fallback=fallback)
-    learned = gained = 0
-    for budget in range(100, 1500, 100):
-        request = PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None, max_checks=budget)
-        result = service.plan(request)
-        assert lies(result.roadmap, service) == []
-        more = len(roadmap.edges) - present(result.roadmap).edge_knowledge.count(Verdict.UNKNOWN)
-        assert more >= learned
-        gained += not result.ok and more > learned
-        roadmap, learned = present(result.roadmap), more
-    assert gained > 0
-    assert result.ok, "in the end"
 
 
 def test_a_query_that_was_cancelled_disturbs_no_other() -> None:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
-import threading
 import weakref
 from dataclasses import fields, replace
 from pathlib import Path
@@ -94,27 +93,6 @@ def test_a_second_process_finds_the_same_path(planner: Planner) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(outcome(planner, n=6, seed=3))
     assert done.stderr == ""
-
-
-def test_a_search_that_waits_for_its_turn_can_be_stopped() -> None:
-    inside, release = threading.Event(), threading.Event()
-
-    def hold() -> None:
-        inside.set()
-        assert release.wait(30)
-
-    def stop() -> None:
-        raise Stop("waited long enough")
-
-    holder = threading.Thread(target=lambda: RRTConnect().search(across(DiscWorld(), poll=hold)))
-    holder.start()
-    assert inside.wait(30)
-    try:
-        with pytest.raises(Stop, match="long enough"):
-            RRTConnect().search(across(DiscWorld(), poll=stop))
-    finally:
-        release.set()
-        holder.join()
 
 
 @pytest.mark.slow

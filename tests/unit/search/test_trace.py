@@ -59,18 +59,6 @@ def test_the_path_found_runs_along_the_tree(discs: PlannerService) -> None:
     assert len([piece for piece in pieces if piece not in edges]) <= 1  # where the two trees met
 
 
-def test_shortcutting_is_traced_between_search_and_plan(discs: PlannerService) -> None:
-    result = discs.plan(asked(discs), trace=True)
-    trace = trace_of(result)
-    assert result.path is not None
-    assert len(present(trace.shortcut)) < len(present(trace.searched))
-    for points in (present(trace.searched), present(trace.shortcut)):
-        assert points[0].tolist() == result.path.waypoints[0].tolist()
-        assert points[-1].tolist() == result.path.waypoints[-1].tolist()
-        with pytest.raises(ValueError, match="read-only"):
-            points[0] = 0.0
-
-
 def test_a_result_knows_who_planned_it_and_what_was_asked(discs: PlannerService) -> None:
     request = asked(discs)
     result = discs.plan(request)

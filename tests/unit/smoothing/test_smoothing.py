@@ -59,12 +59,6 @@ def test_a_blend_that_is_not_free_is_halved_until_it_is() -> None:
     assert blended(JointPath(ZIGZAG), compiled(beside), np.full(4, 0.2), corners=[2]).corners == (1,)
 
 
-def test_a_corner_without_a_free_blend_stays_a_stop() -> None:
-    everywhere = DiscWorld([(1.0, 0.2, 5.0)])
-    assert blended(JointPath(ZIGZAG), compiled(everywhere), np.full(4, 0.2)).corners == (1, 2)
-    assert everywhere.states == 10, "0.2 to 0.0125 at both"
-
-
 @pytest.mark.slow
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6))
@@ -136,62 +130,3 @@ def test_a_pull_that_gains_less_than_half_a_percent_is_not_asked_about(height: f
     short = pulled_in([[0.0, 0.0], [1.0, height], [2.0, 0.0]], world)
     assert (world.glances > 0) == asked
     assert (short[1][1] == 0.0) == asked
-
-
-class Shares(np.random.Generator):
-    """Draws what it was given, again and again."""
-
-    def __init__(self, *shares: float) -> None:
-        super().__init__(np.random.PCG64(0))
-        self._shares = np.array(shares)
-
-    def random(self, size: int) -> FloatArray:  # type: ignore[override]
-        return np.resize(self._shares, size)
-
-
-class BetweenVertices(DiscWorld):
-    """Refuses edges between two vertices of a path, so that none is skipped."""
-
-    def __init__(self, vertices: FloatArray) -> None:
-        super().__init__(NOTHING)
-        self._vertices = {tuple(q) for q in vertices.tolist()}
-
-    def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
-        return not {tuple(q1.tolist()), tuple(q2.tolist())} <= self._vertices
-
-
-STAIRS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])
-
-
-@pytest.mark.parametrize(
-    ("shares", "cut"),
-    [
-        ((0.125, 0.5), [[0.0, 0.0], [0.5, 0.0], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]]),
-        ((0.0, 0.375), [[0.0, 0.0], [1.0, 0.5], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]]),
-        ((0.625, 0.375), [[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [1.5, 1.0], [2.0, 1.0], [2.0, 2.0]]),
-    ],
-)
-def test_a_cut_that_ends_at_a_vertex_repeats_no_waypoint(shares: tuple[float, float], cut: list[list[float]]) -> None:
-    assert shortcut(STAIRS, BetweenVertices(STAIRS), Shares(*shares), tries=1).tolist() == cut
-
-
-def test_a_cut_may_end_where_the_path_does() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(200):  # of some of these the pieces add up to less than the length of the whole, by rounding
-        steps = rng.uniform(0.01, 1.0, (12, 1)) * np.array([[1.0, 0.0], [0.0, 1.0]] * 6)
-        stairs = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-        cut = shortcut(stairs, BetweenVertices(stairs), Shares(0.01, np.nextafter(1.0, 0.0)), tries=1)
-        assert len(cut) < len(stairs)
-        assert cut[-1].tolist() == stairs[-1].tolist()
-
-
-def test_cutting_ends_after_so_many_cuts_in_a_row_that_collide() -> None:
-    class Once(BetweenVertices):
-        def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
-            self.judged += [tuple(q1)] if super().edge_is_free(q1, q2) else []
-            return len(self.judged) == 1
-
-    world = Once(STAIRS)
-    shares = [share for k in range(60) for share in (0.125 + 0.001 * k, 0.5)]
-    shortcut(STAIRS, world, Shares(*shares), misses=4)
-    assert len(world.judged) == 1 + 4 + 1  # at last the rest of the piece that was cut

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,9 +11,8 @@ from numpy.typing import ArrayLike
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Peak, Trajectory
-from planner_service.timing.laws import within_limits
+from planner_service.timing.laws import SCurve, within_limits
 from planner_service.timing.limit_check import peaks
-from planner_service.timing.profiles import s_curve
 from tests.unit.timing.test_laws import HELD, limits
 
 ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
@@ -37,28 +34,9 @@ def rounded_corners(seed: int) -> JointPath:
     return blended(points, [0.0, *widths, 0.0])
 
 
-def s_curve_through(path: JointPath, speed: float, acceleration: float, jerk: float) -> Trajectory:
-    """One S-curve from end to end, so that s(t) is a cubic with jerk on blends too, cut where they begin and end."""
-    durations: list[float] = []
-    coefficients: list[FloatArray] = []
-    for phase in s_curve(path.length, speed, acceleration, jerk):
-        cubic = np.polynomial.Polynomial([phase.position, phase.speed, phase.acceleration / 2, phase.jerk / 6])
-        inside = path.breaks[(path.breaks > phase.position + 1e-9) & (path.breaks < cubic(phase.duration) - 1e-9)]
-        cuts = [0.0, *(when(cubic, s, phase.duration) for s in inside), phase.duration]
-        starts = [phase.position, *inside]
-        for (a, b), s in zip(pairwise(cuts), starts, strict=True):
-            shifted = [s, cubic.deriv(1)(a), cubic.deriv(2)(a) / 2, phase.jerk / 6]
-            durations.append(b - a)
-            coefficients.append(np.array(shifted))
-    return Trajectory(path, np.array(durations), np.array(coefficients))
-
-
-def when(cubic: np.polynomial.Polynomial, s: float, end: float) -> float:
-    low, high = 0.0, end
-    for _ in range(100):
-        middle = (low + high) / 2
-        low, high = (middle, high) if cubic(middle) < s else (low, middle)
-    return low
+def smooth(path: JointPath) -> Trajectory:
+    """Along a path with jerks everywhere, on blends too."""
+    return SCurve().time_path(path, limits(path.n, 1.0, 3.0, 20.0))
 
 
 def densely(trajectory: Trajectory, limit: FloatArray, order: int) -> float:
@@ -78,7 +56,7 @@ def densely(trajectory: Trajectory, limit: FloatArray, order: int) -> float:
 @given(seed=st.integers(0, 10**6))
 def test_peaks_on_blends_are_those_of_dense_samples(kind: str, seed: int) -> None:
     path = rounded_corners(seed)
-    trajectory = s_curve_through(path, 1.0, 3.0, 20.0)
+    trajectory = smooth(path)
     rng = np.random.default_rng(seed)
     given_limits = limits(path.n, *10 ** rng.uniform(-0.5, 0.5, (3, path.n)))
     found: Peak = getattr(peaks(trajectory, given_limits), kind)
@@ -86,24 +64,12 @@ def test_peaks_on_blends_are_those_of_dense_samples(kind: str, seed: int) -> Non
     assert found.ratio == pytest.approx(sampled, rel=1e-9)
 
 
-def test_peaks_on_blends_name_the_joint_and_the_time() -> None:
-    for kind in ORDERS:
-        for seed in range(5):
-            path = rounded_corners(seed)
-            trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
-            found: Peak = getattr(peaks(trajectory, given_limits), kind)
-            # both sides, since jerk is right-sided where two pieces of time meet
-            near = np.clip(found.time + np.array([-1e-10, 0.0, 1e-10]), 0.0, trajectory.duration)
-            there = np.abs(trajectory(near, ORDERS[kind])[:, found.joint]).max()
-            assert there / getattr(given_limits, kind)[found.joint] == pytest.approx(found.ratio, rel=1e-6)
-
-
 @settings(deadline=None, max_examples=20, derandomize=True)
 @given(seed=st.integers(0, 10**6))
 def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(seed: int) -> None:
     path = rounded_corners(seed)
     given_limits = limits(path.n, 0.3, 0.5, 2.0)
-    trajectory, _ = within_limits(s_curve_through(path, 1.0, 3.0, 20.0), given_limits, jerk=True)
+    trajectory, _ = within_limits(smooth(path), given_limits, jerk=True)
     found = peaks(trajectory, given_limits)
     assert trajectory.dilation > 1.0
     assert 1 - 1e-9 <= max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD

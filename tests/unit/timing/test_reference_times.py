@@ -55,24 +55,6 @@ def test_each_law_takes_its_time(seed: int, law: Timing, fast: tuple[float, int]
         assert len(trajectory.durations) == phases
 
 
-@pytest.mark.parametrize(
-    ("seed", "share", "blend_share", "seconds", "phases"),
-    [
-        (1, 0.5, 0.8, 3.3827990680, 72),
-        (2, 0.05, 0.8, 7.8608181031, 141),
-        (3, 0.5, 0.8, 2.9967645890, 92),
-    ],
-)
-def test_the_rest_of_a_path_takes_its_time(
-    seed: int, share: float, blend_share: float, seconds: float, phases: int
-) -> None:
-    path = path_of(seed)
-    start = share * path.length
-    law = ToppRa().continue_to_rest(path, mixed_limits(path, seed), start, 0.05, blend_share=blend_share)
-    assert sum(phase.duration for phase in law) == pytest.approx(seconds, rel=1e-7)
-    assert (len(law), law[0].position, law[0].speed) == (phases, start, 0.05)
-
-
 def test_peaks_are_named_with_joint_and_time() -> None:
     path = path_of(3)
     given_limits = mixed_limits(path, 3)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,7 +12,6 @@ from planner_service.timing.laws import SCurve
 from planner_service.timing.limit_check import peaks
 from planner_service.timing.profiles import speed_profile
 from planner_service.timing.segments import path_segments
-from tests.unit.timing.test_laws import limits
 from tests.unit.timing.test_segments import mixed_limits
 
 
@@ -50,12 +48,3 @@ def test_it_is_never_slower_than_with_a_constant_speed_on_each_blend(seed: int, 
     segments = path_segments(path, given_limits, None)
     constant = sum(phase.duration for segment in segments for phase in speed_profile(segment.sections(jerk=True)))
     assert SCurve().time_path(path, given_limits).duration <= constant * (1.0 + 1e-12)
-
-
-def test_corners_that_hardly_turn_cost_nothing() -> None:
-    """With a constant speed on each blend the speed would stay at what the first tenth of a radian allows."""
-    path = chain(1, 30, 1e-6)
-    line = JointPath(path.waypoints[[0, -1]])
-    given_limits = limits(path.n)
-    straight = SCurve().time_path(line, given_limits).duration
-    assert SCurve().time_path(path, given_limits).duration == pytest.approx(straight, rel=1e-3)

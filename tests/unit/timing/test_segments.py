@@ -137,24 +137,6 @@ def test_a_short_way_to_a_stop_bounds_the_speed_on_a_blend_and_those_before_it()
     assert trajectory.coefficients[-4, 1] <= math.sqrt(slow**2 + 2 * 0.2 * 0.4) * (1 + 1e-12)
 
 
-@pytest.mark.slow
-@settings(deadline=None, max_examples=100, derandomize=True)
-@given(seed=st.integers(0, 10**6))
-def test_an_s_curve_speeds_up_between_blends_as_far_as_there_is_room(seed: int) -> None:
-    path = rounded_corners(seed)
-    given_limits = mixed_limits(path, seed)
-    trajectory = SCurve().time_path(path, given_limits)
-    speeds = trajectory.s(trajectory.knots, 1)
-    for piece in np.flatnonzero(~path.blended):
-        rows = np.flatnonzero(trajectory.geometry == piece)
-        share = np.abs(path(path.breaks[piece], 1))
-        cruising = np.abs(trajectory.coefficients[rows, 2:]).max(axis=1) == 0.0
-        fastest = float((given_limits.velocity / share).min())
-        # it cruises at the largest speed, or does not cruise: what remains is rounding
-        idle = cruising & (speeds[rows] < fastest * (1 - 1e-9))
-        assert trajectory.durations[rows][idle].sum() <= 1e-9 * trajectory.duration
-
-
 @closed_forms
 @pytest.mark.parametrize("short", [0.0, 1e-9])
 def test_a_blend_that_reaches_a_stop_or_nearly_is_a_typed_failure(law: Timing, short: float) -> None:

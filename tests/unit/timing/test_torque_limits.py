@@ -112,17 +112,6 @@ def test_torques_are_those_of_pinocchio(tmp_path: Path) -> None:
         assert np.abs(limits.torques(*states) - theirs(file, robot, *states)).max() < 1e-12
 
 
-def test_a_locked_joint_leaves_the_torques_of_the_others(tmp_path: Path) -> None:
-    robot = built(tmp_path, SPREAD)
-    q, qd, qdd = motions(robot, 10, 3)
-    k = robot.joint_names.index("swing")
-    q[:, k], qd[:, k], qdd[:, k] = 0.4, 0.0, 0.0
-    kept = [j for j in range(robot.n) if j != k]
-    locked = robot.locked({"swing": 0.4})
-    part = TorqueLimits(locked).torques(q[:, kept], qd[:, kept], qdd[:, kept])
-    assert np.abs(part - TorqueLimits(robot).torques(q, qd, qdd)[:, kept]).max() < 1e-12
-
-
 def test_a_pendulum_is_held_to_its_torque(pendulum: Robot) -> None:
     limits, path = TorqueLimits(pendulum), JointPath(np.array([[-1.0], [1.0]]))
     fast = replace(pendulum.limits, velocity=np.array([50.0]), acceleration=np.array([500.0]))
