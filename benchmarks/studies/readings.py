@@ -126,7 +126,7 @@ class _Comparison:
         self.explained: list[str] = []
         self.unexplained: list[str] = []
         self.readers: dict[str, str] = {}
-        self.urdf, _ = read_description(self.original, folders)
+        self.urdf, _ = read_description(self.original, folders, Selection())
         self.mjcf = is_mjcf(self.original)
         freed = {j.name: j for j in self.urdf.joints if j.kind != "fixed"}
         still = {name: j.lower for name, j in freed.items() if j.lower >= j.upper and j.mimic is None}

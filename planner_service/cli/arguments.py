@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from planner_service.cli.options import RobotChoice
 from planner_service.constraints import Constraint, KeepUpright, load_constraints
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.files.writing import require_writable
@@ -231,13 +232,13 @@ def time_limit_of(seconds: float) -> float | None:
     return None if seconds == math.inf else seconds
 
 
-def service_for(robot: str, scene: str) -> PlannerService:
+def service_for(robot: RobotChoice, scene: str) -> PlannerService:
     """A service for a robot and a scene, by name or file.
 
     Raises:
         InvalidRequest: there is no such robot or scene.
     """
-    return PlannerService(load_robot(robot), load_scene(scene))
+    return PlannerService(robot.load(), load_scene(scene))
 
 
 def require_obstacles(scene: Scene, names: Mapping[str, str]) -> None:
@@ -275,7 +276,7 @@ def from_file(saved: SavedPlan | SavedTask) -> str:
 
 
 def reopened(
-    saved: SavedPlan | SavedTask, robot: str | None, scene: str | None
+    saved: SavedPlan | SavedTask, robot: RobotChoice | None, scene: str | None
 ) -> tuple[SavedPlan | SavedTask, list[str]]:
     """A plan or task from a file, with the robot or scene given instead of those in the file, and notes on differences.
 
@@ -285,7 +286,7 @@ def reopened(
     begin, notes = saved.begin, [from_file(saved)]
     notes += differences(begin.robot) if robot is None else []
     if robot is not None:
-        arm, before = load_robot(robot), begin.robot
+        arm, before = robot.load(), begin.robot
         arm = arm.opened_like(before)
         notes += [] if arm.hash == before.hash else [f"made for another robot: {before.name}, {before.hash[:12]}"]
         begin = replace(begin, robot=arm)
@@ -353,13 +354,13 @@ def require_proven(saved: SavedPlan | SavedTask, allow: Sequence[str] | None) ->
     recertify(saved, allowed=allowed).required()
 
 
-def service_of_terms(terms: Terms, robot: str | None, scene: str | None) -> tuple[PlannerService, list[str]]:
+def service_of_terms(terms: Terms, robot: RobotChoice | None, scene: str | None) -> tuple[PlannerService, list[str]]:
     """The service that a roadmap was built for, or one for the robot or scene given instead, and notes on differences.
 
     Raises:
         InvalidRequest: robot or scene, loaded by the name in the roadmap, are missing or not those it was built for.
     """
-    arm = load_robot(robot) if robot is not None else _load_named("--robot", terms.robot, load_robot)
+    arm = robot.load() if robot is not None else _load_named("--robot", terms.robot, load_robot)
     world = load_scene(scene) if scene is not None else _load_named("--scene", terms.scene, load_scene)
     notes = []
     rows = (

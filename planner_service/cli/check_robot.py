@@ -34,6 +34,10 @@ def _of_its_own() -> None:
 def check(
     urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF.")],
     package_dir: options.PackageDirs = None,
+    xacro_arg: options.XacroArgs = None,
+    lock: options.Locks = None,
+    tool_frame: options.ToolFrame = None,
+    gripper: options.GripperJoints = None,
     visual_as_collision: options.VisualAsCollision = False,
     png: options.Picture = None,
     as_json: options.AsJson = False,
@@ -45,7 +49,15 @@ def check(
     with bad_input_exits():
         if png is not None:
             require_writable(Path(png))
-        found = check_robot(urdf, package_dir or (), visual_as_collision=visual_as_collision)
+        found = check_robot(
+            urdf,
+            package_dir or (),
+            visual_as_collision=visual_as_collision,
+            xacro_args=options.xacro_args(xacro_arg or ()),
+            locked_joints=options.locks(lock or ()),
+            tool_frame=tool_frame,
+            gripper=options.gripper(gripper),
+        )
         if png is not None:
             if found.robot is None:
                 report_error("note: no picture: nothing can be made of this URDF")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import math
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from planner_service.cli.check_robot import robot_commands
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, ErrorLog, bad_input_exits, finish
 from planner_service.cli.export import export, join
-from planner_service.cli.import_report import import_record, import_table, locks, to_check
+from planner_service.cli.import_report import import_record, import_table, to_check
 from planner_service.cli.options import argument, option
 from planner_service.cli.output import show, wrapped
 from planner_service.cli.roadmap.commands import roadmaps
@@ -42,7 +43,6 @@ from planner_service.records.result import result_record
 from planner_service.robot.model import length_unit, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.kernel_check import Health, examine
-from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import scene_blocks, scene_names
 from planner_service.service import PlannerService
@@ -62,14 +62,16 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Name = Annotated[str | None, argument("NAME", "Show this one in detail; a name or a file.")]
+ONE = "Show this one in detail; a name or a file."
+Name = Annotated[str | None, argument("NAME", ONE)]
+RobotName = Annotated[options.RobotChoice | None, argument("NAME", ONE, parser=options.chosen)]
 
 
 def plan(
     start: options.Start,
     goal: options.Goals,
     scene: options.SceneName,
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     planner: options.PlannerName = options.DEFAULT.planner.name,
     timing: options.TimingName = "toppra",
     seed: options.Seed = options.DEFAULT.seed,
@@ -133,7 +135,7 @@ def explain(
     start: options.Start,
     goal: options.Goals,
     scene: options.SceneName,
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     seed: options.Seed = options.DEFAULT.seed,
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
     time_limit: Annotated[float, option("SECONDS", "Wall time of all of it; inf for no limit.")] = math.inf,
@@ -190,7 +192,7 @@ def explain(
 
 
 def pick_place(
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     scene: options.SceneName = "bin",
     target: options.Target = "blue_block",
     onto: options.Onto = "tray",
@@ -241,14 +243,14 @@ def pick_place(
 def check(
     q: Annotated[str, option("--q", "Q", "A named pose, or comma-separated joint values.")],
     scene: options.SceneName,
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     png: options.Picture = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say whether a configuration is collision-free, which pairs touch, and how much clearance is proven."""
     with bad_input_exits():
         arguments.require_outputs({"--png": png})
-        arm, world = load_robot(robot), load_scene(scene)
+        arm, world = robot.load(), load_scene(scene)
         values = arguments.configuration("--q", q, arm)
         checker = CollisionChecker(arm, world)
         contacts, clearance = checker.contacts(values), checker.clearance(values)
@@ -265,10 +267,10 @@ def check(
     raise typer.Exit(NO_PLAN if contacts else 0)
 
 
-def robots(name: Name = None, as_json: options.AsJson = False) -> None:
+def robots(name: RobotName = None, as_json: options.AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with bad_input_exits():
-        models, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
+        models, missing = listings.shipped_robots() if name is None else ([name.load()], {})
     records = [listings.robot_record(robot) for robot in models]
     if name is not None:
         show(records[0], *robot_blocks(models[0]), as_json=as_json)
@@ -299,7 +301,9 @@ def problems(
             metavar="FILE", help="A folder or .tar.bz2 of MotionBenchMaker, JSON of VAMP or ours, or robometrics' YAML."
         ),
     ],
-    robot: Annotated[str | None, typer.Option(metavar="NAME", help="Plan the problems with this robot.")] = None,
+    robot: Annotated[
+        options.RobotChoice | None, option("NAME", "Plan the problems with this robot.", parser=options.chosen)
+    ] = None,
     only: Annotated[str | None, typer.Option("--id", metavar="ID", help="Only the problem of that name.")] = None,
     planner: options.PlannerName = options.DEFAULT.planner.name,
     seed: options.Seed = options.DEFAULT.seed,
@@ -314,7 +318,7 @@ def problems(
         settings["planner"] = arguments.planner_or_optimise(planner, None, polish=False)
         results: list[PlanResult | None] = [None] * len(chosen)
         if robot is not None:
-            arm = load_robot(robot)
+            arm = robot.load()
             requests = [problem.request(arm, **settings) for problem in chosen]  # all are refused before any is planned
             pairs = zip(chosen, requests, strict=True)
             results = [PlannerService(arm, problem.scene).plan(request) for problem, request in pairs]
@@ -338,7 +342,7 @@ def problems(
 
 
 def doctor(
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     scene: options.SceneName = "bin",
     states: Annotated[int, option("N", "Random configurations to compare them on.")] = 1000,
     seed: options.Seed = 0,
@@ -346,7 +350,7 @@ def doctor(
 ) -> None:
     """Show which compiled code is in use, and compare it with its judges: checks, searches, proofs and timing."""
     with bad_input_exits():
-        health = examine(load_robot(robot), load_scene(scene), states=states, seed=seed)
+        health = examine(robot.load(), load_scene(scene), states=states, seed=seed)
     document = {**asdict(health), "agrees": health.agrees}
     show(document, *_health_lines(health, f"{robot} in {scene}"), as_json=as_json)
     raise typer.Exit(0 if health.agrees else OUR_BUG)
@@ -356,9 +360,11 @@ def import_robot_(
     urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF.")],
     out: Annotated[str, option("DIR", "Folder for robot.toml and for copies of the URDF and meshes.")],
     srdf: Annotated[str | None, option("FILE", "An SRDF with disabled pairs and named poses.")] = None,
-    tool_frame: Annotated[str | None, option("LINK", "The tool's link; default: the end of the longest chain.")] = None,
+    tool_frame: options.ToolFrame = None,
+    gripper: options.GripperJoints = None,
     package_dir: options.PackageDirs = None,
-    lock: Annotated[list[str] | None, option("JOINT=VALUE", "Fix a joint. May be repeated.")] = None,
+    xacro_arg: options.XacroArgs = None,
+    lock: options.Locks = None,
     joint: Annotated[list[str] | None, option("JOINT", "A joint that moves; all others are fixed. Repeatable.")] = None,
     visual_as_collision: options.VisualAsCollision = False,
     prove: Annotated[
@@ -376,7 +382,9 @@ def import_robot_(
     with bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
         srdf_file, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
-        source = Source(Path(urdf), srdf_file, tool_frame, folders, locks(lock or ()), joints, visual_as_collision)
+        locked, given = options.locks(lock or ()), options.xacro_args(xacro_arg or ())
+        hand = options.gripper(gripper)
+        source = Source(Path(urdf), srdf_file, tool_frame, folders, locked, joints, visual_as_collision, given, hand)
         engine = engine_named("processes", workers)
         imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=None)
     title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"
@@ -442,7 +450,10 @@ def _global_options(
 
 
 def _add(command: Callable[..., None], short_help: str, example: str, *, name: str | None = None) -> None:
-    app.command(name, short_help=short_help, epilog=options.example(example))(command)
+    parameters = inspect.signature(command).parameters
+    takes = "robot" if "robot" in parameters else "name" if command is robots else None
+    whole = command if takes is None else options.taking_robot(command, takes)
+    app.command(name, short_help=short_help, epilog=options.example(example))(whole)
 
 
 _add(robots, "List the robots, or show one.", "robots wxai")

@@ -16,7 +16,6 @@ from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork
 from planner_service.datasets.episode import as_layout
 from planner_service.parallel.named import engine_named
 from planner_service.presentation.progress import bar
-from planner_service.robot_setup.loading import load_robot
 
 __all__ = ["episodes"]
 
@@ -26,7 +25,7 @@ def episodes(
     task: Annotated[str, option("NAME", f"One of {', '.join(EPISODE_TASKS)}.")] = "pick-place",
     count: Annotated[int, option("N", "Worlds to draw in all; to continue, more than before.")] = 1000,
     seed: options.Seed = 0,
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     fps: Annotated[int, option("HZ", "Frames per second.")] = 30,
     workers: options.Workers = None,
     engine: Annotated[str, option("NAME", "processes, ray (this machine) or ray=ADDRESS.")] = "processes",
@@ -40,7 +39,7 @@ def episodes(
     """
     with bad_input_exits():
         chosen_engine = engine_named(engine, workers)
-        work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps, layout=as_layout(layout))
+        work = EpisodeWork(robot.load(), episode_task(task), seed=seed, fps=fps, layout=as_layout(layout))
         began = time.perf_counter()
         try:
             with bar("episodes", None) as progress:

@@ -7,13 +7,12 @@ from dataclasses import asdict
 from typing import Any
 
 from planner_service.cli.listings import robot_record
-from planner_service.errors import InvalidRequest
 from planner_service.geometry.mesh import Mesh
 from planner_service.presentation.tables import Table
 from planner_service.robot_setup.import_robot import ImportedRobot, Source
 from planner_service.robot_setup.self_collision_matrix import ContactKind, PairFinding
 
-__all__ = ["import_record", "import_table", "locks", "to_check"]
+__all__ = ["import_record", "import_table", "to_check"]
 
 MAX_PAIRS = 6
 """Pairs named on the terminal; the file has them all."""
@@ -26,25 +25,6 @@ _VERDICTS = {
     ContactKind.SOMETIMES: "checked, collide somewhere",
     ContactKind.UNPROVEN: "checked, not proven",
 }
-
-
-def locks(texts: Iterable[str]) -> dict[str, float]:
-    """Joint positions given as ``joint=value``.
-
-    Raises:
-        InvalidRequest: a text is not of this form, or a joint is given twice.
-    """
-    positions: dict[str, float] = {}
-    for text in texts:
-        name, _, value = text.rpartition("=")
-        try:
-            position = float(value)
-        except ValueError:
-            position = None
-        if not name or position is None or name in positions:
-            raise InvalidRequest("--lock", text, "joint=value, in rad or m, each joint once")
-        positions[name] = position
-    return positions
 
 
 def import_table(imported: ImportedRobot) -> Table:
@@ -69,8 +49,7 @@ def to_check(imported: ImportedRobot, source: Source) -> list[str]:
     home = [f for f in table.findings if f.at_home and not f.kind.allowed]
     lines = [f"home is in collision ({_named(home)}): choose another"] if home else []
     if source.tool_frame is None:
-        whence = "the last link of the longest chain" if robot.gripper is None else "a frame of the gripper's palm"
-        lines.append(f"tool_frame {robot.tool_frame} is a guess: {whence}")
+        lines.append(f"tool_frame {robot.tool_frame} is a guess: {imported.tool_whence}")
     if robot.gripper is not None:
         gripper = robot.gripper
         lines.append(

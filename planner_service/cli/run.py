@@ -35,7 +35,6 @@ from planner_service.presentation.tables import Table
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.robot.model import Robot
-from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
@@ -65,7 +64,12 @@ def run(
         float | None, option("X", "Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]")
     ] = None,
     robot: Annotated[
-        str | None, option("NAME", "Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]")
+        options.RobotChoice | None,
+        option(
+            "NAME",
+            "Robot to plan for; with FILE, your own, which must equal FILE's.  [default: wxai]",
+            parser=options.chosen,
+        ),
     ] = None,
     scene: Annotated[
         str | None, option("NAME", "Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]")
@@ -100,7 +104,7 @@ def run(
         if plan_file is None:
             if allow:
                 raise InvalidRequest("--allow", " ".join(allow), "FILE too: it confirms pairs that FILE lets touch")
-            arm_model = load_robot(robot or "wxai")
+            arm_model = (robot or options.WXAI).load()
             plan, done = _planned(arm_model, scene or "bin", target=target, onto=onto, seed=seed, streaming=streaming)
         else:
             opened = _opened(plan_file, robot, scene, allow, streaming)
@@ -124,7 +128,7 @@ class _Opened:
 
 
 def _opened(
-    file: str, robot: str | None, scene: str | None, allow: Sequence[str] | None, streaming: Streaming
+    file: str, robot: options.RobotChoice | None, scene: str | None, allow: Sequence[str] | None, streaming: Streaming
 ) -> _Opened:
     """A saved plan, proven again, in the operator's own robot and scene if both are given.
 

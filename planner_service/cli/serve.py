@@ -26,7 +26,7 @@ class EngineName(str, Enum):
 
 def serve(
     scene: Annotated[list[str], option("NAME", "Scene to begin with, by name or path; may be repeated.")],
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     port: Annotated[int, option("N", "Port; 0 for any.", min=0, max=65_535)] = 8080,
     host: Annotated[str, option("Address; any but this machine's own needs --token-file.")] = "127.0.0.1",
     token_file: Annotated[Path | None, option("FILE", "File with the token that clients have to send.")] = None,
@@ -53,5 +53,5 @@ def serve(
             raise InvalidRequest("--address", address, "with --engine ray only")
         chosen = Ray(address, workers) if engine is EngineName.RAY else Processes(workers)
         token = None if token_file is None else read_token(token_file)
-        settings = Settings(robot, scene, chosen, state, queue)
+        settings = Settings(robot.load(), scene, chosen, state, queue)
         run_server(settings, host=host, port=port, token=token, started=lambda url: emit(f"serving at {url}\n"))

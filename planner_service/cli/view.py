@@ -18,7 +18,6 @@ from planner_service.errors import InvalidRequest
 from planner_service.planning.result import Origin
 from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedTask, load_plan_or_task
-from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.service import PlannerService
 from planner_service.view import HOST, PORT, open_viewer
@@ -29,7 +28,7 @@ __all__ = ["opened", "view"]
 def view(
     file: Annotated[str | None, argument("FILE", "A plan or task saved with --out, to play its motion.")] = None,
     scene: Annotated[str | None, option("NAME", "As for plan; default: the one in FILE.")] = None,
-    robot: Annotated[str | None, option("NAME", "As for plan; default: the one in FILE.")] = None,
+    robot: options.OtherRobot = None,
     port: Annotated[int, option("N", "The first port to try; 0 for any.")] = PORT,
     host: Annotated[str, option("Address to serve the page at. Anyone who reaches it can use it.")] = (HOST),
     allow: options.Allow = None,
@@ -52,7 +51,7 @@ def view(
 
 
 def opened(
-    file: str | None, robot: str | None, scene: str | None, allow: Sequence[str] | None = None
+    file: str | None, robot: options.RobotChoice | None, scene: str | None, allow: Sequence[str] | None = None
 ) -> tuple[PlannerService, Showable | None, list[str]]:
     """The service, the plan or task to show, and notes on where they differ from the file.
 
@@ -62,7 +61,7 @@ def opened(
     if file is None:
         if scene is None:
             raise InvalidRequest("--scene", None, "a scene", message="give --scene, or the FILE of a plan or task")
-        return PlannerService(load_robot(robot or "wxai"), load_scene(scene)), None, []
+        return PlannerService((robot or options.WXAI).load(), load_scene(scene)), None, []
     made = load_plan_or_task(file)
     require_proven(made, allow)
     saved, notes = reopened(made, robot, scene)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 from urllib.parse import unquote
 
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.ros_packages import listed_folders, packages_below
 from planner_service.geometry.arrays import FloatArray, IntArray, frozen
 from planner_service.geometry.composite import HeightField, PointCloud
 from planner_service.geometry.decomposition import pieces_of_file
@@ -43,9 +45,10 @@ class Surface:
 class MeshLoader:
     """Loads meshes, clouds and height fields by the names that a robot or scene file gives them.
 
-    ``package://name/rest`` and ``model://name/rest`` are looked for as ``name/rest`` and as ``rest`` in each folder,
-    and as ``rest`` in a folder above that is called ``name``; anything relative in each folder. A path that leaves all
-    of them, even through a symbolic link, is refused.
+    ``package://name/rest`` and ``model://name/rest`` are looked for as ``rest`` in the ROS package of that name
+    (``packages_below``), as ``name/rest`` in each folder, as ``rest`` in a folder above that is called ``name``, and as
+    ``rest`` in each folder; anything relative in each folder. A path that leaves all of them, even through a symbolic
+    link, is refused.
 
     Args:
         folders: Resolved folders that may be read; the file's own first.
@@ -142,29 +145,38 @@ class MeshLoader:
             file = next((path for path in inside if path.is_file()), None)
         except (OSError, ValueError, RuntimeError) as error:  # too long, half a surrogate pair, a circle of links
             raise _refused(filename, f"is not a path: {error}") from None
-        allowed = ", ".join(str(folder) for folder in self._folders)
-        if not inside:
-            raise _refused(filename, f"lies outside the folders that may be read ({allowed})")
-        if file is None:
-            hint = "; name more with package_dirs (--package-dir)" if filename.startswith("package://") else ""
-            raise _refused(filename, f"does not exist in the folders that may be read ({allowed}){hint}")
-        return file
+        if file is not None:
+            return file
+        what = "does not exist in" if inside else "lies outside"
+        step = "name more with package_dirs (--package-dir)"
+        raise _refused(filename, f"{what} the folders that may be read ({listed_folders(self._folders)}); {step}")
 
-    def _candidates(self, filename: str) -> list[Path]:
+    def _candidates(self, filename: str) -> Iterator[Path]:
+        filename = filename.removeprefix("file://") if filename.startswith("file://package://") else filename
         scheme, mark, rest = filename.partition("://")
         if not mark:
-            return [(folder / filename).resolve() for folder in self._folders]
-        if scheme == "file":
-            return [Path(unquote(rest)).resolve()]
-        if scheme in ("package", "model"):
-            if "/" in rest[1:]:
-                rest = rest.lstrip("/")  # package:///name/rest is written, too
-            package, _, tail = rest.partition("/")
-            tails = [rest] if package in ("", ".", "..") else [rest, tail]
-            called_so = [above for folder in self._folders for above in folder.parents if above.name == package]
-            places = [(folder, tail) for folder in self._folders for tail in tails] + [(at, tail) for at in called_so]
-            return [(folder / tail).resolve() for folder, tail in places if tail]
-        return []
+            yield from ((folder / filename).resolve() for folder in self._folders)
+        elif scheme == "file":
+            yield Path(unquote(rest)).resolve()
+        elif scheme in ("package", "model"):
+            yield from (place.resolve() for place in self._in_packages(rest))
+
+    def _in_packages(self, rest: str) -> Iterator[Path]:
+        """Where ``package://rest`` may be, the likeliest place first."""
+        if "/" in rest[1:]:
+            rest = rest.lstrip("/")  # package:///name/rest is written, too
+        package, _, tail = rest.partition("/")
+        named = package not in ("", ".", "..")
+        if named and tail and package in self._packages:
+            yield self._packages[package] / tail
+        yield from (folder / rest for folder in self._folders if rest)
+        if named and tail:
+            yield from (at / tail for folder in self._folders for at in folder.parents if at.name == package)
+            yield from (folder / tail for folder in self._folders)
+
+    @cached_property
+    def _packages(self) -> Mapping[str, Path]:
+        return packages_below(self._folders)
 
 
 def _refused(filename: str, why: str) -> InvalidRequest:

@@ -27,7 +27,7 @@ from planner_service.robot.end_effector.finger_loading import (
 from planner_service.robot.end_effector.mounted_tool import with_tool
 from planner_service.robot.inertia import Dynamics, LinkInertia
 from planner_service.robot.kinematic_tree import LinkFrame
-from planner_service.robot.macros.expansion import robot_folders
+from planner_service.robot.macros.expansion import checked_xacro_args, robot_folders
 from planner_service.robot.mjcf.mjcf_reader import read_mjcf
 from planner_service.robot.model import AllowedContact, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
@@ -37,10 +37,14 @@ from planner_service.robot.urdf_model import Mimic, Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
 
 __all__ = [
+    "HOME",
     "LARGE",
     "Selection",
+    "at_rest",
     "is_mjcf",
+    "motionless",
     "read_description",
+    "require_urdf_alone",
     "robot_from_file",
     "robot_from_urdf",
     "robot_of",
@@ -212,7 +216,7 @@ def _gripper_problems(entry: GripperTable, movable: Mapping[str, UrdfJoint]) -> 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Which part of a URDF becomes the robot; see ``Robot.from_urdf``."""
+    """Which part of a URDF becomes the robot; see ``Robot.from_urdf`` and, of the gripper, ``load_robot``."""
 
     tool_frame: str | None = None
     srdf: Path | None = None
@@ -220,12 +224,13 @@ class Selection:
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     decompose: Mapping[str, int] = field(default_factory=dict)
     visual_as_collision: bool = False
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    gripper: tuple[str, ...] | None = None
 
 
 def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selection) -> Robot:
     """See ``Robot.from_urdf``."""
-    as_seen = selection.visual_as_collision
-    urdf, srdf = read_description(path, package_dirs, selection.decompose, visual_as_collision=as_seen)
+    urdf, srdf = read_description(path, package_dirs, selection)
     if srdf is not None and selection.srdf is not None:
         raise InvalidRequest("srdf", str(selection.srdf), "none: MJCF has excluded contacts and keyframes of its own")
     tell_notes(path, (*urdf.notes, *unit_notes(urdf)))
@@ -237,25 +242,30 @@ def is_mjcf(path: Path) -> bool:
     return path.suffix.lower() in MJCF_SUFFIXES
 
 
-def read_description(
-    path: Path,
-    package_dirs: Sequence[Path] = (),
-    decompose: Mapping[str, int] | None = None,
-    *,
-    visual_as_collision: bool = False,
-) -> tuple[Urdf, Srdf | None]:
+def read_description(path: Path, package_dirs: Sequence[Path], selection: Selection) -> tuple[Urdf, Srdf | None]:
     """The robot of a URDF, xacro or MJCF file; of MJCF with what an SRDF would say, else None.
 
     Raises:
         InvalidFile, MissingDependency: as of ``read_urdf`` and ``read_mjcf``.
-        InvalidRequest: ``decompose`` or ``visual_as_collision`` for an MJCF file.
+        InvalidRequest: what is for URDF alone, for an MJCF file.
     """
+    decompose, as_seen = selection.decompose, selection.visual_as_collision
+    arguments = checked_xacro_args(selection.xacro_args)
     if not is_mjcf(path):
-        return read_urdf(path, package_dirs, decompose, visual_as_collision=visual_as_collision), None
-    for name, given in (("decompose", decompose), ("visual_as_collision", visual_as_collision)):
-        if given:
-            raise InvalidRequest(name, given, "none: it is for URDF; an MJCF file says by contype what collides")
+        return read_urdf(path, package_dirs, decompose, visual_as_collision=as_seen, xacro_args=arguments), None
+    require_urdf_alone(selection)
     return read_mjcf(path, robot_folders(path, package_dirs))
+
+
+def require_urdf_alone(selection: Selection) -> None:
+    """Refuse what is for URDF alone; call it for an MJCF file.
+
+    Raises:
+        InvalidRequest: there is something.
+    """
+    for name in ("decompose", "visual_as_collision", "xacro_args"):
+        if given := getattr(selection, name):
+            raise InvalidRequest(name, given, "none: it is for URDF; an MJCF file says by contype what collides")
 
 
 def unit_notes(urdf: Urdf) -> list[str]:
@@ -300,7 +310,7 @@ def robot_of(
     joints = _with_mimics(urdf, names, mimics)
     problems = _unaccounted(movable.values(), names, [*locked, *mimics])
     problems += [
-        f"joint {joint.name!r}: lower and upper are both {joint.lower:g}, it cannot move; lock it (locked_joints)"
+        f"joint {joint.name!r}: lower and upper are both {joint.lower:g}, it cannot move; leave it out of joints"
         for joint in joints
         if joint.lower >= joint.upper
     ]
@@ -363,7 +373,7 @@ def without_passive(selection: Selection, urdf: Urdf, srdf: Srdf, fingers: Seque
     chosen = {*selection.locked_joints, *(selection.joints or ()), *fingers}
     at_home = srdf.states.get(HOME, {})
     standing = {
-        joint.name: min(max(at_home.get(joint.name, _rest(joint)), joint.lower), joint.upper)
+        joint.name: min(max(at_home.get(joint.name, at_rest(joint)), joint.lower), joint.upper)
         for joint in urdf.joints
         if joint.name in srdf.passive and joint.name not in chosen and joint.mimic is None
     }
@@ -386,7 +396,7 @@ def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
         expected = f"a position in [{lower:g}, {upper:g}]"
         given[name] = number(f"locked_joints[{name!r}]", position, expected, lower, upper)
     if selection.joints is None:
-        return locked_positions(urdf, (), given)
+        return locked_positions(urdf, (), motionless(urdf) | given)
     for name in selection.joints:
         if not isinstance(name, str) or name not in movable:
             raise UnknownName("joint", name, movable)
@@ -395,7 +405,13 @@ def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
     if not selection.joints or len(set(selection.joints)) != len(selection.joints):
         raise InvalidRequest("joints", selection.joints, "at least one joint, and no joint twice")
     others = [joint for name, joint in movable.items() if name not in selection.joints and joint.mimic is None]
-    return locked_positions(urdf, selection.joints, {joint.name: _rest(joint) for joint in others} | given)
+    return locked_positions(urdf, selection.joints, {joint.name: at_rest(joint) for joint in others} | given)
+
+
+def motionless(urdf: Urdf) -> dict[str, float]:
+    """The joints whose limits are one position, and that position: they are as good as fixed."""
+    moving = (joint for joint in urdf.joints if joint.kind != "fixed" and joint.mimic is None)
+    return {joint.name: joint.lower for joint in moving if joint.lower == joint.upper}
 
 
 def _outwards(urdf: Urdf) -> list[str]:
@@ -416,7 +432,7 @@ def _poses(
     joints: Sequence[UrdfJoint], states: Mapping[str, Mapping[str, float]]
 ) -> tuple[tuple[str, FloatArray], ...]:
     """Home, and the states that mention a moving joint; a joint that a state leaves out is as at home."""
-    home = {joint.name: _rest(joint) for joint in joints}
+    home = {joint.name: at_rest(joint) for joint in joints}
     moving = {name: {k: v for k, v in values.items() if k in home} for name, values in states.items()}
     home |= moving.pop(HOME, {})
     poses = [(HOME, home), *((name, home | values) for name, values in moving.items() if values)]
@@ -474,7 +490,8 @@ def _urdf_limits(urdf: Urdf, joints: Sequence[UrdfJoint], mimics: Mapping[str, M
     )
 
 
-def _rest(joint: UrdfJoint) -> float:
+def at_rest(joint: UrdfJoint) -> float:
+    """Where a joint stands that nobody says more of: at zero if its limits allow it, else at their middle."""
     return 0.0 if joint.lower <= 0.0 <= joint.upper else (joint.lower + joint.upper) / 2
 
 

@@ -192,6 +192,7 @@ class Robot:
         joints: Sequence[str] | None = None,
         decompose: Mapping[str, int] | None = None,
         visual_as_collision: bool = False,
+        xacro_args: Mapping[str, str] | None = None,
     ) -> Robot:
         """The robot of any URDF whose collision geometry is made of boxes, cylinders, spheres and meshes.
 
@@ -216,6 +217,7 @@ class Robot:
                 mesh is cut.
             visual_as_collision: Links without collision elements are checked as they look, meshes as their hulls;
                 else they are never checked.
+            xacro_args: Of a xacro file the arguments that do not have their defaults, by name.
 
         Raises:
             InvalidFile: the URDF or SRDF has problems; all of them are named.
@@ -223,8 +225,8 @@ class Robot:
             InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
         """
         instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
-        for field, given in (("locked_joints", locked_joints), ("decompose", decompose)):
-            instance(field, given, (Mapping, NoneType), "numbers by name, or None")
+        for field, given in (("locked_joints", locked_joints), ("decompose", decompose), ("xacro_args", xacro_args)):
+            instance(field, given, (Mapping, NoneType), "values by name, or None")
         names = None if joints is None else items("joints", joints, str, "a sequence of names")
         given_folders = items("package_dirs", package_dirs, object, "folders")
         folders = tuple(as_path("package_dirs", folder) for folder in given_folders)
@@ -238,6 +240,7 @@ class Robot:
             locked_joints=dict(locked_joints or {}),
             decompose=dict(decompose or {}),
             visual_as_collision=flag("visual_as_collision", visual_as_collision),
+            xacro_args=dict(xacro_args or {}),
         )
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -94,10 +94,11 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Description:
-    """The file that describes a robot, and the folders that may be read for it."""
+    """The file that describes a robot, the folders that may be read for it, and the arguments of its macros."""
 
     path: Path
     folders: tuple[Path, ...]
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

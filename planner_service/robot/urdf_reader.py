@@ -66,8 +66,9 @@ def read_urdf(
     *,
     visuals: bool = False,
     visual_as_collision: bool = False,
+    xacro_args: Mapping[str, str] | None = None,
 ) -> Urdf:
-    """The robot of a URDF file, or of a xacro file with the defaults of its arguments (``expanded_xml``).
+    """The robot of a URDF file, or of a xacro file (``expanded_xml``).
 
     Args:
         package_dirs: Folders besides the file's own in which meshes and ``package://`` folders may lie.
@@ -75,38 +76,50 @@ def read_urdf(
         visuals: Read what the links look like, too. A visual element with a problem is left out, and
             ``Urdf.unread_visuals`` says why.
         visual_as_collision: A link without collision elements is checked as it looks.
+        xacro_args: Of a xacro file the arguments that do not have their defaults.
 
     Raises:
         InvalidFile: with every problem of the file.
         MissingDependency: macros have to be expanded, and xacro is not installed.
     """
     given = dict(decompose or {})
-    urdf, problems = _read(path, package_dirs, given, visuals=visuals, visual_as_collision=visual_as_collision)
+    seen = {"visuals": visuals, "visual_as_collision": visual_as_collision}
+    urdf, problems = _read(path, package_dirs, given, xacro_args or {}, **seen)
     if problems:
         raise InvalidFile(path, problems)
     return urdf
 
 
 def inspect_urdf(
-    path: Path, package_dirs: Sequence[Path] = (), *, visual_as_collision: bool = False
+    path: Path,
+    package_dirs: Sequence[Path] = (),
+    *,
+    visual_as_collision: bool = False,
+    xacro_args: Mapping[str, str] | None = None,
 ) -> tuple[Urdf, Sequence[str]]:
     """What ``read_urdf`` would give, visuals included, and its problems; each has left a stand-in value.
 
     The root is empty if the links and joints are no tree. Arguments are those of ``read_urdf``.
     """
     try:
-        return _read(path, package_dirs, {}, visuals=True, visual_as_collision=visual_as_collision)
+        return _read(path, package_dirs, {}, xacro_args or {}, visuals=True, visual_as_collision=visual_as_collision)
     except InvalidFile as error:
         return Urdf("", "", (), ()), error.problems
 
 
 def _read(
-    path: Path, package_dirs: Sequence[Path], decompose: dict[str, int], *, visuals: bool, visual_as_collision: bool
+    path: Path,
+    package_dirs: Sequence[Path],
+    decompose: dict[str, int],
+    xacro_args: Mapping[str, str],
+    *,
+    visuals: bool,
+    visual_as_collision: bool,
 ) -> tuple[Urdf, Sequence[str]]:
     folders = robot_folders(path, package_dirs)
     reader = _Reader(folders, decompose, visuals=visuals, visual_as_collision=visual_as_collision)
-    urdf = reader.robot(expanded_xml(path, folders))
-    return replace(urdf, description=Description(path, folders)), reader.problems
+    urdf = reader.robot(expanded_xml(path, folders, xacro_args))
+    return replace(urdf, description=Description(path, folders, xacro_args)), reader.problems
 
 
 def _mimic_circles(mimics: Mapping[str, str]) -> list[str]:

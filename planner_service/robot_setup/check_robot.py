@@ -13,28 +13,34 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
-from planner_service.collision import CollisionChecker
+import numpy as np
+
+from planner_service.collision import CollisionChecker, Contact
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
-from planner_service.geometry.validation import flag, items
+from planner_service.geometry.validation import flag, instance, items
 from planner_service.presentation.measures import numbers_text
-from planner_service.robot.loading import LARGE, is_mjcf
-from planner_service.robot.macros.expansion import package_folders, robot_folders
+from planner_service.robot.kinematic_tree import body_matrix, chain_to_base
+from planner_service.robot.loading import LARGE, Selection, is_mjcf, motionless, require_urdf_alone, robot_of
+from planner_service.robot.macros.expansion import checked_xacro_args, package_folders, robot_folders
 from planner_service.robot.mjcf.mjcf_reader import inspect_mjcf
 from planner_service.robot.model import Robot
 from planner_service.robot.urdf_model import Urdf, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import inspect_urdf
+from planner_service.robot_setup.end_effectors.arm_ends import fingers_of
+from planner_service.robot_setup.end_effectors.equipment import Equipment
 from planner_service.robot_setup.overhang import extent, overhangs
 from planner_service.robot_setup.urdf_robot import FoundSrdf, described_robot, free_home, srdf_of
-from planner_service.robot_setup.visuals import Visual, shape_poses, visuals_of
+from planner_service.robot_setup.visuals import Visual, visuals_of
 from planner_service.scene.scene import Scene
 
 __all__ = ["Finding", "FindingKind", "RobotCheck", "check_robot"]
@@ -50,6 +56,18 @@ OVERHANG = 0.002
 
 FURNITURE = ("bench", "ceiling", "desk", "floor", "ground", "obstacle", "shelf", "table", "wall")
 """What links of a robot are called that belong to its scene."""
+
+DRAWS, LEAST_FREE = 1_000, 0.02
+"""Random configurations of a robot, and the share of them that is free of one that can move."""
+
+LOOKED_AT, BLOCKERS = 100, 4
+"""Colliding ones whose pairs are counted, and pairs that are named."""
+
+FINGER_DRAWS, CROSSING = 100, 0.005
+"""Random positions of fingers, and metres of overlap that is more than hulls and pads that touch."""
+
+FAR = 0.3
+"""Metres between the tool frame and what moves with it that are more than a long tool."""
 
 MAX_NAMES = 8
 """Names in one line."""
@@ -70,6 +88,10 @@ class FindingKind(Enum):
     EFFORT = "effort"
     FURNITURE = "furniture"
     LIMITS = "limits"
+    FINGERS = "fingers"
+    TOOL = "tool"
+    BLOCKED = "almost nothing is free"
+    HULLS = "hulls"
     NOT_UNDERSTOOD = "not understood"
     UNREAD_VISUAL = "unread visual"
 
@@ -106,6 +128,7 @@ class RobotCheck:
         findings: Errors first.
         robot: With stand-ins for what is refused, with the home that the file asks for; None if nothing can be made.
         visuals: What the links look like.
+        fingers: Where links of fingers rest, which ``robot.link_frame`` does not know: body and T_body_link (4, 4).
         overhangs: For each link that looks like something, metres from the farthest point of its visual elements to the
             nearest checked shape that moves with it: 0 if none of them extends beyond, infinite if there is no shape.
     """
@@ -115,6 +138,7 @@ class RobotCheck:
     robot: Robot | None
     visuals: Mapping[str, tuple[Visual, ...]]
     overhangs: Mapping[str, float]
+    fingers: Mapping[str, tuple[int, FloatArray]] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -123,28 +147,52 @@ class RobotCheck:
 
 
 def check_robot(
-    path: str | os.PathLike[str], package_dirs: Sequence[Path | str] = (), *, visual_as_collision: bool = False
+    path: str | os.PathLike[str],
+    package_dirs: Sequence[Path | str] = (),
+    *,
+    visual_as_collision: bool = False,
+    xacro_args: Mapping[str, object] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    tool_frame: str | None = None,
+    gripper: Sequence[str] | None = None,
 ) -> RobotCheck:
     """Look for mistakes in a URDF that a robot should not have, and for some that loading it would not find.
 
     Args:
         package_dirs: Folders in which meshes may lie, besides those in which ``load_robot`` looks.
         visual_as_collision: Check the robot that ``Robot.from_urdf`` gives with the same argument.
+        xacro_args: As ``load_robot`` takes them, as the others.
     """
     file = as_path("path", path)
     folders = [as_path("package_dirs", folder) for folder in items("package_dirs", package_dirs, object, "folders")]
     as_seen = flag("visual_as_collision", visual_as_collision)
-    urdf, found_srdf, problems = _inspected(file, (*folders, *package_folders(file)), as_seen=as_seen)
-    robot = None
+    locked = instance("locked_joints", locked_joints or {}, Mapping, "positions by joint name")
+    chosen = Selection(
+        tool_frame=tool_frame,
+        locked_joints=locked,
+        visual_as_collision=as_seen,
+        xacro_args=checked_xacro_args(xacro_args or {}),
+        gripper=None if gripper is None else items("gripper", gripper, str, "names of joints"),
+    )
+    urdf, found_srdf, problems = _inspected(file, (*folders, *package_folders(file)), chosen)
+    robot, equipment = None, None
     if urdf.root:
         try:
-            robot = described_robot(file, urdf, found_srdf)
+            robot, equipment = described_robot(file, urdf, found_srdf, chosen)
         except InvalidFile as error:
             problems = problems or error.problems  # else perhaps because of a stand-in
+        except InvalidRequest as error:
+            if any((tool_frame, locked, gripper)):  # one of these is wrong, and not the file
+                raise
+            problems = problems or [str(error)]
+    free = robot
+    if robot is not None and equipment is not None and robot.gripper is not None:
+        locked = {**equipment.locked, **locked}
+        free = robot_of(file, urdf, Selection(robot.tool_frame, locked_joints=locked), found_srdf.content)
     visuals = visuals_of(urdf)
     large = {finding.links[0]: finding for finding in _sizes(urdf, visuals)}
     usual = {link: items for link, items in visuals.items() if link not in large}
-    beyond = {} if robot is None else overhangs(robot, usual, shape_poses(urdf))
+    beyond = {} if free is None else overhangs(free, usual)
     found = [
         *(_refused(problem, urdf) for problem in problems),
         *(finding for joint in urdf.joints for finding in _joint_findings(joint)),
@@ -158,19 +206,36 @@ def check_robot(
         *_not_understood(urdf, found_srdf),
         *_unstated(urdf),
         *_furniture(urdf, robot),
+        *_motionless(urdf),
+        *(() if equipment is None else _equipment(equipment)),
+        *(() if robot is None or equipment is None else _tool(robot, equipment)),
         *(() if problems or robot is None else _home(robot)),
+        *(() if problems or robot is None else _blocked(robot)),
+        *(() if problems or free is None else _crossing(urdf, found_srdf, free)),
         *(Finding(FindingKind.UNREAD_VISUAL, text, links=_named(text, urdf)[0]) for text in urdf.unread_visuals),
     ]
-    return RobotCheck(file, tuple(found), robot, visuals, beyond)
+    fingers = {} if robot is None or free is None or free is robot else _finger_frames(robot, free)
+    return RobotCheck(file, tuple(found), robot, visuals, beyond, fingers)
 
 
-def _inspected(file: Path, folders: Sequence[Path], *, as_seen: bool) -> tuple[Urdf, FoundSrdf, Sequence[str]]:
+def _finger_frames(robot: Robot, free: Robot) -> dict[str, tuple[int, FloatArray]]:
+    """Where the links of fingers rest: the body that carries them, and T_body_link."""
+    own = {frame.link for frame in robot.link_frames}
+    at_home = dict(zip(robot.joint_names, robot.home.tolist(), strict=True))
+    rest = zip(free.joint_names, free.home.tolist(), strict=True)
+    bodies = [body_matrix(pose) for pose in free.body_poses(np.array([at_home.get(name, q) for name, q in rest]))]
+    palm = np.linalg.inv(body_matrix(robot.body_poses(robot.home)[robot.tool_body]))
+    places = {each.link: bodies[each.body] @ each.pose.matrix for each in free.link_frames if each.link not in own}
+    return {link: (robot.tool_body, palm @ T) for link, T in places.items()}
+
+
+def _inspected(file: Path, folders: Sequence[Path], chosen: Selection) -> tuple[Urdf, FoundSrdf, Sequence[str]]:
     """What a file says, and its problems."""
     if not is_mjcf(file):
-        urdf, problems = inspect_urdf(file, folders, visual_as_collision=as_seen)
+        seen, arguments = chosen.visual_as_collision, chosen.xacro_args
+        urdf, problems = inspect_urdf(file, folders, visual_as_collision=seen, xacro_args=arguments)
         return urdf, srdf_of(file, urdf) if urdf.root else FoundSrdf(), problems
-    if as_seen:
-        raise InvalidRequest("visual_as_collision", as_seen, "False: an MJCF file says by contype what collides")
+    require_urdf_alone(chosen)
     try:
         urdf, srdf, problems = inspect_mjcf(file, robot_folders(file, folders))
     except InvalidFile as error:
@@ -305,6 +370,101 @@ def _home(robot: Robot) -> Iterator[Finding]:
         advice = f"load_robot takes the nearest free configuration found instead: {values}"
     links = tuple(dict.fromkeys(name for contact in contacts for name in (contact.a, contact.b)))
     yield Finding(FindingKind.HOME, f"home collides with itself: {_listed(tuple(map(str, contacts)))}", advice, links)
+
+
+def _motionless(urdf: Urdf) -> Iterator[Finding]:
+    for name, at in motionless(urdf).items():
+        text = f"joint {name!r}: lower and upper are both {at:g}, so it is fixed there"
+        yield Finding(FindingKind.LIMITS, text, "write type fixed, or its limits", joints=(name,))
+
+
+def _equipment(equipment: Equipment) -> Iterator[Finding]:
+    """What was said about fingers, tools and meshes when they were chosen."""
+    if equipment.cut:
+        text = f"hulls of {_listed(equipment.cut)} touch what their meshes do not"
+        advice = "load_robot cuts these into convex pieces; Robot.from_urdf does so with decompose"
+        yield Finding(FindingKind.HULLS, text, advice, equipment.cut)
+    for note in equipment.notes:
+        yield Finding(FindingKind.FINGERS if note.startswith("fingers") else FindingKind.TOOL, note)
+
+
+def _tool(robot: Robot, equipment: Equipment) -> Iterator[Finding]:
+    """Whether the tool frame may be another than meant."""
+    about = (robot.tool_frame,)
+    step = "--tool-frame (tool_frame) names another"
+    if not equipment.sure and not any("tool frame" in note for note in equipment.notes):
+        text = f"the tool frame {robot.tool_frame} is a guess: {equipment.whence}"
+        yield Finding(FindingKind.TOOL, text, step, about)
+    if robot.tool_body == 0:
+        yield Finding(FindingKind.TOOL, f"the tool frame {robot.tool_frame} does not move", step, about)
+        return
+    chain = chain_to_base(robot.bodies, robot.tool_body)
+    body = next((each for each in chain if any(item.body == each for item in robot.shapes)), None)
+    bodies = [body_matrix(pose) for pose in robot.body_poses(robot.home)]
+    point = (bodies[robot.tool_body] @ robot.tool_placement)[None, :3, 3]
+    away = min(
+        (
+            float(item.shape.distance(_seen_from(bodies[item.body] @ item.pose.matrix, point))[0])
+            for item in robot.shapes
+            if item.body == body
+        ),
+        default=0.0,
+    )
+    if away > FAR:
+        text = f"the tool frame {robot.tool_frame} is {away:.2g} m away from the shapes that move with it"
+        yield Finding(FindingKind.TOOL, text, f"see whether its joint has the right units, or {step}", about)
+
+
+def _seen_from(T: FloatArray, points: FloatArray) -> FloatArray:
+    """Points (k, 3) in a frame that is at T."""
+    return np.asarray((points - T[:3, 3]) @ T[:3, :3])
+
+
+def _blocked(robot: Robot) -> Iterator[Finding]:
+    """Whether the robot can be almost nowhere."""
+    checker, (lower, upper) = CollisionChecker(robot, Scene()), robot.bounds
+    Q = np.minimum(lower + (upper - lower) * np.random.default_rng(0).random((DRAWS, robot.n)), upper)
+    free = checker.states_are_free(Q)
+    if free.mean() >= LEAST_FREE:
+        return
+    looked_at = Q[~free][:LOOKED_AT]
+    pairs = Counter((contact.a, contact.b) for q in looked_at for contact in checker.contacts(q))
+    shares = [f"{a} x {b} {count / len(looked_at):.0%}" for (a, b), count in pairs.most_common(BLOCKERS)]
+    text = f"only {free.mean():.1%} of {DRAWS:,} random configurations are free; of the others collide "
+    advice = "if these never meet, let an SRDF beside the file disable them"
+    links = tuple(dict.fromkeys(name for pair, _ in pairs.most_common(BLOCKERS) for name in pair))
+    yield Finding(FindingKind.BLOCKED, text + ", ".join(shares), advice, links)
+
+
+def _crossing(urdf: Urdf, srdf: FoundSrdf, moving: Robot) -> Iterator[Finding]:
+    """Fingers of a robot, joints like others, that pass through each other within the ranges of their joints."""
+    joints = {one.name: one for one in fingers_of(urdf, srdf.content)}
+    columns = [k for k, name in enumerate(moving.joint_names) if name in joints]
+    roots = {}
+    for link in (item.link for item in moving.shapes):
+        above = link
+        while above in urdf.above:
+            joint = urdf.above[above]
+            above = joint.parent
+            if joint.name in joints:
+                roots[link] = joint.name
+    if not columns:
+        return
+    checker, (lower, upper) = CollisionChecker(replace(moving, allowed_contacts=()), Scene()), moving.bounds
+    Q = np.repeat(moving.home[None], FINGER_DRAWS, axis=0)
+    Q[:, columns] = np.random.default_rng(0).uniform(lower[columns], upper[columns], (FINGER_DRAWS, len(columns)))
+    Q[0, columns], Q[1, columns] = lower[columns], upper[columns]
+    deepest: Contact | None = None
+    for q in Q:
+        for contact in checker.contacts(q):
+            a, b = roots.get(contact.a), roots.get(contact.b)
+            if a and b and a != b and contact.depth > (CROSSING if deepest is None else deepest.depth):
+                deepest, at = contact, q
+    if deepest is not None:
+        where = ", ".join(f"{moving.joint_names[k]}={at[k]:.3g}" for k in columns)
+        text = f"fingers pass through each other: {deepest} with {where}"
+        advice = "see the axes and limits of their joints"
+        yield Finding(FindingKind.FINGERS, text, advice, (deepest.a, deepest.b))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -36,14 +36,15 @@ from planner_service.robot.loading import (
     unit_notes,
     without_passive,
 )
-from planner_service.robot.macros.expansion import expanded_xml, package_folders, robot_folders
+from planner_service.robot.macros.expansion import checked_xacro_args, expanded_xml, package_folders, robot_folders
 from planner_service.robot.mjcf.mjcf_reader import read_mjcf
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
 from planner_service.robot_setup.concave_links import cut_where_hulls_block
-from planner_service.robot_setup.gripper_detection import FoundGripper, find_gripper
+from planner_service.robot_setup.end_effectors.equipment import Equipment, equipment_of
+from planner_service.robot_setup.gripper_detection import FoundGripper
 from planner_service.robot_setup.loading import load_robot
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import (
@@ -81,6 +82,8 @@ class Source:
     locked_joints: Mapping[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] | None = None
     visual_as_collision: bool = False
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    gripper: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "urdf", as_path("urdf", self.urdf))
@@ -90,12 +93,13 @@ class Source:
         folders = items("package_dirs", self.package_dirs, object, "folders")
         object.__setattr__(self, "package_dirs", tuple(as_path("package_dirs", path) for path in folders))
         instance("locked_joints", self.locked_joints, Mapping, "positions by joint name")
-        copied_in(self, "locked_joints", "joints")
+        copied_in(self, "locked_joints", "joints", "gripper")
+        object.__setattr__(self, "xacro_args", checked_xacro_args(self.xacro_args))
 
     @property
     def selection(self) -> Selection:
         """What of the URDF becomes the robot."""
-        return Selection(self.tool_frame, self.srdf, self.joints, self.locked_joints)
+        return Selection(self.tool_frame, self.srdf, self.joints, self.locked_joints, gripper=self.gripper)
 
     @property
     def copy_name(self) -> str:
@@ -127,7 +131,8 @@ class ImportedRobot:
         agreement: How closely yourdfpy, which read the URDF as well, agrees.
         proven: Whether each pair of links was looked at; else only those that always overlap were.
         seconds: What it took.
-        notes: What was not understood of the files, or is not used, a line each.
+        notes: What was not understood of the files, or is not used, and what to know of the tool; a line each.
+        tool_whence: By what the tool frame was chosen.
     """
 
     robot: Robot
@@ -140,6 +145,7 @@ class ImportedRobot:
     proven: bool
     seconds: float
     notes: tuple[str, ...] = ()
+    tool_whence: str = ""
 
 
 def import_robot(
@@ -211,22 +217,25 @@ def _imported(
     """As ``import_robot``, of a URDF."""
     original = source.urdf if described is None else described.path
     text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
-    root = expanded_xml(source.urdf, source.folders)
+    root = expanded_xml(source.urdf, source.folders, source.xacro_args)
     if source.visual_as_collision:
         _check_as_seen(root)
     if _serialised(root) != _serialised(read_xml(source.urdf, "robot")):
         text = f"<!-- worked out from {original.name} -->\n{_serialised(root)}\n"
     toml, copy = folder / ROBOT_FILE, folder / source.copy_name
-    urdf = read_urdf(source.urdf, source.folders, visual_as_collision=source.visual_as_collision)
+    seen, arguments = source.visual_as_collision, source.xacro_args
+    urdf = read_urdf(source.urdf, source.folders, visual_as_collision=seen, xacro_args=arguments)
     srdf = _given_srdf(source, urdf) if described is None else described.srdf
     notes = (*urdf.notes, *(() if described is None else described.notes), *srdf.notes, *unit_notes(urdf))
-    hand = find_gripper(urdf, srdf, source.tool_frame) if source.joints is None else None
-    if hand is not None and not source.locked_joints.keys().isdisjoint(hand.table.joints):
-        hand = None
+    chosen = equipment_of(urdf, srdf, source.selection) if source.joints is None else None
+    hand = None if chosen is None else chosen.gripper
+    notes = notes if chosen is None else (*notes, *chosen.notes)
     fingers = () if hand is None else finger_joints(hand.table, urdf)
+    if chosen is not None:
+        source = replace(source, locked_joints={**chosen.locked, **source.locked_joints})
     locked = without_passive(source.selection, urdf, srdf, fingers).locked_joints
     source = replace(source, locked_joints=locked)
-    selection = source.selection if hand is None else replace(source.selection, tool_frame=hand.tool_frame)
+    selection = source.selection if chosen is None else replace(source.selection, tool_frame=chosen.tool_frame)
     robot = robot_of(source.urdf, urdf, selection, srdf)  # its fingers are joints, so that pairs with them are known
     agreement = compare_with_yourdfpy(robot, original, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
@@ -244,12 +253,13 @@ def _imported(
         robot = robot_of(source.urdf, urdf, selection, srdf, hand.table)
         table = replace(table, findings=tuple(_standing_open(finding, robot) for finding in table.findings))
     robot = replace(robot, allowed_contacts=table.allowed)
-    files[ROBOT_FILE] = _text(robot, source, urdf, original.name, table, hand, cut).encode()
+    files[ROBOT_FILE] = _text(robot, source, urdf, original.name, table, chosen, cut).encode()
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
     seconds = time.perf_counter() - begun
-    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, prove, seconds, notes)
+    found = (load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, prove, seconds, notes)
+    return ImportedRobot(*found, "" if chosen is None else chosen.whence)
 
 
 def _given_srdf(source: Source, urdf: Urdf) -> Srdf:
@@ -358,10 +368,11 @@ def _text(
     urdf: Urdf,
     name: str,
     table: ContactTable,
-    hand: FoundGripper | None,
+    chosen: Equipment | None,
     cut: Sequence[str],
 ) -> str:
     """The whole robot.toml."""
+    whence = "the last link of the longest chain" if chosen is None else chosen.whence
     limits = robot.limits
     lines = [
         f"# {robot.name}, imported from {name}. Please review and edit.",
@@ -371,14 +382,14 @@ def _text(
         f"joints = {toml_value(robot.joint_names)}",
         *_continuous(robot),
         f"tool_frame = {toml_value(robot.tool_frame)}"
-        + ("" if source.tool_frame else f"   # {_whence(hand)}: is it the tool?"),
+        + ("" if source.tool_frame else f"   # {whence}: is it the tool?"),
         f"base_links = {toml_value(robot.base_links)}   # not checked against obstacles",
         'inverse_kinematics = "numeric"',
         "settle_time = 0.0   # seconds the arm vibrates after a stop; URDF has none",
         "",
         *_poses(robot, table),
         *_locked(source, urdf),
-        *_gripper(hand),
+        *_gripper(None if chosen is None else chosen.gripper),
         *_decompose(cut),
     ]
     position, velocity = _urdf_sources(robot, urdf)
@@ -422,10 +433,6 @@ def _locked(source: Source, urdf: Urdf) -> list[str]:
     follow = {joint.name for joint in urdf.joints if joint.mimic and joint.name not in source.locked_joints}
     lines = [f"{toml_value(name)} = {toml_value(float(at))}" for name, at in standing.items() if name not in follow]
     return ["", "[locked_joints]   # these do not move, and neither do joints that mimic them", *lines] if lines else []
-
-
-def _whence(hand: FoundGripper | None) -> str:
-    return "the last link of the longest chain" if hand is None else "a frame of the gripper's palm"
 
 
 def _gripper(hand: FoundGripper | None) -> list[str]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import NoneType
 
 from planner_service.concurrency.library_import import loaded
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
-from planner_service.geometry.validation import flag
+from planner_service.geometry.validation import flag, instance, items
 from planner_service.robot.model import Robot, robot_names
 from planner_service.robot.package_files import EXAMPLES, example_urdf
 
@@ -23,7 +25,16 @@ def _loading() -> None:
     import planner_service.robot.loading  # noqa: F401  pydantic takes 0.1 s
 
 
-def load_robot(name_or_path: str | Path, *, cut_meshes: bool = True) -> Robot:
+def load_robot(
+    name_or_path: str | Path,
+    *,
+    cut_meshes: bool = True,
+    package_dirs: Sequence[Path | str] = (),
+    xacro_args: Mapping[str, object] | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    tool_frame: str | None = None,
+    gripper: Sequence[str] | None = None,
+) -> Robot:
     """The robot of a robot.toml, URDF, xacro or MJCF file: by name if it comes with the package, else by path.
 
     ``example-robot-data:ur5_robot`` is the URDF of that name in the package example-robot-data.
@@ -34,7 +45,18 @@ def load_robot(name_or_path: str | Path, *, cut_meshes: bool = True) -> Robot:
     ``Robot.from_urdf``. Home is the SRDF's "home" or "ready", else zero where the limits allow it, else their middle;
     where the robot collides with itself there, it is the nearest free configuration found. A xacro file is expanded
     with the defaults of its arguments (extra xacro); MJCF (``.xml``, ``.mjcf``) is compiled by mujoco (extra mjcf), and
-    brings excluded contacts and keyframes itself.
+    brings excluded contacts and keyframes itself. ROS packages are found in the repository of the file.
+
+    Args:
+        package_dirs: Further folders that may be read, with the ROS packages in them. Of a URDF, xacro or MJCF file
+            alone, as the next.
+        xacro_args: The arguments of a xacro file that do not have their defaults, by name.
+        locked_joints: Joints that do not move, with their positions in rad or m.
+        tool_frame: The link whose frame is the tool's; None: the one that its name, a gripper or the SRDF makes likely.
+            A leg, a head or a finger has none, and of several arms the first has it. Of a description alone, as the
+            next.
+        gripper: The joints of its fingers; () for none, so that fingers are joints like others; None: two fingers that
+            leave no doubt. Fingers that do are locked where they rest, and a warning says why.
 
     Meshes of a URDF or xacro file are cut into convex pieces where their hulls touch what they do not: a second for
     each, once, as the cuts are kept on disk. A robot.toml names the links to cut itself (``decompose``).
@@ -43,26 +65,39 @@ def load_robot(name_or_path: str | Path, *, cut_meshes: bool = True) -> Robot:
         cut_meshes: False: all meshes of a URDF or xacro file count as their solid hulls.
 
     Raises:
-        UnknownName: no robot of that name comes with the package, or with example-robot-data.
+        UnknownName: no robot of that name comes with the package, or with example-robot-data; or no such joint or link.
         InvalidFile: robot.toml, its URDF or its SRDF has problems; all of them are named.
+        InvalidRequest: a robot.toml, which says itself where its files are, is given folders or arguments.
         MissingDependency: its files are in a package that is not installed; the message says what to install.
     """
     loaded(_loading)
-    from planner_service.robot.loading import robot_from_file
+    from planner_service.robot.loading import Selection, robot_from_file
+    from planner_service.robot.macros.expansion import checked_xacro_args
 
     if not isinstance(name_or_path, (str, os.PathLike)):
         raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
     path = as_path("robot", name_or_path)
     name = str(name_or_path)
+    folders = tuple(as_path("package_dirs", each) for each in items("package_dirs", package_dirs, object, "folders"))
+    locked = instance("locked_joints", locked_joints or {}, Mapping, "positions by joint name")
+    arguments = checked_xacro_args(xacro_args or {})
+    instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
+    hand = None if gripper is None else items("gripper", gripper, str, "names of joints")
     source, colon, example = name.partition(":")
     if colon and source == EXAMPLES and isinstance(name_or_path, str):
         path = example_urdf(example)
     if path.suffix.lower() in DESCRIPTIONS:
         from planner_service.robot_setup.urdf_robot import load_urdf
 
-        return load_urdf(path, cut_meshes=flag("cut_meshes", cut_meshes))
-    if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):
-        return robot_from_file(path)
-    if name not in robot_names():
-        raise UnknownName("robot", name, robot_names())
-    return robot_from_file(data_folder("robots") / name / "robot.toml")
+        chosen = Selection(tool_frame=tool_frame, locked_joints=locked, xacro_args=arguments, gripper=hand)
+        return load_urdf(path, folders, chosen, cut_meshes=flag("cut_meshes", cut_meshes))
+    places = list(map(str, folders)) or None
+    said = {"package_dirs": places, "xacro_args": arguments or None, "tool_frame": tool_frame, "gripper": hand}
+    for field, given in said.items():
+        if given is not None:
+            raise InvalidRequest(field, given, "none: it is for URDF, xacro and MJCF; a robot.toml says it itself")
+    if isinstance(name_or_path, str) and "/" not in name and not name.endswith(".toml"):
+        if name not in robot_names():
+            raise UnknownName("robot", name, robot_names())
+        path = data_folder("robots") / name / "robot.toml"
+    return robot_from_file(path).locked(locked)

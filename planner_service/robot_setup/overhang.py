@@ -11,7 +11,7 @@ from planner_service.geometry.arrays import FloatArray, quartered
 from planner_service.geometry.composite import extent as extent_of_shape
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
-from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.shapes import Shape
 from planner_service.robot.kinematic_tree import LinkShape
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.visuals import Visual
@@ -37,29 +37,15 @@ def extent(appearance: Shape | Surface) -> FloatArray:
     return extent_of_shape(appearance)
 
 
-def overhangs(
-    robot: Robot, visuals: Mapping[str, Sequence[Visual]], shaped: Mapping[str, Pose] | None = None
-) -> dict[str, float]:
+def overhangs(robot: Robot, visuals: Mapping[str, Sequence[Visual]]) -> dict[str, float]:
     """For each link: how far the farthest point of what it looks like is from the shapes that move with it, in metres.
 
     Those are the shapes of the link itself and of all others that are fixed to it; infinite if there are none. Surfaces
     are compared at the corners of their triangles, and on large ones about every 2 cm in between.
-
-    Args:
-        shaped: T_link_shape of the first shape of each link: links of the gripper, which have no frames of their own,
-            are where these are.
     """
     found = {}
     for link, elements in visuals.items():
-        moved = robot.gripper is not None and link in robot.gripper.links
-        first = next((item for item in robot.shapes if item.link == link), None) if moved else None
-        if moved and (first is None or shaped is None or link not in shaped):
-            found[link] = math.inf
-            continue
-        if first is not None and shaped is not None:
-            body, T_body_link = first.body, (first.pose @ shaped[link].inverse()).matrix
-        else:
-            body, T_body_link = robot.link_frame(link)
+        body, T_body_link = robot.link_frame(link)
         shapes = [item for item in robot.shapes if item.body == body]
         points = [_moved((T_body_link @ item.pose.matrix), _points(item.appearance)) for item in elements]
         found[link] = _farthest(np.concatenate(points), shapes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,13 +15,14 @@ from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes, tell_notes
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.arrays import FloatArray
-from planner_service.robot.loading import HOME, Selection, read_description, robot_of, unit_notes
+from planner_service.robot.end_effector.finger_loading import GripperProblem
+from planner_service.robot.loading import HOME, Selection, motionless, read_description, robot_of, unit_notes
 from planner_service.robot.macros.expansion import package_folders
 from planner_service.robot.model import Robot
 from planner_service.robot.srdf import Srdf, usable_srdf
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot_setup.concave_links import cut_where_hulls_block
-from planner_service.robot_setup.gripper_detection import find_gripper
+from planner_service.robot_setup.end_effectors.equipment import Equipment, equipment_of
 from planner_service.robot_setup.link_pair import columns_between
 from planner_service.robot_setup.self_collision_matrix import always_overlapping
 from planner_service.scene.scene import Scene
@@ -41,24 +43,27 @@ TOLD = 4
 logger = logging.getLogger(__name__)
 
 
-def load_urdf(path: Path, *, cut_meshes: bool = True) -> Robot:
+def load_urdf(
+    path: Path, package_dirs: Sequence[Path] = (), selection: Selection | None = None, *, cut_meshes: bool = True
+) -> Robot:
     """The robot of a URDF or an MJCF file, with what it does not say taken from the SRDF beside it or from its shapes.
 
     The SRDF is the one with the same stem, else the only one that names the same robot, in the URDF's folder,
     ../srdf or ../config. Links may touch that are adjacent, that the SRDF disables, or that overlap wherever they
-    were looked at (``always_overlapping``), each with its reason; nothing is kept on disk. The tool frame is the
-    tip of the SRDF's first chain, else the last link of the longest chain. Home is the SRDF's "home" or "ready",
+    were looked at (``always_overlapping``), each with its reason; nothing is kept on disk. Tool frame and
+    gripper are those of ``equipment_of``. Home is the SRDF's "home" or "ready",
     else as ``Robot.from_urdf`` says; where the robot would collide with itself, it is the nearest free
     configuration found. What was chosen is logged. MJCF has excluded contacts and keyframes instead of an SRDF
-    (``read_mjcf``). Meshes may lie in the URDF's folder, in its ROS package, the nearest folder above with a
-    package.xml, and in the folder above one called urdf, robots, mjcf or xml.
+    (``read_mjcf``). Meshes may lie in ``package_dirs``, in the URDF's folder, in its ROS package and its
+    repository (``package_folders``).
 
     Raises:
         InvalidFile: the file has problems; all of them are named. Of the SRDF, what has problems is not used, with a
             warning.
     """
     read_bytes(path, MAX_XML_BYTES)  # refuses what is no path
-    urdf, srdf = read_description(path, package_folders(path))
+    selection = selection or Selection()
+    urdf, srdf = read_description(path, (*package_dirs, *package_folders(path)), selection)
     tell_notes(path, (*urdf.notes, *unit_notes(urdf)))
     found = srdf_of(path, urdf) if srdf is None else FoundSrdf(srdf)
     tell_notes(found.path or path, found.content.notes)
@@ -66,7 +71,8 @@ def load_urdf(path: Path, *, cut_meshes: bool = True) -> Robot:
         more = f" and {len(found.problems) - TOLD} more" if len(found.problems) > TOLD else ""
         of_it = "" if found.path is None else "not used of it: "
         logger.warning("%s: %s%s%s", found.path or path, of_it, "; ".join(found.problems[:TOLD]), more)
-    robot = described_robot(path, urdf, found, cut_meshes=cut_meshes)
+    robot, chosen = described_robot(path, urdf, found, selection, cut_meshes=cut_meshes)
+    tell_notes(path, chosen.notes)
     home = free_home(robot)
     if home is robot.home:
         return robot
@@ -91,25 +97,32 @@ class FoundSrdf:
     problems: tuple[str, ...] = ()
 
 
-def described_robot(path: Path, urdf: Urdf, found: FoundSrdf, *, cut_meshes: bool = True) -> Robot:
-    """The robot that was read from ``path``, as ``load_urdf`` gives it, but with a home that may collide."""
-    file, srdf = found.path, found.content
-    hand, tool = find_gripper(urdf, srdf), next(iter(srdf.tips), None)
-    if hand is None:
-        selection, table = Selection(tool), None
-        robot = robot_of(path, urdf, selection, srdf)
-        logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
-    else:
-        selection, table = Selection(hand.tool_frame), hand.table
+def described_robot(
+    path: Path, urdf: Urdf, found: FoundSrdf, selection: Selection, *, cut_meshes: bool = True
+) -> tuple[Robot, Equipment]:
+    """The robot that was read from ``path``, as ``load_urdf`` gives it, but with a home that may collide.
+
+    And what was chosen for it to work with, of which ``Equipment.notes`` are not logged yet.
+    """
+    srdf, chosen = found.content, equipment_of(urdf, found.content, selection)
+    hand, locked = chosen.gripper, {**chosen.locked, **selection.locked_joints}
+    selection = replace(selection, tool_frame=chosen.tool_frame, locked_joints=locked)
+    table = None if hand is None else hand.table
+    try:
         robot = robot_of(path, urdf, selection, srdf, table)
-        logger.info(
-            "%s: gripper of %s, %s; tool frame %s", path, ", ".join(hand.table.joints), hand.whence, hand.tool_frame
-        )
+    except GripperProblem as problem:
+        raise InvalidFile(path, [f"{problem}; --gripper none (gripper=()) plans without it"]) from None
+    held = "" if hand is None else f"gripper of {', '.join(hand.table.joints)}, {hand.whence}; "
+    srdf_text = found.path or "none"
+    logger.info("%s: %stool frame %s, %s; SRDF: %s", path, held, robot.tool_frame, chosen.whence, srdf_text)
+    for name, at in motionless(urdf).items():
+        logger.info("%s: joint %s can only be at %g, so it is fixed there", path, name, at)
     cut, links = cut_where_hulls_block(urdf, robot) if cut_meshes else (urdf, ())
     if links:
         robot = robot_of(path, cut, selection, srdf, table)
         pieces = ", ".join(f"{link} ({sum(item.link == link for item in robot.shapes)})" for link in links)
         logger.info("%s: hulls touch what their meshes do not, so these are cut into convex pieces: %s", path, pieces)
+    robot = replace(robot, groups=robot.groups or chosen.groups)
     silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not joint.velocity]
     if silent:
         logger.info("%s: no velocity is stated for %s; a slow one is assumed", path, ", ".join(silent))
@@ -117,12 +130,7 @@ def described_robot(path: Path, urdf: Urdf, found: FoundSrdf, *, cut_meshes: boo
         robot = _at_home(robot, robot.pose(READY))
     for contact in (always := always_overlapping(robot)):
         logger.info("%s: %s may touch; %s", path, " x ".join(contact.links), contact.reason)
-    return replace(robot, allowed_contacts=(*robot.allowed_contacts, *always))
-
-
-def _whence(tool: str | None, srdf: Path | None) -> str:
-    chain = "the last link of the longest chain" if tool is None else f"the tip of a chain in {srdf}"
-    return f"{chain}; SRDF: {'none' if srdf is None else srdf}"
+    return replace(robot, allowed_contacts=(*robot.allowed_contacts, *always)), replace(chosen, cut=links)
 
 
 def srdf_of(path: Path, urdf: Urdf) -> FoundSrdf:

@@ -79,5 +79,6 @@ def looks_of(robot: Robot) -> Looks:
     """
     if robot.description is None:
         return Looks({}, (), {})
-    urdf = read_urdf(robot.description.path, robot.description.folders, visuals=True)
+    of = robot.description
+    urdf = read_urdf(of.path, of.folders, visuals=True, xacro_args=of.xacro_args)
     return Looks(visuals_of(urdf), urdf.unread_visuals, shape_poses(urdf))

@@ -16,6 +16,7 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import read_bytes
 from planner_service.parallel import Processes, Ray
 from planner_service.planning.request import World
+from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
@@ -43,14 +44,14 @@ class Settings:
     """What a server is started with.
 
     Attributes:
-        robot: Its name, or the path of its file.
+        robot: Itself, its name, or the path of its file.
         scenes: Names or paths of scenes; the first is what workers prepare for.
         engine: ``Processes`` on this machine, or ``Ray`` on a cluster.
         state: The folder that outlives the server; None for one that is deleted with it.
         capacity: Requests that may wait; None for so many per worker.
     """
 
-    robot: str
+    robot: Robot | str
     scenes: Sequence[str]
     engine: Processes | Ray
     state: Path | None = None
@@ -63,7 +64,7 @@ def new_server(settings: Settings) -> PlanningServer:
     Raises:
         InvalidRequest: There is no such robot, scene, folder or cluster.
     """
-    robot = load_robot(settings.robot)
+    robot = settings.robot if isinstance(settings.robot, Robot) else load_robot(settings.robot)
     scenes: list[Scene] = [load_scene(name) for name in settings.scenes]
     world = World(robot, scenes[0] if scenes else Scene())
     own = None if settings.state is not None else Path(tempfile.mkdtemp(prefix="planner-service-"))

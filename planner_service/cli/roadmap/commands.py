@@ -49,10 +49,11 @@ File = Annotated[str, argument("FILE", "A roadmap saved by build, query or updat
 @roadmaps.command(
     short_help="Build a roadmap and save it.", epilog=options.example("roadmap build --scene bin --out bin.npz")
 )
+@options.taking_robot
 def build(
     out: Annotated[str, option("FILE", "The roadmap's file, an .npz file.")],
     scene: options.SceneName,
-    robot: options.RobotName = "wxai",
+    robot: options.RobotName = options.WXAI,
     planner: Annotated[str, option("NAME", f"One of {', '.join(_GROWERS)}.")] = "prm",
     milestones: Annotated[int | None, option("N", "Configurations to sample.  [default: 1000]")] = None,
     neighbours: Annotated[int | None, option("N", "Nearest milestones to connect each to.  [default: 10]")] = None,
@@ -88,6 +89,7 @@ def build(
     short_help="Plan a motion over a saved roadmap.",
     epilog=options.example("roadmap query bin.npz --start home --goal ready --learn"),
 )
+@options.taking_robot
 def query(
     roadmap_file: File,
     start: options.Start,
@@ -177,6 +179,7 @@ def info(roadmap_file: File, as_json: options.AsJson = False) -> None:
     short_help="Update a saved roadmap to a changed scene.",
     epilog=options.example("roadmap update bin.npz --scene moved.toml"),
 )
+@options.taking_robot
 def update(
     roadmap_file: File,
     scene: options.OtherScene = None,
@@ -266,7 +269,7 @@ def _same_file(one: str | None, other: str) -> bool:
 
 
 def _service(
-    roadmap: Roadmap, robot: str | None, scene: str | None, padding: float
+    roadmap: Roadmap, robot: options.RobotChoice | None, scene: str | None, padding: float
 ) -> tuple[PlannerService, list[str]]:
     """The service a roadmap was built for, or one for the robot or scene given instead, and notes on differences."""
     terms = roadmap.terms
@@ -278,7 +281,7 @@ def _service(
     return service, ["; ".join([*notes, differs])] if differs else notes
 
 
-def _service_for_any(roadmap: Roadmap, robot: str | None, scene: str | None) -> PlannerService:
+def _service_for_any(roadmap: Roadmap, robot: options.RobotChoice | None, scene: str | None) -> PlannerService:
     """The service for a roadmap that does not say what it was built for."""
     if robot is None or scene is None:
         option = "--robot" if robot is None else "--scene"

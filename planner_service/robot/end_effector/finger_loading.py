@@ -153,19 +153,31 @@ def _ranged(gripper: Gripper, entry: GripperTable, ends: tuple[float, float]) ->
     gripper = max(gripper, turned, key=lambda one: max(one.gap(end) for end in ends))
     shut, open_ = sorted(ends, key=gripper.gap)
     gaps = [gripper.gap(shut + (open_ - shut) * k / (SAMPLES - 1)) for k in range(SAMPLES)]
+    widest = max(range(SAMPLES), key=gaps.__getitem__)
+    if SAMPLES // 4 <= widest < SAMPLES - 1:  # a jaw that turns on comes nearer again, seen along the closing axis
+        open_ = shut + (open_ - shut) * widest / (SAMPLES - 1)
+        gaps = [gripper.gap(shut + (open_ - shut) * k / (SAMPLES - 1)) for k in range(SAMPLES)]
     if any(b <= a for a, b in pairwise(gaps) if b > 0.0):
         first, second = gripper.tips
         raise GripperProblem(
-            f"gripper: the gap between {first} and {second} along closing = {list(gripper.closing)} is "
+            f"gripper: the gap between {first} and {second} along closing = {_axis(gripper)} is "
             f"{gaps[0]:.4f} m with {gripper.joints[0]} at {shut:.4g} and {gaps[-1]:.4f} m at {open_:.4g}, and does not "
             "grow all the way; name other tips, or another closing axis"
         )
     least, most = max(gaps[0], 0.0), gaps[-1]
+    if most <= 0.0:
+        first, second = gripper.tips
+        raise GripperProblem(f"gripper: {first} and {second} overlap along closing = {_axis(gripper)} everywhere")
     lower, upper = least if entry.lower is None else entry.lower, most if entry.upper is None else entry.upper
     if not least - ALONG <= lower < upper <= most + ALONG:
         raise GripperProblem(f"gripper: lower {lower:g}, upper {upper:g}; its joints reach {least:.6g} to {most:.6g} m")
     whole = replace(gripper, lower=gaps[0], upper=gaps[-1], positions=(shut, open_))
     return replace(whole, lower=lower, upper=upper, positions=(whole.position(lower), whole.position(upper)))
+
+
+def _axis(gripper: Gripper) -> str:
+    """The closing axis, to four digits."""
+    return str([round(x, 4) for x in gripper.closing])
 
 
 def _chains(entry: GripperTable, urdf: Urdf, assembly: Assembly) -> Iterator[tuple[str, tuple[FingerTurn, ...]]]:

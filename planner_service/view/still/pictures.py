@@ -14,7 +14,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +37,6 @@ from planner_service.records.plan_file import SavedTask
 from planner_service.robot.kinematic_tree import LinkShape
 from planner_service.robot.model import Robot, length_unit
 from planner_service.robot_setup.check_robot import FindingKind, RobotCheck
-from planner_service.robot_setup.visuals import Visual
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
@@ -80,6 +79,9 @@ FOUND = {
     FindingKind.SIMPLIFIED: (40, 150, 160),
     FindingKind.OVERHANG: (240, 130, 50),
     FindingKind.FURNITURE: (70, 150, 90),
+    FindingKind.FINGERS: (90, 90, 220),
+    FindingKind.BLOCKED: (150, 110, 60),
+    FindingKind.TOOL: (60, 160, 220),
 }
 """Colours of links by what was found about them."""
 
@@ -163,7 +165,7 @@ def draw_robot_check(check: RobotCheck, file: str | os.PathLike[str]) -> None:
         for link in finding.links
     }
     unchecked = [link for link, kind in by_link.items() if kind is FindingKind.VISUAL_ONLY]
-    shown = replace(check.robot, shapes=(*check.robot.shapes, *_looks(check.robot, unchecked, check.visuals)))
+    shown = replace(check.robot, shapes=(*check.robot.shapes, *_looks(check, check.robot, unchecked)))
     drawn = {item.link for item in shown.shapes}
     colours = {link: FOUND[kind] for link, kind in by_link.items() if link in drawn}
     names = Names(shown, Scene())
@@ -175,11 +177,11 @@ def draw_robot_check(check: RobotCheck, file: str | os.PathLike[str]) -> None:
     write_png(file, picture(View(shown, Scene(), (stand,)), caption, SIZE))
 
 
-def _looks(robot: Robot, links: Iterable[str], visuals: Mapping[str, Sequence[Visual]]) -> Iterator[LinkShape]:
+def _looks(check: RobotCheck, robot: Robot, links: Iterable[str]) -> Iterator[LinkShape]:
     """What links look like, as shapes: the hulls of meshes, but for flat ones."""
     for link in links:
-        body, T_body_link = robot.link_frame(link)
-        for item in visuals[link]:
+        body, T_body_link = check.fingers[link] if link in check.fingers else robot.link_frame(link)
+        for item in check.visuals[link]:
             shape = item.appearance
             if isinstance(shape, Surface):
                 try:

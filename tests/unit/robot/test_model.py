@@ -217,9 +217,11 @@ def test_a_robot_without_collision_shapes_is_refused(tmp_path: Path) -> None:
         Robot.from_urdf(tmp_path / "single.urdf")
 
 
-def test_a_joint_without_a_range_has_to_be_locked(tmp_path: Path) -> None:
+def test_a_joint_without_a_range_is_fixed_where_it_is(tmp_path: Path) -> None:
     path = tmp_path / "mixed.urdf"
     path.write_text(MIXED.replace('lower="-0.1" upper="0.3"', 'lower="0.1" upper="0.1"'))
-    with pytest.raises(InvalidFile, match=r"joint 'slide': lower and upper are both 0.1, it cannot move; lock it"):
-        Robot.from_urdf(path, locked_joints={"branch": 0.4})
-    assert "slide" not in Robot.from_urdf(path, locked_joints={"branch": 0.4, "slide": 0.1}).joint_names
+    robot = Robot.from_urdf(path, locked_joints={"branch": 0.4})
+    assert "slide" not in robot.joint_names
+    assert dict(robot.locked_joints)["slide"] == 0.1
+    with pytest.raises(InvalidFile, match=r"joint 'slide': lower and upper are both 0.1, it cannot move; leave it out"):
+        Robot.from_urdf(path, joints=["slide", "branch"])

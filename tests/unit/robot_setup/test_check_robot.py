@@ -41,11 +41,40 @@ SEEN, SKULL = COLUMN.replace("collision", "visual"), '<box size="0.06 0.08 0.06"
 ROD = looks('<box size="0.6 0.02 0.02"/>', "-0.3 0 0", "collision")
 TURNS, ENDLESS = '"turn" type="revolute"', '"turn" type="continuous"'
 
+LENS = CAMERA.replace("visual", "collision")
+
 K = FindingKind
+BOLTED = '<parent link="head"/> <child link="tip"/>\n    <origin xyz="0.06 0 0"/>'
+
+
+def crossing() -> str:
+    """Fingers that slide past each other, ahead of the head."""
+    pad = '<collision><origin xyz="0.05 0 0"/><geometry><box size="0.04 0.02 0.02"/></geometry></collision>'
+    limit = '<limit lower="-0.04" upper="0.04" velocity="0.1" effort="5"/>'
+    return "".join(
+        f'<link name="{name}">{pad}</link><joint name="{name}_finger" type="prismatic"><parent link="head"/>'
+        f'<child link="{name}"/><origin xyz="0.06 {0.01 * side} 0"/><axis xyz="0 {side} 0"/>{limit}</joint>'
+        for name, side in (("left", 1), ("right", -1))
+    )
+
+
 FAULTS = {
     "velocity 0": ('velocity="1.5"', 'velocity="0"', K.VELOCITY, "no velocity of shoulder: a slow one is assumed"),
     "a negative velocity": ('velocity="1.5"', 'velocity="-1.5"', K.REFUSED, "joint 'shoulder': velocity -1.5; exp"),
     "no such link": ('<child link="head"/>', '<child link="hand"/>', K.REFUSED, "joint 'wrist': child link 'hand'"),
+    "almost nothing is free": (
+        TIP,
+        LENS,
+        K.BLOCKED,
+        "only 0.0% of 1,000 random configurations are free",
+    ),
+    "a tool far away": (
+        BOLTED,
+        BOLTED.replace("0.06", "0.6"),
+        K.TOOL,
+        "tip is 0.54 m away from the shapes",
+    ),
+    "crossing fingers": (TIP, TIP + crossing(), K.FINGERS, "fingers pass through each other: right x left (at most"),
     "degrees": (SHOULDER, 'lower="-17.2" upper="149"', K.DEGREES, "if they are degrees, write -0.3002 .. 2.6005"),
     "a box in millimetres": ("0.22 0.03 0.03", "220 30 30", K.UNITS, "is millimetres, write 0.22 x 0.03 x 0.03"),
     "a mesh scaled twice": (FOREARM, TINY, K.UNITS, "the file is in metres already, leave out its scale of 0.001"),
@@ -105,7 +134,8 @@ def test_each_mistake_is_found_alone_and_explained(folder: Path, fault: str) -> 
 
 
 def test_every_kind_of_finding_has_a_file() -> None:
-    assert {kind for _, _, kind, _ in FAULTS.values()} == set(FindingKind)
+    """One has a mesh, too: ``test_concave_links``."""
+    assert {kind for _, _, kind, _ in FAULTS.values()} == {*FindingKind} - {FindingKind.HULLS}
 
 
 WHATEVER = [
@@ -130,7 +160,7 @@ def test_limits_in_radians_are_not_taken_for_degrees(folder: Path) -> None:
 
 def test_visual_as_collision_checks_a_link_as_it_looks(folder: Path) -> None:
     found = checked(folder, TIP, CAMERA, visual_as_collision=True)
-    assert found.findings == ()
+    assert FindingKind.VISUAL_ONLY not in [finding.kind for finding in found.findings]
     robot = Robot.from_urdf(folder / "arm.urdf", visual_as_collision=True)
     assert [item.shape for item in robot.shapes if item.link == "tip"] == [Box((0.1, 0.02, 0.02))]
     assert "tip" not in {item.link for item in Robot.from_urdf(folder / "arm.urdf").shapes}
@@ -158,3 +188,25 @@ def test_the_command_says_so_and_exits_with_1_if_the_robot_cannot_be_loaded(
     record = document("robot", "check", folder / "arm.urdf", code=code)
     assert [finding["kind"] for finding in record["findings"]] == [kind.value]
     assert record["ok"] == (code == 0)
+
+
+PAD = looks('<box size="0.02 0.01 0.01"/>', "0.06 0 0")
+PADS = "".join(
+    f'<link name="{side}_pad">{PAD}</link><joint name="{side}_glue" type="fixed">'
+    f'<parent link="{side}"/><child link="{side}_pad"/></joint>'
+    for side in ("left", "right")
+)
+
+
+def test_fingers_with_links_that_only_look_like_something_are_drawn_and_measured(folder: Path) -> None:
+    """Such a link moves with a finger whose shape it may extend beyond."""
+    (folder / "arm.urdf").write_text(ARM.replace(TIP, TIP + crossing() + PADS))
+    found = check_robot(folder / "arm.urdf")
+    assert found.robot is not None
+    assert found.robot.gripper is not None
+    assert found.overhangs["left_pad"] == pytest.approx(0.0, abs=1e-9)
+    (folder / "arm.urdf").write_text(ARM.replace(TIP, TIP + crossing() + PADS.replace("0.06 0 0", "0.09 0 0")))
+    done = run("robot", "check", folder / "arm.urdf", "--png", folder / "pads.png")
+    assert done.exit_code == 0
+    assert "it extends 30.0 mm beyond what is" in " ".join(done.stdout.split())
+    assert (folder / "pads.png").exists()

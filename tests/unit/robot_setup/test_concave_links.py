@@ -9,6 +9,7 @@ import pytest
 
 from planner_service import Robot, Scene, load_robot
 from planner_service.collision import CollisionChecker
+from planner_service.robot_setup.check_robot import FindingKind, check_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
 from tests.unit.geometry.test_decomposition import LETTER, write_obj
 
@@ -45,6 +46,12 @@ def test_a_link_whose_hull_blocks_what_is_free_is_cut(tmp_path: Path) -> None:
     assert (pieces(robot), pieces(hulls)) == (3, 1)
     assert CollisionChecker(robot, Scene()).states_are_free(Q).all()
     assert not CollisionChecker(hulls, Scene()).states_are_free(Q[:10]).any()
+
+
+def test_robot_check_tells_of_it(tmp_path: Path) -> None:
+    found = check_robot(arm(tmp_path)).findings
+    assert "hulls of letter touch what their meshes do not; load_robot cuts these" in " ".join(map(str, found))
+    assert FindingKind.HULLS not in [finding.kind for finding in check_robot(arm(tmp_path, AWAY)).findings]
 
 
 def test_a_link_whose_hull_blocks_nothing_keeps_it(tmp_path: Path) -> None:
