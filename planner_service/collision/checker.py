@@ -517,11 +517,19 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         q = self._configuration("q", q)
-        self.ledger.require_room()
-        pairs = np.array(self._backend.touching(q), dtype=np.intp)
-        self.ledger.record_states(1)
+        pairs = np.array(self._touching(q), dtype=np.intp)
         overlaps = self._clearances.overlaps(q, pairs).tolist()
         return deepest(zip(map(self._parts.names.__getitem__, pairs.tolist()), overlaps, strict=True))
+
+    def touching(self, q: ArrayLike) -> frozenset[tuple[str, str]]:
+        """The pairs of names of ``contacts``, without their depths, which take longer. Counts one state."""
+        return frozenset(map(self._parts.names.__getitem__, self._touching(self._configuration("q", q))))
+
+    def _touching(self, q: FloatArray) -> list[int]:
+        self.ledger.require_room()
+        pairs = self._backend.touching(q)
+        self.ledger.record_states(1)
+        return pairs
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
         if type(q) is np.ndarray and q.dtype == np.float64:  # as planners ask: no time for a closer look

@@ -7,8 +7,10 @@ from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
 
+import numpy as np
+
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.decomposition import concave_surface, pieces_of_surface
 from planner_service.geometry.mesh import Mesh, MeshFile
 from planner_service.geometry.shapes import Shape
@@ -36,27 +38,24 @@ def cut_where_hulls_block(urdf: Urdf, robot: Robot, *, progress: bool | None = N
     meshes = {mesh.source: mesh for item in robot.shapes if isinstance(mesh := item.shape, Mesh)}
     surfaces = {file: surface for file, mesh in meshes.items() if (surface := concave_surface(mesh)) is not None}
     concave = {item.link for item in robot.shapes if _file(item.shape) in surfaces}
-    pairs = [links for links in robot.link_pairs if not concave.isdisjoint(links)]
-    Q = draws(robot, SAMPLES)
-    touching = {links: Q[hits] for links in pairs if (hits := ~_are_free(robot, links, Q)).any()}
-    doubtful = concave.intersection(link for links in touching for link in links)
+    touching = _touching(robot, draws(robot, SAMPLES)) if concave else {}
+    doubtful = concave.intersection(link for pairs in touching.values() for links in pairs for link in links)
     files = {_file(item.shape) for item in robot.shapes if item.link in doubtful}
     pieces = _cut({file: (meshes[file], *surface) for file, surface in surfaces.items() if file in files}, progress)
     cut = {item.link for item in robot.shapes if len(pieces.get(_file(item.shape), ())) > 1}
     shapes = ((item, piece) for item in robot.shapes for piece in pieces.get(_file(item.shape), (item.shape,)))
     other = replace(robot, shapes=tuple(replace(item, shape=piece) for item, piece in shapes))
-    worth = set[str]()
-    for links, states in touching.items():
-        if not worth.issuperset(cut.intersection(links)) and _are_free(other, links, states).any():
-            worth |= cut.intersection(links)
+    left = _touching(other, np.array(list(touching))) if cut else touching
+    apart = {links for q, pairs in touching.items() for links in pairs - left.get(q, frozenset())}
+    worth = cut.intersection(link for links in apart for link in links)
     names = tuple(link.name for link in urdf.links if link.name in worth)
     return _with_pieces(urdf, names, pieces), names
 
 
-def _are_free(robot: Robot, links: tuple[str, str], Q: FloatArray) -> BoolArray:
-    """Of configurations (m, n) whether two links are apart, (m,)."""
-    others = [pair for pair in robot.link_pairs if pair != links]
-    return CollisionChecker(robot, Scene(), allowed=others).states_are_free(Q)
+def _touching(robot: Robot, Q: FloatArray) -> dict[tuple[float, ...], frozenset[tuple[str, str]]]:
+    """The pairs of links that touch, by those of configurations (m, n) in which some do."""
+    checker = CollisionChecker(robot, Scene())
+    return {tuple(q.tolist()): checker.touching(q) for q in Q[~checker.states_are_free(Q)]}
 
 
 def _with_pieces(urdf: Urdf, links: Collection[str], pieces: Pieces) -> Urdf:

@@ -131,7 +131,10 @@ def test_an_object_held_may_touch_only_its_touch_links() -> None:
     """Folded towards the arm's own shoulder, a long rod in the gripper meets link_2."""
     rod = Attached("rod", Capsule(0.01, 0.5), Pose.from_rpy((0.0, 0.0, 0.0), (0.0, math.pi / 2, 0.0)))
     q = np.array([0.0, 1.6, 2.2, -1.5, 0.0, 0.0])
-    contacts = CollisionChecker(WXAI, Scene((), (rod,))).contacts(q)
+    checker = CollisionChecker(WXAI, Scene((), (rod,)))
+    contacts = checker.contacts(q)
+    assert checker.touching(q) == {(contact.a, contact.b) for contact in contacts}
+    assert checker.counts.states == 2
     names = {name for c in contacts if "rod" in (c.a, c.b) for name in (c.a, c.b) if name != "rod"}
     assert names
     allowed = Attached("rod", rod.shape, rod.pose, tuple(names))
