@@ -267,6 +267,13 @@ class PlanAccounting:
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
+    def outcome(self, act: Callable[[], PlanResult]) -> PlanResult:
+        """What ``act`` returns, held to the limits; if it finds no plan, or a limit was reached, the reason."""
+        try:
+            return self.within_limits(act)
+        except NoPlan as no_plan:
+            return self.result(failure=no_plan.failure, certificate=no_plan.certificate, no_path=no_plan.no_path)
+
     def take(self, kept: KeptPadding) -> None:
         """Say in the result what padding is kept, first of all that a person should know."""
         self.padding, self.near_ends = kept.padding, kept.near_ends

@@ -140,10 +140,7 @@ def follow(
         trajectory, motion = timed(smooth, request.pace, checker.robot, accounting)
         return accounting.result(smooth, trajectory, motion, certificate=kept.proof or certificate)
 
-    try:
-        return accounting.within_limits(stages)
-    except NoPlan as no_plan:
-        return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate)
+    return accounting.outcome(stages)
 
 
 def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:

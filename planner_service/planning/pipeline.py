@@ -112,10 +112,7 @@ def plan(
         accounting.keep(constraints)
     accounting.torque_limits = torque_limits
     context = PlanContext(request, checker, certifier, accounting)
-    try:
-        return accounting.within_limits(lambda: _stages(context))
-    except NoPlan as no_plan:
-        return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate, no_path=no_plan.no_path)
+    return accounting.outcome(lambda: _stages(context))
 
 
 def _stages(context: PlanContext) -> PlanResult:

@@ -100,13 +100,10 @@ def move_linear(
         InvalidRequest: As ``PlannerService.follow`` and ``straight_tool_line``, or ``goal`` is an empty list, or
             ``zone`` is not in [0, 1].
     """
-    instance("service", service, PlannerService, "a PlannerService")
-    robot, given = service.robot, joint_vector("start", start, service.robot)
-    q = clamped(given, robot)
-    number("zone", zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE)
     settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
-    follow = bound(_follow, service, settings, clamp_note("start", given, q, robot), partial=flag("partial", partial))
-    targets = _targets(goal)
+    q, follow = _begun(service, start, settings, partial=partial)
+    number("zone", zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE)
+    robot, targets = service.robot, _targets(goal)
     if len(targets) == 1:
         line = straight_tool_line(robot, q, targets[0], points=points, max_joint_rate=max_joint_rate)
 
@@ -153,14 +150,26 @@ def move_circular(
         InvalidRequest: As ``PlannerService.follow``, or ``start`` is outside the limits, or ``via`` is less than 0.1 mm
             off the line through start and goal, or these coincide.
     """
-    instance("service", service, PlannerService, "a PlannerService")
-    robot, given = service.robot, joint_vector("start", start, service.robot)
-    q = clamped(given, robot)
     settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
-    follow = bound(_follow, service, settings, clamp_note("start", given, q, robot), partial=flag("partial", partial))
+    q, follow = _begun(service, start, settings, partial=partial)
     begin = Pose.from_matrix(service.robot.tool_pose(q))
     path = circular_arc(begin, _pose("via", via, begin).position, _pose("goal", goal, begin))
     return _along(service, q, path, max_joint_rate, follow)
+
+
+def _begun(
+    service: PlannerService, start: ArrayLike, settings: Mapping[str, Any], *, partial: bool
+) -> tuple[FloatArray, Follow]:
+    """Where a motion begins, (n,), and what plans along its line.
+
+    Args:
+        settings: Arguments of ``PlannerService.follow``.
+    """
+    instance("service", service, PlannerService, "a PlannerService")
+    given = joint_vector("start", start, service.robot)
+    q = clamped(given, service.robot)
+    note = clamp_note("start", given, q, service.robot)
+    return q, bound(_follow, service, settings, note, partial=flag("partial", partial))
 
 
 def _targets(goal: Any) -> list[Any]:
@@ -189,12 +198,16 @@ class Waypoints(Protocol):
         """As few as hold the tool on the line; with a stride one in so many, and the last."""
 
 
+Follow = Callable[[ToolLine, Waypoints, str], PlanResult]
+"""The plan along a line, with its name for a message."""
+
+
 def _along(
     service: PlannerService,
     q: FloatArray,
     path: ToolPath,
     max_joint_rate: float,
-    follow: Callable[[ToolLine, Waypoints, str], PlanResult],
+    follow: Follow,
 ) -> PlanResult:
     line = walk_tool_path(service.robot, q, path, max_joint_rate=require_joint_rate(max_joint_rate))
     at = line.fractions * path.length
