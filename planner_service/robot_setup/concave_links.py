@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
 
 import numpy as np
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.decomposition import concave_surface, pieces_of_surface
 from planner_service.geometry.mesh import Mesh, MeshFile
 from planner_service.geometry.shapes import Shape
@@ -35,13 +35,12 @@ def cut_where_hulls_block(urdf: Urdf, robot: Robot, *, progress: bool | None = N
         robot: What the description makes, with the contacts that are allowed whatever its shapes.
         progress: Whether a bar on standard error shows how many meshes are cut; None: if it is a terminal.
     """
-    meshes = {mesh.source: mesh for item in robot.shapes if isinstance(mesh := item.shape, Mesh)}
-    surfaces = {file: surface for file, mesh in meshes.items() if (surface := concave_surface(mesh)) is not None}
-    concave = {item.link for item in robot.shapes if _file(item.shape) in surfaces}
-    touching = _touching(robot, draws(robot, SAMPLES)) if concave else {}
-    doubtful = concave.intersection(link for pairs in touching.values() for links in pairs for link in links)
-    files = {_file(item.shape) for item in robot.shapes if item.link in doubtful}
-    pieces = _cut({file: (meshes[file], *surface) for file, surface in surfaces.items() if file in files}, progress)
+    if not any(_file(item.shape) for item in robot.shapes):
+        return urdf, ()
+    touching = _touching(robot, draws(robot, SAMPLES))
+    doubtful = {link for pairs in touching.values() for links in pairs for link in links}
+    meshes = {_file(item.shape): item.shape for item in robot.shapes if item.link in doubtful}
+    pieces = _cut([mesh for mesh in meshes.values() if isinstance(mesh, Mesh)], progress)
     cut = {item.link for item in robot.shapes if len(pieces.get(_file(item.shape), ())) > 1}
     shapes = ((item, piece) for item in robot.shapes for piece in pieces.get(_file(item.shape), (item.shape,)))
     other = replace(robot, shapes=tuple(replace(item, shape=piece) for item, piece in shapes))
@@ -72,8 +71,9 @@ def _file(shape: Shape) -> MeshFile | None:
     return shape.source if isinstance(shape, Mesh) else None
 
 
-def _cut(surfaces: Mapping[MeshFile | None, tuple[Mesh, FloatArray, IntArray]], progress: bool | None) -> Pieces:
-    """The pieces of meshes, cut side by side."""
+def _cut(meshes: Sequence[Mesh], progress: bool | None) -> Pieces:
+    """The pieces of meshes whose files are known and whose hulls fill what may be free, cut side by side."""
+    surfaces = {mesh.source: (mesh, *surface) for mesh in meshes if (surface := concave_surface(mesh)) is not None}
     with bar("meshes cut", progress if surfaces else False) as tell, ThreadPoolExecutor(os.cpu_count()) as pool:
         cuts = {file: pool.submit(pieces_of_surface, *surface) for file, surface in surfaces.items()}
         for done, _ in enumerate(as_completed(cuts.values()), 1):
