@@ -224,4 +224,6 @@ def test_what_is_no_array_of_real_numbers_is_refused_and_the_rest_becomes_a_cons
             number("u", value, "a number from 0 to 2", 0.0, 2.0)
     mine = np.arange(1, 3, dtype=np.int8)
     read = numbers("q", mine, "two numbers")
-    assert (read.dtype, read.tolist(), read.flags.writeable) == (np.float64, [1.0, 2.0], False)
+    assert read.dtype == np.float64
+    assert read.tolist() == [1.0, 2.0]
+    assert not read.flags.writeable
