@@ -7,7 +7,7 @@ kinematics of ours. The second, ``auditor.checker``, reads all files itself and 
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -20,7 +20,7 @@ import pinocchio as pin
 import pytest
 
 from auditor.checker import IndependentChecker, tables_of
-from planner_service.collision import CollisionChecker, JointStep, Known, MotionStep, backends
+from planner_service.collision import CollisionChecker, backends
 from planner_service.collision.edge_sampling import EdgeStep
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
@@ -309,70 +309,6 @@ def test_the_comparison_notices_a_link_frame_that_is_off(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(Robot, "body_poses", displaced)
     assert compare(SETUPS[0], 60, seed=3).differing
-
-
-def bisection(parts: int) -> list[float]:
-    """Interior fractions, halves before quarters before eighths."""
-    order, spans = [], deque([(0, parts)])
-    while spans:
-        low, high = spans.popleft()
-        if high - low > 1:
-            order.append((low + high) // 2 / parts)
-            spans += [(low, (low + high) // 2), ((low + high) // 2, high)]
-    return order
-
-
-def expected_edge(
-    q1: FloatArray, q2: FloatArray, parts: int, known: Known, is_free: Callable[[FloatArray], bool]
-) -> tuple[bool, int]:
-    """Verdict and states of an edge judged sample by sample in the stated order, up to the first that collides."""
-    samples = [q for q, end in ((q1, Known.START), (q2, Known.END)) if end not in known]
-    first, last = sorted((q1, q2), key=lambda q: tuple(q.tolist()))
-    samples += [first + (last - first) * fraction for fraction in bisection(parts)]
-    for number, q in enumerate(samples, start=1):
-        if not is_free(q):
-            return False, number
-    return True, len(samples)
-
-
-def parts_of(q1: FloatArray, q2: FloatArray, step: EdgeStep, reach: FloatArray) -> int:
-    if isinstance(step, MotionStep):
-        motion: float = sum(r * abs(d) for r, d in zip(reach.tolist(), (q2 - q1).tolist(), strict=True))
-        return max(1, math.ceil(motion / step.distance - 1e-9))
-    assert isinstance(step, JointStep)
-    return max(1, math.ceil(math.dist(q1, q2) / step.angle - 1e-9))
-
-
-def compare_edges(setup: Setup | HullSetup, step: EdgeStep, count: int, seed: int) -> tuple[int, list[Any]]:
-    """How many of ``count`` edges collide, and those on which verdict or count differ from the two other judges'."""
-    checker, second = setup.checker(step), setup.independent()
-    first = PairLoop(checker, second.model)
-    rng = np.random.default_rng(seed)
-    reach = checker.robot.reach(checker._parts.carried)
-    colliding, differing = 0, []
-    for _ in range(count):
-        q1, q2 = anywhere(checker.robot, rng, 2)
-        q2 = q1 + (q2 - q1) * min(1.0, rng.uniform(0.05, 1.0) / math.dist(q1, q2))
-        known = Known(int(first.free(q1)) * Known.START.value | int(first.free(q2)) * Known.END.value)
-        known &= Known(int(rng.integers(4)))
-        before = checker.counts
-        verdict = checker.edge_is_free(q1, q2, known=known)
-        spent = checker.counts - before
-        colliding += not verdict
-        for judge in (first.free, second.free):
-            told = (verdict, spent.states)
-            expected = expected_edge(q1, q2, parts_of(q1, q2, step, reach), known, judge)
-            if told != expected or spent.edges != 1:
-                differing.append((told, expected, q1, q2, known))
-    return colliding, differing
-
-
-@pytest.mark.parametrize("step", [MotionStep(), JointStep()], ids=["motion", "joint"])
-@pytest.mark.parametrize("setup", ["bin", "rod in shelf", "padded round", "hulls with a spoon"], indirect=True)
-def test_an_edge_is_judged_and_counted_as_its_samples_one_by_one(setup: Setup | HullSetup, step: EdgeStep) -> None:
-    colliding, differing = compare_edges(setup, step, 12, seed=5)
-    assert differing == []
-    assert 0 < colliding < 12
 
 
 def test_clearance_is_a_bound_of_the_distance_and_close_to_it(setup: Setup | HullSetup) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker
-from auditor.constraints import Deviation, Range, Region, deviations, violations
+from auditor.constraints import Deviation, deviations, violations
 from benchmarks.harness.audit import audited
 from planner_service.certify import KeptRefusal, prove_kept
 from planner_service.certify.relative_motion import RelativeMotion
@@ -266,22 +266,3 @@ def test_a_path_that_keeps_a_constraint_is_proven_and_audited(robot: Robot, regi
             assert item.amount <= bound.bound
             shares.append(bound.bound / max(1.3 * item.amount, 0.2 * item.tolerance))
     assert max(shares) <= 1.001
-
-
-def test_the_auditor_measures_angles_and_distances() -> None:
-    """The tip of the planar arm is at (cos a + cos(a + b) / 2, ...) and turned by a + b about z."""
-    second = IndependentChecker(ROOT / "robots" / "planar2", {})
-    q = np.array([[0.0, 0.0], [0.5, -0.2]])
-    region = Region("tip", upper=(1.4, INF, INF), lower=(-INF, -1.0, -INF), tilt=0.1, turn=0.2)
-    x, y, tilt, turn = deviations(second, q, [region])
-    assert (x.quantity, y.quantity, tilt.quantity, turn.quantity) == ("+x", "-y", "tilt", "turn")
-    assert (x.amount, y.amount, tilt.amount, turn.amount) == pytest.approx((1.5, 0.0, 0.0, 0.3), abs=1e-12)
-    assert [item.exceeds for item in (x, y, tilt, turn)] == [True, False, False, True]
-    assert turn.q == (0.5, -0.2)
-    across = Region("tip", frame=Pose.from_rpy((0.0, 0.0, 0.0), (0.3, 0.0, 0.0)).matrix, tilt=0.2, turn=0.1)
-    tilt, turn = deviations(second, q[:1], [across])
-    assert (tilt.amount, turn.amount) == pytest.approx((0.3, 0.0), abs=1e-12)
-    (shoulder,) = deviations(second, q, [Range("shoulder", 0.0, 0.4)])
-    assert (shoulder.amount, shoulder.tolerance) == pytest.approx((0.3, 0.2))
-    with pytest.raises(LookupError, match="hand"):
-        deviations(second, q, [Region("hand", tilt=0.1)])

@@ -27,7 +27,6 @@ from planner_service import (
 )
 from planner_service.certify import certify_gripper
 from planner_service.geometry.arrays import FloatArray
-from planner_service.records.recertify import recertify
 from tests.support.optional import present
 
 CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
@@ -120,16 +119,3 @@ def test_bad_input_names_what_is_wrong() -> None:
         service = PlannerService(robot, "bin")
         with pytest.raises(error, match=message):
             service.certify_gripper(service.robot.home if q is None else q, *widths, touching=pairs)
-
-
-def test_a_task_is_proven_again_with_the_gripper_as_it_stands() -> None:
-    service = PlannerService("wxai", load_scene("bin").with_obstacle(plate(0.027)))
-    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
-    task = pick(service, service.robot.home, "blue_block", grasps, Handling(support="bin_floor"))
-    proven = recertify(task, service)
-    assert proven.certified
-    told = [(motion.gripper.start, motion.gripper.end) for motion in proven.motions if motion.gripper is not None]
-    assert told == [(s.gripper.start, s.gripper.end) for s in task.segments if s.gripper is not None]
-    closed = recertify(task, service.changed(gripper=0.0))
-    assert not closed.certified
-    assert any("cannot open from 0.0 to 69.0 mm: finger_left x plate" in text for text in closed.problems)

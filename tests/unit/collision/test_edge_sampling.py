@@ -226,12 +226,6 @@ def test_long_edges_are_counted_alike_in_whatever_batches_they_are_judged() -> N
         assert (verdict, states) == (False, min(judged))
 
 
-@pytest.mark.parametrize("step", [MotionStep(1e-307), JointStep(1e-307)])
-def test_a_step_whose_parts_no_float_counts_is_refused(step: Any) -> None:
-    with pytest.raises(InvalidRequest, match="at most 1000000 parts"):
-        step.segments([100.0], [100.0])
-
-
 def test_a_first_look_takes_whole_levels_of_the_bisection() -> None:
     assert [coarse_samples(n, 8) for n in (1, 8, 9, 16, 17, 32, 33, 100)] == [0, 0, 1, 1, 3, 3, 7, 15]
     assert [coarse_samples(n, 3) for n in (1, 3, 4, 6, 7, 12, 13, 100)] == [0, 0, 1, 1, 3, 3, 7, 63]

@@ -68,26 +68,6 @@ def test_a_mesh_stands_where_coal_reads_it(tmp_path: Path, nodes: str, up: str) 
     assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < ROUNDING
 
 
-def volume(nodes: str) -> float:
-    """Of the solid that the triangles enclose, negative if they face inwards."""
-    vertices, triangles = dae_surface(document(nodes).encode())
-    a, b, c = (vertices[triangles()[:, k]] for k in range(3))
-    return float((np.cross(a, b) * c).sum() / 6.0)
-
-
-@pytest.mark.parametrize(
-    ("nodes", "factor"),
-    [
-        (PLACED["scale below a turn"], 3.0),
-        (PLACED["twice"], 2.0),
-        (f"<node><scale>-1 1 2</scale>{GEOMETRY}</node>", 2.0),
-        (f"<node><scale>-1 1 1</scale>{GEOMETRY}</node><node>{GEOMETRY}</node>", 2.0),
-    ],
-)
-def test_triangles_stand_where_their_nodes_place_them_and_face_outwards(nodes: str, factor: float) -> None:
-    assert volume(nodes) == pytest.approx(0.001 * factor, rel=1e-12)
-
-
 INPUT = '<input semantic="VERTEX" source="#v" offset="0"/>'
 WRITTEN = [
     (f'<triangles count="1">{INPUT}<p>1 2 3</p></triangles>', [(1, 2, 3)]),

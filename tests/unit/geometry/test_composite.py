@@ -44,15 +44,6 @@ def inside(pieces: Pieces, points: FloatArray) -> Any:
     return (off <= 0.0).all(axis=-1).any(axis=-1)
 
 
-def test_cells_that_fill_a_box_are_one_box() -> None:
-    assert boxes(STEPS.pieces) == [
-        ((0.01, 0.005, 0.005), (0.02, 0.01, 0.01)),
-        ((0.015, 0.015, 0.01), (0.01, 0.01, 0.02)),
-    ]
-    block = np.stack(np.meshgrid(*[np.arange(0.5, 4.0)] * 3), axis=-1).reshape(-1, 3)
-    assert boxes(PointCloud(block, 1.0).pieces) == [((2.0, 2.0, 2.0), (4.0, 4.0, 4.0))]
-
-
 @pytest.mark.slow
 @given(arrays(np.int64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.integers(-4, 4)))
 def test_the_boxes_of_a_cloud_are_its_cells(cells: Any) -> None:
@@ -184,13 +175,6 @@ def test_a_file_that_holds_no_cloud_is_refused(tmp_path: Path, name: str, conten
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InvalidFile, match=message):
         PointCloud.from_file(tmp_path / name, 0.1)
-
-
-def test_heights_are_read_from_a_file(tmp_path: Path) -> None:
-    (tmp_path / "h.npz").write_bytes(packed(heights=GROUND.heights))
-    assert HeightField.from_file(tmp_path / "h.npz", 0.5) == GROUND
-    with pytest.raises(InvalidFile, match=r"suffix '.ply'; expected one of .npz, .npy"):
-        HeightField.from_file(tmp_path / "h.ply", 0.5)
 
 
 def scene_of_all() -> Scene:

@@ -116,12 +116,6 @@ def test_closed_form_finds_every_configuration_back_and_never_more_than_two(wxai
     assert set(counts) == {1, 2}
 
 
-def test_a_vertical_tool_cannot_rise_above_its_ceiling(wxai: Robot) -> None:
-    radii = np.linspace(0.02, 0.7, 137)
-    assert all(len(inverse_kinematics(wxai, top_down(r, 0.0, TOP_DOWN_CEILING + 0.0005))) == 0 for r in radii)
-    assert len(inverse_kinematics(wxai, top_down(0.265, 0.0, TOP_DOWN_CEILING - 0.0005))) == 1
-
-
 def test_an_unreachable_pose_has_no_solutions_of_n_joints(wxai: Robot, numeric_wxai: Robot) -> None:
     far = Pose((0.9, 0.0, 0.3))
     assert inverse_kinematics(wxai, far).shape == (0, 6)
@@ -134,29 +128,6 @@ def test_closed_form_takes_a_pose_on_the_limits_as_reachable(wxai: Robot) -> Non
         found = inverse_kinematics(wxai, tool(wxai, q))
         assert np.abs(found - q).max(axis=1).min() < 1e-7
         assert ((found >= wxai.limits.lower) & (found <= wxai.limits.upper)).all()
-
-
-def test_where_a_pose_leaves_an_angle_free_closed_form_stays_near_the_given_seed(wxai: Robot) -> None:
-    robot = without_limits(wxai)
-    sideways = np.array([0.3, 1.0, 0.8, 0.2, math.pi / 2, 0.4])  # the approach axis is parallel to the shoulder's
-    for q in (sideways, above_waist(robot, 0.3)):
-        found = inverse_kinematics(robot, tool(robot, q), seeds=[q, q])
-        apart = np.abs(found - q).max(axis=1)
-        assert apart.min() < 1e-6
-        assert (apart < 1e-6).sum() == 1
-        assert len(found) > 8
-
-
-def above_waist(robot: Robot, azimuth: float) -> FloatArray:
-    """A configuration whose wrist stands above the waist's axis, by bisection over joint 1."""
-    low, high = 1.0, -1.5
-    for _ in range(100):
-        middle = (low + high) / 2
-        q = np.array([0.0, middle, 1.0, 0.3, 0.0, 0.5])
-        T = robot.tool_pose(q)
-        wrist = T[0, 3] - (0.02895 + 0.156062) * T[0, 0]
-        low, high = (middle, high) if wrist > 0 else (low, middle)
-    return np.array([azimuth, middle, 1.0, 0.3, 0.0, 0.5])
 
 
 def test_closed_form_reads_its_lengths_and_frames_from_the_robot(wxai: Robot) -> None:
@@ -266,15 +237,6 @@ def test_a_line_out_of_a_stretched_arms_reach_stops_singular(wxai: Robot, kind: 
     T = robot.tool_pose(line.waypoints[-1])
     forearm = T[:3, 3] - (0.06775 + 0.02895 + 0.156062) * T[:3, 0] - np.array([0.02, 0.0, 0.1035])
     assert np.linalg.norm(forearm) == pytest.approx(0.264 + math.hypot(0.245, 0.06), abs=1e-4)
-
-
-def test_a_line_that_would_have_to_change_branch_stops_and_says_so(wxai: Robot) -> None:
-    q = np.array([0.0, 1.0, 0.8, 0.2, math.pi / 2, 0.0])  # approach axis sideways: the forearm's pitch is free
-    begin = tool(wxai, q)
-    tilted = Pose.from_rpy((0, 0, 0), (0.4, 0.0, 0.0)) @ Pose(quaternion=begin.quaternion)  # then it must be 90 degrees
-    line = straight_tool_line(wxai, q, Pose(begin.position, tilted.quaternion))
-    assert present(line.stopped).reason is LineStopReason.BRANCH_JUMP
-    assert line.fraction < 0.01
 
 
 def test_consecutive_waypoints_never_jump(wxai: Robot) -> None:

@@ -13,7 +13,6 @@ from benchmarks.worlds import queries
 from planner_service import (
     PRM,
     CancelToken,
-    CheckCounts,
     CollisionChecker,
     JointStep,
     PlannerService,
@@ -21,7 +20,6 @@ from planner_service import (
     PlanResult,
     Roadmap,
     Scene,
-    Stage,
 )
 from planner_service.planning import search_stage
 from planner_service.roadmap import Terms, Verdict
@@ -134,19 +132,3 @@ def test_a_query_that_was_cancelled_disturbs_no_other() -> None:
     again = service.plan(request)
     assert again.counts == expected.counts
     assert present(again.roadmap).hash == present(expected.roadmap).hash
-
-
-def test_a_scene_of_another_name_or_order_leaves_all_known_and_says_so() -> None:
-    service = cell()
-    roadmap = service.build_roadmap(PRM(milestones=100, neighbours=6), seed=1)
-    scene = service.scene
-    for other in (replace(scene, name="elsewhere"), replace(scene, obstacles=scene.obstacles[::-1])):
-        there = service.with_scene(other)
-        result = ask(there, roadmap)
-        assert result.roadmap is not None
-        assert result.roadmap.terms != roadmap.terms
-        assert result.roadmap.verdicts.tolist() == roadmap.verdicts.tolist()
-        assert "none is taken for known" not in result.stage(Stage.SEARCH).note
-        assert lies(result.roadmap, there) == []
-        update = there.update_roadmap(roadmap)
-        assert update.counts == CheckCounts()

@@ -10,7 +10,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.search.problem import compiled
-from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
+from planner_service.smoothing.smoothing import blended, pulled_in, shortcut
 from tests.support.discs import DiscWorld, GlancingWorld, across, length
 from tests.support.optional import present
 
@@ -82,20 +82,6 @@ def test_the_laws_of_pulling_corners_in(seed: int, n: int, step: float) -> None:
     assert short[-1].tolist() == path[-1].tolist()
     assert length(short) <= length(path) * (1 + 1e-12), "rounding of sums only"
     assert world.found_free(short)
-
-
-def test_a_joint_that_an_obstacle_holds_does_not_hold_the_others() -> None:
-    world = GlancingWorld(((1.0, 0.0, 0.9),))
-    short = pulled_in([[-0.5, 0.0, 0.0], [1.0, 1.2, 0.8], [2.5, 0.0, 0.0]], world)
-    assert short[1][1] > 1.1
-    assert short[1][2] == pytest.approx(0.0)
-
-
-def test_corners_of_short_pieces_are_left_out_where_a_free_edge_can() -> None:
-    world = DiscWorld(NOTHING)
-    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0], [3.0, 0.0]]
-    assert without_short_pieces(points, world).tolist() == [points[0], points[2], points[3], points[4]]
-    assert len(world.edges) == 1
 
 
 @pytest.mark.parametrize(
