@@ -85,20 +85,6 @@ def test_a_corner_that_is_hardly_rounded_is_a_stop() -> None:
         check()
 
 
-def test_the_direction_of_a_short_piece_is_rounded_and_no_corner() -> None:
-    result, _ = cornered(0.0)
-    ramp = [(1.0, [0.0, 0.0, 0.5, 0.0]), (0.5, [0.5, 1.0, 0.0, 0.0]), (2e-8, [1.0, 1.0, 0.0, 0.0])]
-    pieces(result, [*ramp, (0.5 - 2e-8, [1.0 + 2e-8, 1.0, 0.0, 0.0]), (1.0, [1.5, 1.0, -0.5, 0.0])])
-    limits = {"velocity": [1.1, 1.1], "acceleration": [10.0, 10.0]}
-    for off, passes in ((1e-15, True), (1e-13, False)):
-        curve = Curve(np.array([[0.0, 0.0], [1.0, 0.0], [1.0 + 2e-8, off], [2.0, 0.0]]), [])
-        if passes:
-            assert "within the limits" in in_time({"limits": limits}, result, None, curve)[0]
-        else:
-            with pytest.raises(Invalid, match="does not rest at the corner"):
-                in_time({"limits": limits}, result, None, curve)
-
-
 def test_a_blend_that_is_crossed_unevenly_is_bounded_where_it_is_fastest() -> None:
     """One cubic from 0.7 to 1.3 with slopes 4 and 1 has control points beyond the blend."""
     result, _ = cornered(0.3)

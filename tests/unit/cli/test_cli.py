@@ -18,14 +18,12 @@ from planner_service import __version__
 from planner_service.cli import main
 from planner_service.cli.commands import app
 from planner_service.cli.exit_codes import OUR_BUG
-from planner_service.cli.view import opened
 from planner_service.constraints import KeepUpright, ToolRegion
 from planner_service.datasets import EpisodeWork, write_episodes
 from planner_service.datasets.bin_task import BinPickPlace
 from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.shapes import Box, Pose
-from planner_service.planners import PRMstar
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.records.exports.trajectory_export import yaml_text
@@ -36,7 +34,7 @@ from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, standing_on
 from planner_service.view.rerun_recording import rerun_bytes
-from tests.support.command import document, interrupt_growing, refused, run
+from tests.support.command import document, refused, run
 from tests.support.optional import present
 
 PLANAR = ("plan", "--robot", "planar2", "--scene", "discs", "--time-limit", "inf")
@@ -234,12 +232,6 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
     present(process.stderr).close()
 
 
-def test_an_interrupted_search_ends_with_130_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
-    interrupt_growing(monkeypatch, PRMstar)
-    result = run("plan", "--scene", "window", "--planner", "prmstar", "--start", LEFT, "--goal", RIGHT)
-    assert (result.exit_code, result.output) == (130, "")
-
-
 def test_our_own_errors_keep_their_traceback(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -282,21 +274,6 @@ def test_a_plan_is_proven_against_the_scene_in_its_file_or_one_that_is_given(tmp
     told = " ".join(asked.stdout.split())
     assert "using --scene empty instead of the scene in this file" in told
     assert "made for another scene: discs" in told
-
-
-def test_a_plan_for_a_scene_of_ones_own_needs_nothing_but_its_file(tmp_path: Path) -> None:
-    cell = tmp_path / "my_cell.toml"
-    cell.write_text('[[obstacle]]\nname = "post"\nsphere = 0.05\nposition = [0.4, 0.2, 0.2]\n')
-    file = tmp_path / "p.json"
-    goal = "0.3,1.2,1.0,-0.5,0,0"
-    assert run("plan", "--scene", str(cell), "--start", "home", "--goal", goal, "--out", str(file)).exit_code == 0
-    cell.unlink()
-    assert run("certify", str(file)).exit_code == 0
-    assert run("export", str(file)).exit_code == 0
-    _, shown, notes = opened(str(file), None, None)
-    assert isinstance(shown, PlanResult)
-    assert shown.ok
-    assert notes == ["using the scene in this file: unnamed"]
 
 
 def planar_urdf() -> str:

@@ -12,9 +12,9 @@ import pytest
 
 from planner_service import Cylinder, InvalidFile, Obstacle, Pose, Scene, load_robot
 from planner_service.files.schema import read_record
-from planner_service.infeasibility import NoPath, Reached, prove_no_path
+from planner_service.infeasibility import NoPath, prove_no_path
 from planner_service.planning.request import World
-from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
+from planner_service.records.exports.explanation import NoPathRecord
 from planner_service.records.exports.no_path_file import no_path_document
 from planner_service.records.scene import PlanReading, packed
 from tests.support.optional import present
@@ -54,11 +54,3 @@ def test_a_proof_is_what_it_was() -> None:
 def test_what_makes_no_sense_is_refused(key: str, value: Any, message: str) -> None:
     with pytest.raises(InvalidFile, match=message):
         read(written() | {key: value})
-
-
-def test_how_far_a_search_came_is_what_it_was() -> None:
-    reached = Reached(np.array([[0.0, 1.0], [2.0, 3.0]]), 0.5, 0.25, math.inf, (3, 4))
-    document = json.loads(json.dumps(ReachedRecord.of(reached).document(), allow_nan=False))
-    again: Reached = read_record(ReachedRecord, document, Path("answer"), PlanReading(joints=2)).value
-    assert str(again) == str(reached)
-    assert again.nearest.tolist() == reached.nearest.tolist()

@@ -55,10 +55,11 @@ def test_a_request_of_usual_size_is_answered() -> None:
     assert answered(WHOLE).endswith(b"2 bytes")
 
 
-def test_headers_that_do_not_end_are_refused() -> None:
-    received = answered(HEAD + b"X: ", b"a" * MAX_HEAD)
-    assert received.startswith(b"HTTP/1.1 431")
-    assert b"header-too-large" in received
+def test_headers_that_do_not_end_or_are_too_long_are_refused() -> None:
+    for parts in ((HEAD + b"X: ", b"a" * MAX_HEAD), (HEAD + b"X: " + b"a" * MAX_HEAD + b"\r\n\r\n",)):
+        received = answered(*parts)
+        assert received.startswith(b"HTTP/1.1 431")
+        assert b"header-too-large" in received
 
 
 def test_what_follows_a_body_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:

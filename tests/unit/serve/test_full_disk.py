@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -15,7 +14,6 @@ import pytest
 from planner_service import PlannerService
 from planner_service.planning.request import World
 from planner_service.serve import server as servers
-from planner_service.serve.problems import Refused
 from planner_service.serve.server import PlanningServer, StoredAnswer
 from planner_service.serve.state.store import State, StateUnusable, Store
 from planner_service.serve.work import Answer
@@ -101,23 +99,3 @@ def test_answers_that_the_disk_has_no_room_for_are_told_once_they_are_kept(discs
             assert await server.accept("roadmaps", BODY, None) not in jobs
 
     asyncio.run(asked())
-
-
-def test_answers_that_wait_to_be_kept_take_up_the_room_of_requests(
-    discs: PlannerService, disk: Disk, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def asked() -> None:
-        async with served(discs.world, disk) as (server, workers):
-            disk.room = 500
-            workers.allowed.set()
-            for _ in range(8):
-                server.require_room(None)
-                await server.accept("roadmaps", BODY, None)
-            await until(lambda: disk.refused > 20)
-            with pytest.raises(Refused) as refused:
-                server.require_room(None)
-            assert refused.value.problem.kind == "queue-full"
-
-    asyncio.run(asked())
-    assert len([record for record in caplog.records if "waits to be kept" in record.message]) == 8
-    assert all(thread.name != "answers to keep" for thread in threading.enumerate())

@@ -117,23 +117,6 @@ def test_a_worker_that_does_not_end_what_was_cancelled_is_killed(monkeypatch: py
         assert not dispatcher.cancel("a")
 
 
-def test_what_goes_back_to_the_queue_can_be_cancelled_at_any_moment() -> None:
-    with dispatching(1) as (workers, heard, dispatcher):
-        asked = threading.Thread(target=lambda: results.append(dispatcher.cancel("a")))
-        results: list[bool] = []
-
-        def retried(task: Task) -> None:
-            asked.start()
-            asked.join(0.1)
-
-        heard.retried = retried  # type: ignore[method-assign]
-        dispatcher.submit(task("a"))
-        until(lambda: (1, "a") in workers.sent)
-        workers.events.put((1, Died("it was ended")))
-        until(lambda: bool(results))
-        assert results == [True]
-
-
 def test_a_deadline_ends_what_waits_and_tells_the_worker_of_what_runs() -> None:
     with dispatching(1) as (workers, heard, dispatcher):
         dispatcher.submit(task("a"))

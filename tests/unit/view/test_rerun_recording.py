@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import socket
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest, PlanResult, Pose, Sphere
-from planner_service.planning.task_result import Segment, TaskResult
+from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.records.evidence import save_plan
-from planner_service.scene.scene import Attached, Obstacle
 from planner_service.view.playback import Playback
-from planner_service.view.rerun_recording import rerun_bytes, write_rerun
+from planner_service.view.rerun_recording import write_rerun
 from tests.support.command import run
 from tests.support.optional import present
 
@@ -62,25 +59,6 @@ def test_a_recording_has_robot_curve_clearance_and_speed_over_time(planned: Plan
     assert times == pytest.approx(t, abs=1e-9)
     (clip,) = present(Playback.of_result(SERVICE, planned)).clips
     assert clearance.tolist() == clip.clearances(t).tolist()
-
-
-def test_what_a_task_takes_away_is_cleared_and_what_it_carries_moves_with_the_tool(tmp_path: Path) -> None:
-    service = PlannerService("planar2", "empty")
-    ball = Obstacle("ball", Sphere(0.05), Pose((0.0, -1.2, 0.0)))
-    full = service.scene.with_obstacle(ball)
-    motion = service.plan(PlanRequest((0.0, 0.0), (0.3, 0.3)))
-    back = service.plan(PlanRequest((0.3, 0.3), (0.0, 0.0)))
-    held = service.scene.with_attached(Attached("ball", Sphere(0.05), Pose()))
-    segments = (
-        Segment("go", replace(motion, origin=None), 0.0, full),
-        Segment("back", replace(back, origin=None), 0.0, held),
-    )
-    task = TaskResult(segments, service.world, np.zeros(2))
-    (tmp_path / "task.rrd").write_bytes(rerun_bytes(PlannerService("planar2", full), task))
-    chunks = rerun.chunk.RrdReader(tmp_path / "task.rrd").stream().to_chunks()
-    cleared = [chunk for chunk in chunks if "Clear:is_recursive" in chunk.to_record_batch().schema.names]
-    assert {str(chunk.entity_path) for chunk in cleared} == {"/scene/ball"}
-    assert {"/scene/ball", "/tool/ball", "/curve/0\\ go", "/curve/1\\ back"} <= entities(tmp_path / "task.rrd")
 
 
 def test_export_writes_a_recording_and_talks_to_nobody(

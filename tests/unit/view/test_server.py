@@ -25,7 +25,6 @@ from websockets.sync.connection import Connection
 
 from planner_service import PlannerService, PlanRequest
 from planner_service.view import Viewer, open_viewer
-from planner_service.view.serving import viewer as viewer_module
 from planner_service.view.serving.client_messages import MAX_BYTES, PageMessages
 from planner_service.view.serving.server import MAX_CONNECTIONS, MAX_WINDOWS
 
@@ -112,22 +111,6 @@ def test_other_origins_and_host_names_are_refused_even_with_the_token_and_a_forw
     assert status(viewer.url, Host="rebound.example") == 403
     assert status(viewer.url, Host="localhost:12345", Origin="http://localhost:12345") == 200
     assert status(viewer.url, Host="[::1]:8080") == 200
-
-
-def test_the_page_is_served_until_a_window_that_is_loading_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reload closes the window, and on a busy machine the page takes longer than the grace to come back."""
-    monkeypatch.setattr(viewer_module, "GRACE", 0.0)
-    with open_viewer(PlannerService("planar2", "discs"), None, port=0) as reloaded:
-        with window(reloaded) as before:
-            before.send(msgspec.msgpack.encode(CAMERA))
-            wait_for(lambda: reloaded._seen)
-            assert status(reloaded.url) == 200
-        time.sleep(0.5)
-        assert reloaded.open
-        with window(reloaded) as after:
-            after.send(msgspec.msgpack.encode(CAMERA))
-            wait_for(lambda: reloaded._server.loading_since is None)
-        wait_for(lambda: not reloaded.open)
 
 
 def test_a_prompt_does_not_wait_for_the_page(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from planner_service import (
-    PRM,
     Box,
     InvalidRequest,
     Obstacle,
     PlannerService,
     PlanRequest,
     Pose,
-    Roadmap,
     Scene,
     TaskResult,
 )
@@ -26,12 +24,11 @@ from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
 from planner_service.constraints import JointRange, ToolRegion
 from planner_service.records.plan_file import SavedTask, load_plan_or_task
-from planner_service.search.trace import SearchGraph
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view import open_viewer
 from planner_service.view.collision_report import CollisionReporter
-from planner_service.view.lines import free_graph, graph_lines, polyline_lines, tool_points
+from planner_service.view.lines import tool_points
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
 from planner_service.view.playback import Playback
 from planner_service.view.state import Choice, ViewState
@@ -208,12 +205,6 @@ def test_a_goal_out_of_reach_is_told_until_the_handles_are_let_go(bin_: PlannerS
     assert dragged.with_goal().aim is None
 
 
-def test_a_goal_in_collision_names_its_pair(discs: PlannerService) -> None:
-    state = ViewState.of(discs).posed(colliding(discs)).with_goal()
-    (contact, *_) = discs.checker.contacts(state.goal)
-    assert f"{contact.a} × {contact.b}" in state.goal_objection
-
-
 def test_what_the_page_saves_is_what_the_result_saves(
     discs: PlannerService, bin_: PlannerService, task: TaskResult, tmp_path: Path
 ) -> None:
@@ -244,28 +235,6 @@ def test_tool_points_are_those_of_the_tool_pose(bin_: PlannerService) -> None:
     Q = limits.lower + (limits.upper - limits.lower) * rng.random((20, bin_.robot.n))
     expected = [bin_.robot.tool_pose(q)[:3, 3] for q in Q]
     np.testing.assert_allclose(tool_points(bin_.robot, Q), expected, atol=1e-12)
-
-
-def test_lines_run_from_milestone_to_milestone(discs: PlannerService) -> None:
-    trace = present(discs.plan(asked(discs), trace=True).trace)
-    assert trace.graph is not None
-    drawn = polyline_lines(discs.robot, present(trace.searched))
-    np.testing.assert_allclose(drawn[:-1, 1], drawn[1:, 0], atol=1e-12)
-    np.testing.assert_allclose(
-        drawn[[0, -1], [0, 1]], tool_points(discs.robot, present(trace.searched)[[0, -1]]), atol=1e-12
-    )
-    milestones = tool_points(discs.robot, trace.graph.milestones)
-    for edge in trace.graph.edges[:5]:
-        one = graph_lines(discs.robot, SearchGraph(trace.graph.milestones, edge[None]))
-        np.testing.assert_allclose([one[0, 0], one[-1, 1]], milestones[edge], atol=1e-12)
-
-
-def test_of_a_roadmap_what_is_known_to_be_free_is_drawn(discs: PlannerService) -> None:
-    roadmap = discs.build_roadmap(PRM(milestones=40), progress=False)
-    graph = free_graph(roadmap)
-    assert 0 < len(graph.edges) <= len(roadmap.edges)
-    judged = Roadmap.judged([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [(0, 1)], {(1, 2): "post"})
-    assert free_graph(judged).edges.tolist() == [[0, 1]]
 
 
 # What is refused.

@@ -57,12 +57,6 @@ def camera_for(drawn: tuple[Solid, ...], azimuth: float = 0.0, elevation: float 
     return Camera.around(np.concatenate([solid.vertices for solid in drawn]), SMALL, azimuth, elevation)
 
 
-def pixel(camera: Camera, point: tuple[float, float, float]) -> tuple[int, int]:
-    """Row and column."""
-    x, y, _ = camera.pixels(camera.seen(np.array(point))).tolist()
-    return int(y), int(x)
-
-
 def hull_mask(points: FloatArray, grown: float) -> NDArray[np.bool_]:
     """Pixels whose middles are in the hull of points (k, 2) of the picture, moved outwards by ``grown`` pixels."""
     y, x = np.mgrid[0 : SMALL[1], 0 : SMALL[0]] + 0.5
@@ -105,24 +99,6 @@ def test_what_is_behind_something_is_hidden() -> None:
     assert set(np.unique(owners)) == {-1, 1}
     owners = paint(Drawing(drawn), camera_for(drawn, azimuth=math.pi, elevation=0.05), SMALL)[1]
     assert set(np.unique(owners)) == {-1, 0, 1}
-
-
-@pytest.mark.slow
-def test_a_ghost_lets_through_what_is_behind_it() -> None:
-    back, ghost = solids(("back", (0.1, 2.0, 2.0), (-0.5, 0.0, 0.0)), ("ghost", (0.1, 0.5, 0.5), (0.0, 0.0, 0.0)))
-    camera = camera_for((back, ghost), elevation=0.05)
-    row, column = pixel(camera, (0.05, 0.0, 0.0))
-    through, alone, opaque = (
-        paint(drawing, camera, SMALL)[0][row, column].astype(float)
-        for drawing in (
-            Drawing((back,), ((replace(ghost, opacity=0.25),),)),
-            Drawing((back,)),
-            Drawing((back,), ((ghost,),)),
-        )
-    )
-    assert through == pytest.approx(0.75 * alone + 0.25 * opaque, abs=1.5)
-    hidden = paint(Drawing((ghost,), ((replace(back, opacity=0.5),),)), camera, SMALL)[0][row, column]
-    assert np.array_equal(hidden, paint(Drawing((ghost,)), camera, SMALL)[0][row, column])
 
 
 def test_everything_near_the_robot_is_in_view_and_a_wide_ground_does_not_make_it_small() -> None:
@@ -211,21 +187,6 @@ def test_of_an_end_in_collision_what_touches_is_red(tmp_path: Path) -> None:
     assert red["free"] == 0.0
     assert red["goal"] > 0.002
     assert red["start"] > 0.002
-
-
-@pytest.mark.slow
-def test_a_pose_without_a_configuration_is_drawn_as_axes(tmp_path: Path) -> None:
-    service = PlannerService("planar2", "discs")
-    request = PlanRequest(service.robot.home, Pose((0.5, 0.5, 0.5)), time_limit=None)
-    result = service.plan(request)
-    assert result.path is None
-    draw_plan(service, request, result, tmp_path / "a.png")
-    pixels = read(tmp_path / "a.png").reshape(-1, 3)
-    for colour in ((214, 52, 52), (46, 150, 70), (40, 90, 210)):
-        assert np.any((pixels == colour).all(axis=1))
-    request = PlanRequest(service.robot.home, service.robot.limits.upper + 1.0, time_limit=None)
-    draw_plan(service, request, service.plan(request), tmp_path / "a.png")  # outside the limits
-    assert read(tmp_path / "a.png").shape == (PAGE[1], PAGE[0], 3)
 
 
 @pytest.mark.slow

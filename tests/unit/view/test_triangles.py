@@ -25,7 +25,7 @@ from planner_service import (
 )
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Solid as Shape
-from planner_service.view.triangles import MAX_BOXES, TOOL, Solid, placements, robot_solids, scene_solids
+from planner_service.view.triangles import TOOL, Solid, placements, robot_solids, scene_solids
 
 TURNED = Pose((0.3, -0.2, 0.5), (0.5, 0.5, -0.5, 0.5))
 TETRAHEDRON = Mesh(np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]]))
@@ -80,16 +80,6 @@ def test_a_shape_is_closed_has_its_volume_and_reaches_as_far_where_its_pose_says
         farthest = float(shape.support(direction) @ direction)
         assert float((plain @ direction).max()) == pytest.approx(farthest, abs=1e-12)
     assert solid.vertices == pytest.approx(plain @ TURNED.rotation.T + np.array(TURNED.position), abs=1e-12)
-
-
-def test_a_large_cloud_is_drawn_in_coarser_cells_that_hold_its_own() -> None:
-    cells = np.random.default_rng(3).integers(-40, 40, size=(12_000, 3))
-    cloud = PointCloud.from_cells(cells, 0.01)
-    boxes = corners(drawn(cloud, Pose())).reshape(-1, 36, 3)
-    low, edge = boxes.min(axis=1), float(np.ptp(boxes[0, :, 0]))
-    assert len(low) <= MAX_BOXES < len(cloud.pieces.shapes)
-    held = {tuple(np.round(corner / edge).astype(int)) for corner in low}
-    assert {tuple(cell) for cell in np.floor(cloud.points / edge).astype(int)} == held
 
 
 @pytest.mark.parametrize("name", ["wxai_dual", "ur5"])
