@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hmac
-from collections.abc import Iterable
 from dataclasses import dataclass
 
+from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from planner_service.serve.problems import PROBLEM_JSON, Problem
@@ -54,7 +55,7 @@ class Guard:
             return
         problem = self._problem(scope)
         if problem is not None:
-            await _refuse(problem, send)
+            await _refusal(problem)(scope, receive, send)
             return
         began = over = False
         left = MAX_BODY
@@ -78,7 +79,7 @@ class Guard:
             await self.app(scope, limited, watched)
         except _TooLarge:
             if not began:
-                await _refuse(Problem("too-large", f"a body has at most {MAX_BODY:,} bytes"), send)
+                await _refusal(Problem("too-large", f"a body has at most {MAX_BODY:,} bytes"))(scope, receive, send)
         except ClientDisconnect:  # within its body
             return
 
@@ -86,37 +87,24 @@ class Guard:
         size = sum(len(name) + len(value) for name, value in scope["headers"]) + len(scope["query_string"])
         if size + len(scope["path"]) > MAX_HEAD:
             return Problem("header-too-large", f"a request has at most {MAX_HEAD:,} bytes before its body")
-        headers = _headers(scope["headers"])
-        hosts = headers.get("host", [])
+        headers = Headers(scope=scope)
+        hosts = headers.getlist("host")
         if self.hosts is not None and (len(hosts) != 1 or hosts[0].lower() not in self.hosts):
             return Problem("wrong-host", "Host: expected this machine's address and port")
-        origins = headers.get("origin", [])
+        origins = headers.getlist("origin")
         if any(origin.lower() != f"http://{host.lower()}" for origin in origins for host in hosts or [""]):
             return Problem("cross-origin", "Origin: pages of other origins are not served")
-        if headers.get("sec-fetch-site", ["none"])[0] not in ("none", "same-origin"):
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
             return Problem("cross-origin", "Sec-Fetch-Site: pages of other origins are not served")
         if self.token is not None and scope["path"] not in OPEN:
-            sent = headers.get("authorization", [])
+            sent = headers.getlist("authorization")
             if len(sent) != 1 or not hmac.compare_digest(sent[0].encode(), f"Bearer {self.token}".encode()):
                 return Problem("unauthorized", "Authorization: expected Bearer and the token")
-        lengths = headers.get("content-length", [])
-        if any(not length.isdecimal() or int(length) > MAX_BODY for length in lengths):
+        if any(not each.isdecimal() or int(each) > MAX_BODY for each in headers.getlist("content-length")):
             return Problem("too-large", f"a body has at most {MAX_BODY:,} bytes")
         return None
 
 
-def _headers(pairs: Iterable[tuple[bytes, bytes]]) -> dict[str, list[str]]:
-    headers: dict[str, list[str]] = {}
-    for name, value in pairs:
-        headers.setdefault(name.decode("latin-1").lower(), []).append(value.decode("latin-1"))
-    return headers
-
-
-async def _refuse(problem: Problem, send: Send) -> None:
-    headers = [(b"content-type", PROBLEM_JSON.encode()), (b"connection", b"close")]
-    if problem.status == 401:
-        headers.append((b"www-authenticate", b"Bearer"))
-    content = problem.content
-    headers.append((b"content-length", str(len(content)).encode()))
-    await send({"type": "http.response.start", "status": problem.status, "headers": headers})
-    await send({"type": "http.response.body", "body": content})
+def _refusal(problem: Problem) -> Response:
+    headers = {"connection": "close"} | ({"www-authenticate": "Bearer"} if problem.status == 401 else {})
+    return Response(problem.content, problem.status, headers, PROBLEM_JSON)
