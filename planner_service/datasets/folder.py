@@ -182,7 +182,7 @@ class DatasetFolder(AbstractContextManager["DatasetFolder"]):
         about = self.path / "meta" / "generation.json"
         begun = {about.parent, about.with_name(f".{about.name}.tmp")}  # what a run interrupted at its beginning leaves
         if begun.issuperset(self.path.rglob("*")):
-            self.write(about, [_json_bytes(settings)])
+            self.write(about, [(json.dumps(settings, indent=1, allow_nan=False) + "\n").encode("ascii")])
         if not about.is_file():
             raise InvalidRequest("out", str(self.path), "a new or empty folder, or a data set to continue")
         begun_with = read_json(about)
@@ -289,7 +289,3 @@ def _as_invalid_file(file: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InvalidFile(file, [f"cannot be written: {error.strerror or error}"]) from error
-
-
-def _json_bytes(content: Any) -> bytes:
-    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode("ascii")

@@ -6,7 +6,6 @@ Version 3.0 has many episodes in a file and describes them in Parquet; 2.1 has a
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -61,8 +60,10 @@ def write_meta(folder: DatasetFolder, work: EpisodeWork, info: dict[str, Any]) -
     folder.write(meta / "info.json", [(json.dumps(info, indent=4) + "\n").encode()])
     if work.layout == "v2.1":
         folder.write(meta / "tasks.jsonl", [_line({"task_index": 0, "task": sentence})])
-        folder.write(meta / "episodes.jsonl", _episode_lines(folder, sentence))
-        folder.write(meta / "episodes_stats.jsonl", _stats_lines(folder))
+        lengths, figures = (folder.rows("episodes", ("episode_index", name)) for name in ("length", "stats"))
+        episodes = ({"episode_index": r["episode_index"], "tasks": [sentence], "length": r["length"]} for r in lengths)
+        folder.write(meta / "episodes.jsonl", map(_line, episodes))
+        folder.write(meta / "episodes_stats.jsonl", (_line(r | {"stats": json.loads(r["stats"])}) for r in figures))
         return
     tasks = sheet_bytes([{"task_index": 0, "task": sentence}], {"task_index": WHOLE, "task": TEXT}, index="task")
     folder.write(meta / "tasks.parquet", [tasks])
@@ -134,16 +135,6 @@ class _Together:
     def stats(self) -> dict[str, list[float]]:
         """Those of all episodes that were joined."""
         return {kind: values.tolist() for kind, values in self._kept.items()} | {"count": [self._count]}
-
-
-def _episode_lines(folder: DatasetFolder, sentence: str) -> Iterator[bytes]:
-    for row in folder.rows("episodes", ("episode_index", "length")):
-        yield _line({"episode_index": row["episode_index"], "tasks": [sentence], "length": row["length"]})
-
-
-def _stats_lines(folder: DatasetFolder) -> Iterator[bytes]:
-    for row in folder.rows("episodes", ("episode_index", "stats")):
-        yield _line({"episode_index": row["episode_index"], "stats": json.loads(row["stats"])})
 
 
 def _line(content: dict[str, Any]) -> bytes:

@@ -252,11 +252,13 @@ def recertify(
         problems.append(f"{motions[0].name}: {elsewhere}")
     proven = []
     for before, motion, segment, request in zip([None, *motions], motions, segments, requests, strict=False):
-        exempt, refused = _exempt(before, motion, named, _overlap_of(request))
+        overlap = MAX_OVERLAP if request is None else request.start_overlap
+        exempt, refused = _exempt(before, motion, named, overlap)
         refused = [*_exceeded_limits(motion, _pace(segment, request)), *refused]
         trails = (Trail(), Trail()) if tracing else ()
         try:
-            kept = _constraints(motion, request)
+            asked_to_keep = () if request is None else request.constraints
+            kept = kept_in(motion.scene, (*motion.result.constraints, *asked_to_keep))
             certificate = _certificate(motion, exempt, kept, lenient, padding, trails, whole=len(claims) > 1)
         except InvalidRequest as error:
             problems += [f"{motion.name}: {text}" for text in (error, *refused)]
@@ -369,12 +371,6 @@ def _asking(segment: Segment) -> Origin | None:
     return origin if origin is not None and (origin.request is not None or origin.pace is not None) else None
 
 
-def _constraints(motion: TaskMotion, request: PlanRequest | None) -> tuple[Constraint, ...]:
-    """The constraints that a motion has to keep, by its result and by its request; InvalidRequest for more than 16."""
-    asked = () if request is None else request.constraints
-    return kept_in(motion.scene, (*motion.result.constraints, *asked))
-
-
 def _exceeded_limits(motion: TaskMotion, requested: Pace | None) -> list[str]:
     """Which limits a motion exceeds, where and by how much."""
     robot, trajectory = motion.robot, motion.trajectory
@@ -413,11 +409,6 @@ def _exceeded_torques(motion: TaskMotion, pace: Pace) -> list[str]:
         for peak in found
         if not peak.ratio <= 1.0 + EXCESS - BETWEEN + LIMIT_SLACK
     ]
-
-
-def _overlap_of(request: PlanRequest | None) -> float:
-    """Metres by which pairs may overlap where the first motion begins."""
-    return MAX_OVERLAP if request is None else request.start_overlap
 
 
 def _exempt(

@@ -372,7 +372,8 @@ class PlanningServer:
             raise
         except InvalidRequest as error:  # it is too large, or there are too many roadmaps
             logger.error("the answer to %s cannot be kept: %s", job.id, error)
-            state, answer = State.REFUSED, _not_kept(error)
+            problem = Problem("not-kept", problem_of(error).detail)
+            state, answer = State.REFUSED, Answer(problem.content, False, "NOT_KEPT", refused=True)
             self._keep(job, state, answer)
         self.metrics.ended(job.kind, time.monotonic() - ended.live.began, answer)
         self._say(ended.live, "state", {"state": _shown(state)}, StoredAnswer(answer.content, answer.refused))
@@ -431,7 +432,7 @@ class PlanningServer:
             ending = Ending.LOST if found.state is State.LOST else Ending.CANCELLED
             content = unrun(Assignment(job, ""), self._world, ending).content
             return StoredAnswer(content, True)
-        return StoredAnswer(content, _is_problem(content))
+        return StoredAnswer(content, content.startswith(b'{"type": "urn:problem-type:planner-service:'))
 
     def pending(self, job: str) -> asyncio.Future[StoredAnswer | None] | None:
         """Gets the answer of a job, None if the server stops before; None for a job that has ended."""
@@ -570,11 +571,6 @@ def _refusal(error: InvalidRequest) -> Answer:
     return Answer(problem_of(error).content, False, "DAMAGED", refused=True)
 
 
-def _not_kept(error: InvalidRequest) -> Answer:
-    """What is kept instead of an answer that cannot be."""
-    return Answer(Problem("not-kept", problem_of(error).detail).content, False, "NOT_KEPT", refused=True)
-
-
 def _planners(body: Any) -> list[Any]:
     """The planners that a body names."""
     requests = [body, getattr(body, "request", None), getattr(getattr(body, "handling", None), "request", None)]
@@ -584,10 +580,6 @@ def _planners(body: Any) -> list[Any]:
 
 def _scene_document(scene: Scene) -> bytes:
     return json.dumps(SceneRecord.of(scene).document(), allow_nan=False).encode("ascii")
-
-
-def _is_problem(content: bytes) -> bool:
-    return content.startswith(b'{"type": "urn:problem-type:planner-service:')
 
 
 def _shown(state: State) -> str:
