@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, items, whole
@@ -135,7 +135,10 @@ def configurations_at(
     chain = ToolChain.of(robot, still)
     given = [chain.of_whole(q) for q in seeds]
     if robot.inverse == "wxai":
-        solutions = tool_arm(chain.robot).solve([*pose.position, *pose.quaternion], given)
+        try:
+            solutions = tool_arm(chain.robot).solve([*pose.position, *pose.quaternion], given)
+        except RuntimeError as off:  # forward kinematics says otherwise
+            raise BrokenInvariant(f"{off}, of {robot.name!r} for {pose}") from None
     else:
         solutions = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
     found = chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers, whole
@@ -212,7 +212,10 @@ def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> T
     if begin == end:
         return ToolLine(q[np.newaxis], 1.0, fractions=np.zeros(1))
     first, last = ([*pose.position, *pose.quaternion] for pose in (begin, end))
-    waypoints, fractions, stop, beyond = tool_arm(robot).walk(first, last, q, points)
+    try:
+        waypoints, fractions, stop, beyond = tool_arm(robot).walk(first, last, q, points)
+    except RuntimeError as off:  # forward kinematics says otherwise
+        raise BrokenInvariant(f"{off}, of {robot.name!r} from {begin} to {end}") from None
     if stop is None:
         return ToolLine(waypoints, 1.0, fractions=np.array(fractions))
     other = np.array(beyond) if beyond else None
