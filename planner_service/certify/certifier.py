@@ -360,7 +360,7 @@ class Certifier:
         self.motion = Motion(robot, self.listed)
         self.prover = Prover(self.motion)
         self._bounds = robot.bounds[0] - LIMIT_SLACK, robot.bounds[1] + LIMIT_SLACK
-        self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
+        self._whole = _rows(self.listed.roots)
 
     def certify(
         self,
@@ -432,7 +432,7 @@ class Certifier:
             return Certificate(
                 -math.inf, 0, padding, stretches, kept, checked_part, self._allowed, contacts=self._contacts
             )
-        roots = self._roots(judged, stretches)
+        roots = self._roots(judged, stretches, one_by_one=trail is not None)
         proof = self.prover.prove(curve, padding + MARGIN, roots, charge, tracing=trail is not None)
         parts = [proof]
         for depth in sorted({stretch.depth for stretch in stretches if stretch.depth is not None}, reverse=True):
@@ -447,7 +447,7 @@ class Certifier:
         obstruction, refusal, clearance = parts[-1].obstruction, None, _floored(proof.proven)
         bounds = sum(part.bounds for part in parts)
         if obstruction is not None:
-            names, clearance = self.listed.names(obstruction.pair), -math.inf
+            names, clearance = self._nearest(obstruction, curve), -math.inf
             refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
         allowed, contacts = self._allowed, self._contacts
         return Certificate(clearance, bounds, padding, stretches, refusal, checked_part, allowed, kept, contacts)
@@ -516,21 +516,22 @@ class Certifier:
         self._check_exempt(length, stretches)
         return self._roots((0.0, length), stretches)
 
-    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval]) -> Roots:
-        """The same of a part of a path."""
+    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval], *, one_by_one: bool = False) -> Roots:
+        """The same of a part of a path; ``one_by_one`` without bundles of several obstacles."""
         spans: dict[Span, int] = {judged: 0}
         cuts: dict[frozenset[str], list[Span]] = {}
         for interval in exempt:
             for names in interval.pairs:
                 cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, judged[1])))
+        whole, rows_of = self._opened(None if one_by_one else frozenset(cuts))
         parts, after = [], 0
-        for row in sorted(row for names in cuts for row in self._rows_of.get(names, ())):
-            pair = int(self._whole[row, 0])
+        for row in sorted(row for names in cuts for row in rows_of.get(names, ())):
+            pair = int(whole[row, 0])
             left = _left_over(judged, cuts[frozenset(self.listed.names(pair))])
             numbered = [(pair, spans.setdefault(span, len(spans))) for span in left]
-            parts += [self._whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
+            parts += [whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
             after = row + 1
-        return Roots(list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole)
+        return Roots(list(spans), np.concatenate([*parts, whole[after:]]) if parts else whole)
 
     def _overlapping(self, judged: Span, exempt: Sequence[ExemptInterval]) -> Roots:
         """What stretches with a depth say of the pairs that they name.
@@ -541,21 +542,45 @@ class Certifier:
         """
         spans: dict[Span, int] = {}
         rows: set[tuple[int, int]] = set()
+        whole, rows_of = self._opened(frozenset(frozenset(names) for interval in exempt for names in interval.pairs))
         for interval in exempt:
             span = max(interval.s_start, judged[0]), min(interval.s_end, judged[1])
             if span[0] <= span[1]:
                 number = spans.setdefault(span, len(spans))
-                named = (row for names in interval.pairs for row in self._rows_of.get(frozenset(names), ()))
-                rows |= {(int(self._whole[row, 0]), number) for row in named}
+                named = (row for names in interval.pairs for row in rows_of.get(frozenset(names), ()))
+                rows |= {(int(whole[row, 0]), number) for row in named}
         return Roots(list(spans), np.array(sorted(rows), dtype=np.intp).reshape(-1, 2))
+
+    def _opened(self, named: frozenset[frozenset[str]] | None) -> tuple[IntArray, dict[frozenset[str], list[int]]]:
+        """Rows of all roots, those of pairs of names one by one, and which of them have the pairs of two names.
+
+        None opens all bundles of several obstacles.
+        """
+        roots = self.listed.opened(named) if named is None or named else self.listed.roots
+        if roots is self.listed.roots or np.array_equal(roots, self.listed.roots):
+            return self._whole, self._rows_of
+        return _rows(roots), self._by_names(roots)
 
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:
         """Which rows of the roots have the pairs of two names."""
+        return self._by_names(self.listed.roots)
+
+    def _by_names(self, roots: IntArray) -> dict[frozenset[str], list[int]]:
         rows: dict[frozenset[str], list[int]] = {}
-        for row, pair in enumerate(self.listed.roots.tolist()):
-            rows.setdefault(frozenset(self.listed.names(pair)), []).append(row)
+        for row, pair in enumerate(roots.tolist()):
+            if not self.listed.is_crowd(pair):
+                rows.setdefault(frozenset(self.listed.names(pair)), []).append(row)
         return rows
+
+    def _nearest(self, obstruction: Obstruction, curve: JointPath) -> tuple[str, str]:
+        """The names of the pair that is obstructed; in a bundle of several obstacles, of the nearest there."""
+        pair = obstruction.pair
+        if self.listed.is_crowd(pair):
+            q = np.asarray(curve(np.array([obstruction.s])))
+            _, pairs, found = self.prover.near(q, np.array([pair]), math.inf)
+            pair = int(pairs[int(found.gaps.argmin())]) if len(pairs) else pair
+        return self.listed.names(pair)
 
     def _configuration(self, name: str, q: ArrayLike) -> FloatArray:
         values = numbers(name, q, f"{self.robot.n} joint values")
@@ -581,6 +606,11 @@ class Certifier:
                 raise InvalidRequest("exempt", stretch, f"0 <= s_start <= s_end <= {length:.12g}")
             for name in (name for pair in interval.pairs for name in pair):
                 self.listed.check_name("link or object", name)
+
+
+def _rows(roots: IntArray) -> IntArray:
+    """Roots on the first span."""
+    return np.stack([roots, np.zeros_like(roots)], axis=1)
 
 
 def certify(

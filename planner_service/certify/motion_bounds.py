@@ -188,6 +188,7 @@ class Motion:
         limits: Of q, lower and upper, (2, n).
         first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
         children, roots: Of the pairs, as ``ProofPairs`` has them.
+        numbers: Of pieces, as ``ProofPairs`` has them.
         riding: How many pieces ride.
         fixed: World poses of those that do not, (3, 4, k).
         depth: How many joints move the piece that most joints move.
@@ -207,6 +208,7 @@ class Motion:
         self._steps[:, self._rides] = arm.steps[:, self.first[self._rides], self.second[self._rides]]
         self.children: IntArray = listed.children
         self.roots: IntArray = listed.roots
+        self.numbers: IntArray = listed.numbers
 
     @property
     def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:

@@ -7,16 +7,16 @@ in space makes them small; that each holds all its pieces is worked out here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
 
 from planner_service.certify.separation import Solids, centre_of
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.composite import Composite, Pieces, Solid
 from planner_service.geometry.shapes import Box, Shape
 from planner_service.geometry.validation import MAX_LENGTH
@@ -27,10 +27,13 @@ __all__ = ["FIXED", "MANY", "Bundle", "Frame", "Piece", "ProofPairs", "bundled",
 
 
 MANY = 64
-"""Pieces from which on an obstacle is bundled."""
+"""Pieces from which on an obstacle is bundled; and pieces of other obstacles from which on these are, together."""
 
-FAN = 8
-"""Pieces or bundles in a bundle."""
+LARGE = 0.125
+"""Part of the length of all obstacles beyond which one of them is in no common bundle: it would make many large."""
+
+FAN, FAN_OF_CROWD = 8, 3
+"""Pieces or bundles in a bundle, of one obstacle and of several: those are tight enough for three to be cheaper."""
 
 ROUNDING = 1e-9
 """Metres by which a bundle is larger than what it holds: far above rounding."""
@@ -38,11 +41,11 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A box around some pieces or bundles of one obstacle.
+    """A box around some pieces or bundles of one obstacle, or of several that stand in the world.
 
     Attributes:
         number: Its number as a piece.
-        box, frame: The box, and where it is in the obstacle, the first three rows of a homogeneous matrix.
+        box, frame: The box, and where it is in the obstacle or world, the first three rows of a homogeneous matrix.
         first, count: The pieces in it: the number of the first, and how many follow each other.
     """
 
@@ -53,18 +56,19 @@ class Bundle:
     count: int
 
 
-def bundled(pieces: Pieces, first: int, number: int) -> list[Bundle]:
-    """The bundles of an obstacle, what is in a bundle before it; the last holds everything, or would be beyond 1 km.
+def bundled(pieces: Pieces, first: int, number: int, fan: int = FAN) -> list[Bundle]:
+    """The bundles of pieces, what is in a bundle before it; the last holds everything, or would be beyond 1 km.
 
     Args:
-        first: The number of the obstacle's first piece.
+        first: The number of the first piece.
         number: The number of the first bundle.
+        fan: Pieces or bundles in a bundle.
     """
     low, high = _extents(pieces)
     out: list[Bundle] = []
     while len(low) > 1:
-        starts = np.arange(0, len(low), FAN)
-        ends = np.minimum(starts + FAN, len(low))
+        starts = np.arange(0, len(low), fan)
+        ends = np.minimum(starts + fan, len(low))
         low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
         if float((high - low).max()) + 2.0 * ROUNDING > MAX_LENGTH:  # no box is so large
             break
@@ -85,6 +89,29 @@ def _extents(pieces: Pieces) -> tuple[FloatArray, FloatArray]:
     centres = R[:, :, 0] * x[:, None] + R[:, :, 1] * y[:, None] + R[:, :, 2] * z[:, None] + t
     axes = R.transpose(1, 2, 0)  # the obstacle's axes in those of each piece, one after the other
     return centres - solids.extent(-axes).T, centres + solids.extent(axes).T
+
+
+def _in_blocks(points: FloatArray) -> list[int]:
+    """An order of points (k, 3) in which the blocks that ``bundled`` makes of a crowd are small.
+
+    They are parted again and again across the longest side of the box around them, about in the middle, each time
+    between two of the largest blocks there are.
+    """
+    out, parts = list[int](), [np.arange(len(points))]
+    while parts:
+        part = parts.pop()
+        block = FAN_OF_CROWD
+        if len(part) <= block:
+            out += part.tolist()
+            continue
+        while block * FAN_OF_CROWD < len(part):
+            block *= FAN_OF_CROWD
+        there = points[part]
+        axis = int((there.max(axis=0) - there.min(axis=0)).argmax())
+        part = part[there[:, axis].argsort(kind="stable")]
+        middle = max(1, round(len(part) / 2 / block)) * block
+        parts += [part[middle:], part[:middle]]
+    return out
 
 
 Owner = tuple[str, str]
@@ -117,12 +144,16 @@ class ProofPairs:
     bodies; a held object also against the body that holds it. Not judged: pieces of one owner, two held objects, whose
     relative pose cannot change, contacts that the robot allows, a held object and its touch links, and ``allowed``.
 
-    Pieces of an obstacle of many are bundled: a pair with a bundle is apart if all its children are.
+    Pieces of an obstacle of many are bundled, and so is a crowd of obstacles of few that nothing may touch: a pair with
+    a bundle is apart if all its children are.
 
     Attributes:
         riding: Pieces of the robot and what it holds.
-        standing: Pieces of obstacles, numbered after these, then the bundles.
+        standing: Pieces of obstacles, numbered after these, those of the crowd last and neighbours in space behind each
+            other; then the bundles.
+        numbers: Of each piece without the bundles, its number if obstacles were in the order of the scene.
         pairs: (p, 2) numbers of pieces, the first of each riding; those with a bundle last.
+        crowd: The pieces of the crowd.
         judged: How many have no bundle: these are what must be apart.
         children: For each pair the first of its children, which follow each other, and how many, (p, 2).
         roots: Pairs that are nobody's children, (r,).
@@ -140,34 +171,104 @@ class ProofPairs:
             solid = _pieces(a.shape, frame)
             riding += [Piece(("object", a.name), robot.tool_body, shape, at, held=True) for shape, at in solid]
         self.riding = tuple(riding)
-        standing: list[Piece] = []
-        self._obstacles: list[range] = []
-        for o in scene.obstacles:
-            first = len(riding) + len(standing)
-            standing += [
-                Piece(("object", o.name), FIXED, shape, at) for shape, at in _pieces(o.shape, _frame(o.pose.matrix))
-            ]
-            self._obstacles.append(range(first, len(riding) + len(standing)))
-        self._trees: dict[range, list[Bundle]] = {}
-        for o, numbers in zip(scene.obstacles, self._obstacles, strict=True):
-            if isinstance(o.shape, Composite) and len(numbers) >= MANY:
-                tree = bundled(o.shape.pieces, numbers.start, len(riding) + len(standing))
-                at = _frame(o.pose.matrix)
-                standing += [Piece(("object", o.name), FIXED, each.box, _times(at, each.frame)) for each in tree]
-                if tree:
-                    self._trees[numbers] = tree
-        self.standing = tuple(standing)
-        self._pieces = self.riding + self.standing
         self._twice = robot.links & frozenset(scene.names)
-        self._called = {self._label(piece.owner): piece.owner for piece in self._pieces}
+        owners = [piece.owner for piece in riding] + [("object", o.name) for o in scene.obstacles]
+        self._called = {self._label(owner): owner for owner in owners}
         self.owners = frozenset(self._called)
         self._may_touch = self._contacts(robot, scene, allowed)
+        self._obstacles: list[range] = []
+        self.crowd = range(0)
+        self._trees: dict[range, list[Bundle]] = {}
+        self.standing, self.numbers = self._stand(scene)
+        self._pieces = self.riding + self.standing
         self.pairs, self.children = self._listed()
         self.judged = int((self.children[:, 1] == 0).sum())
-        child = np.zeros(len(self.pairs), dtype=bool)
-        for first, count in self.children[self.judged :].tolist():
-            child[first : first + count] = True
-        self.roots: IntArray = np.flatnonzero(~child)
+        self._parents = np.full(len(self.pairs), -1, dtype=np.intp)
+        for pair, (first, count) in enumerate(self.children[self.judged :].tolist(), start=self.judged):
+            self._parents[first : first + count] = pair
+        self.roots: IntArray = np.flatnonzero(self._parents < 0)
+
+    def _stand(self, scene: Scene) -> tuple[tuple[Piece, ...], IntArray]:
+        """Pieces of obstacles and then their bundles, and the numbers of all pieces in the order of the scene."""
+        begin = len(self.riding)
+        solids = [list(_pieces(o.shape, _frame(o.pose.matrix))) for o in scene.obstacles]
+        starts = np.cumsum([begin, *map(len, solids)]).tolist()
+        crowd = self._crowd(scene, solids)
+        standing, numbers = list[Piece](), list(range(begin))
+        trees = list[tuple[range, Pieces, Frame | None, int]]()
+        for k, o in enumerate(scene.obstacles):
+            if k in crowd:
+                continue
+            first = begin + len(standing)
+            standing += [Piece(("object", o.name), FIXED, shape, at) for shape, at in solids[k]]
+            numbers += range(starts[k], starts[k + 1])
+            self._obstacles.append(range(first, begin + len(standing)))
+            if isinstance(o.shape, Composite) and len(solids[k]) >= MANY:
+                trees.append((self._obstacles[-1], o.shape.pieces, _frame(o.pose.matrix), FAN))
+        if crowd:
+            first = begin + len(standing)
+            gathered = _gathered([piece for k in crowd for piece in solids[k]])
+            owners = [(k, starts[k] + j) for k in crowd for j in range(len(solids[k]))]
+            order = _in_blocks(np.sum(_extents(gathered), axis=0))
+            for each in order:
+                k, number = owners[each]
+                shape, at = solids[k][number - starts[k]]
+                standing.append(Piece(("object", scene.obstacles[k].name), FIXED, shape, at))
+                numbers.append(number)
+            self.crowd = range(first, begin + len(standing))
+            self._obstacles.append(self.crowd)
+            ordered = Pieces(tuple(gathered.shapes[k] for k in order), gathered.frames[order])
+            trees.append((self.crowd, ordered, None, FAN_OF_CROWD))
+        for run, pieces, at, fan in trees:
+            tree = bundled(pieces, run.start, begin + len(standing), fan)
+            owner = standing[run.start - begin].owner
+            standing += [Piece(owner, FIXED, b.box, b.frame if at is None else _times(at, b.frame)) for b in tree]
+            if tree:
+                self._trees[run] = tree
+        return tuple(standing), np.array(numbers, dtype=np.intp)
+
+    def _crowd(self, scene: Scene, solids: Sequence[Sequence[tuple[Shape, Frame]]]) -> list[int]:
+        """Obstacles of few pieces, none of them large, that nothing may touch, if together they have many."""
+        touched = {owner for pair in self._may_touch for owner in pair}
+        few = [k for k, o in enumerate(scene.obstacles) if ("object", o.name) not in touched and len(solids[k]) < MANY]
+        if sum(len(solids[k]) for k in few) < MANY:
+            return []
+        low, high = _extents(_gathered([piece for k in few for piece in solids[k]]))
+        small = (high - low).max(axis=1) <= LARGE * float((high.max(axis=0) - low.min(axis=0)).max())
+        ends = np.cumsum([len(solids[k]) for k in few]).tolist()
+        crowd = [k for k, end in zip(few, ends, strict=True) if small[end - len(solids[k]) : end].all()]
+        return crowd if sum(len(solids[k]) for k in crowd) >= MANY else []
+
+    def opened(self, pairs: Iterable[frozenset[str]] | None) -> IntArray:
+        """The roots, with those bundles of the crowd opened that hold a pair of these names, or all of them if None."""
+        if self.crowd not in self._trees:
+            return self.roots
+        bundle = self._bundles_of_crowd
+        if pairs is None:
+            open_bundles = bundle.copy()
+        else:
+            named = frozenset(pairs)
+            owners = {name for pair in named for name in pair}
+            holders = [k for k, piece in enumerate(self.riding) if self._label(piece.owner) in owners]
+            held = [k for k in self.crowd if self._label(self._pieces[k].owner) in owners]
+            rows = np.flatnonzero(np.isin(self.pairs[:, 0], holders) & np.isin(self.pairs[:, 1], held))
+            open_bundles = np.zeros(len(self.pairs), dtype=bool)
+            up = self._parents[[row for row in rows.tolist() if frozenset(self.names(row)) in named]]
+            while len(up := np.unique(up[up >= 0])):
+                open_bundles[up] = True
+                up = self._parents[up]
+        above = np.where(self._parents < 0, True, open_bundles[self._parents])
+        return np.flatnonzero(above & ~open_bundles)
+
+    @cached_property
+    def _bundles_of_crowd(self) -> BoolArray:
+        """Which pairs are with a bundle of the crowd."""
+        numbers = [each.number for each in self._trees.get(self.crowd, ())]
+        return np.isin(self.pairs[:, 1], numbers)
+
+    def is_crowd(self, pair: int) -> bool:
+        """Whether it is with a bundle of several obstacles."""
+        return bool(self._bundles_of_crowd[pair])
 
     def check_name(self, kind: str, name: str) -> None:
         """Raise unless that is what one link or object with a piece here is called."""
@@ -177,7 +278,7 @@ class ProofPairs:
             raise UnknownName(kind, name, self.owners)
 
     def names(self, pair: int) -> tuple[str, str]:
-        """What the owners of a pair are called."""
+        """What the owners of a pair are called; of the first pair in a bundle of several obstacles."""
         first, second = self.pairs[pair].tolist()
         return self._label(self._pieces[first].owner), self._label(self._pieces[second].owner)
 
@@ -250,6 +351,13 @@ class ProofPairs:
         if not (a.body > 0 if b.body == FIXED else a.body != b.body or a.held != b.held):
             return False
         return a.owner != b.owner and (a.owner, b.owner) not in self._may_touch
+
+
+def _gathered(pieces: Sequence[tuple[Shape, Frame]]) -> Pieces:
+    """Shapes and their frames in the world."""
+    frames = np.zeros((len(pieces), 4, 4))
+    frames[:, :3], frames[:, 3, 3] = np.array([frame for _, frame in pieces]).reshape(-1, 3, 4), 1.0
+    return Pieces(tuple(shape for shape, _ in pieces), frames)
 
 
 @lru_cache(maxsize=16)

@@ -178,8 +178,8 @@ def _pieces(motion: Motion, pair: int) -> tuple[int, int, int]:
         low = int(motion.children[low, 0])
     while motion.children[high, 1]:
         high = int(motion.children[high].sum()) - 1
-    begin = int(motion.second[low])
-    return int(motion.first[pair]), begin, int(motion.second[high]) - begin + 1
+    begin, end = motion.numbers[motion.second[[low, high]]].tolist()
+    return int(motion.first[pair]), begin, end - begin + 1
 
 
 def boxes_of(scene: Scene) -> Iterator[tuple[str, str]]:

@@ -6,13 +6,14 @@ The second opinion is the same code without any such box, which other laws hold 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
-from planner_service.certify import Certifier, ExemptInterval, pairs
+from planner_service.certify import Certifier, ExemptInterval, Trail, pairs
 from planner_service.collision import CollisionChecker, MotionStep
 from planner_service.collision import pairs as parts
 from planner_service.errors import InvalidRequest
@@ -170,6 +171,79 @@ def test_a_proof_about_bundles_is_one_about_their_pieces(name: str, seed: int) -
                 assert checker.edge_is_free(*path)
                 for q in path[0] + setup.rng.random((10, 1)) * (path[1] - path[0]):
                     assert bare.clearance(q) >= one.clearance - 1e-9
+
+
+def among_many(name: str, seed: int) -> Crowded:
+    """The same among 70 to 200 small obstacles of all kinds, some of which may be touched, and a large one."""
+    setup = Crowded(name, seed)
+    rng, reach = np.random.default_rng(seed), REACH[name]
+    small = list[Obstacle]()
+    for k in range(int(rng.integers(70, 200))):
+        solid = shape(rng, 0.03 * reach)
+        parts = ((solid, Pose()), (shape(rng, 0.02 * reach), turned(rng, 0.04 * reach)))
+        way = rng.normal(size=3)
+        place = way / math.sqrt(float((way * way).sum())) * reach * rng.uniform(0.5, 2.5)
+        small.append(Obstacle(f"small {k}", Compound(parts) if k % 9 == 0 else solid, Pose(tuple(place.tolist()))))
+    floor = Obstacle("floor", Box((4.0 * reach, 4.0 * reach, 0.1)), Pose((0.0, 0.0, -1.2 * reach)))
+    setup.scene = Scene((*setup.scene.obstacles[:1], *small, floor), setup.scene.attached)
+    links = sorted({s.link for s in setup.robot.shapes})
+    setup.allowed = tuple((str(rng.choice(links)), f"small {k}") for k in rng.choice(60, 5, replace=False))
+    return setup
+
+
+@pytest.mark.parametrize(("name", "seed"), SETUPS)
+def test_a_proof_about_many_obstacles_is_one_about_each(name: str, seed: int) -> None:
+    setup = among_many(name, seed)
+    together = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+    with one_by_one():
+        plain = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+        checker = setup.checker()
+    assert len(together.listed.crowd) > 60
+    judged = [Counter(each.listed.names(k) for k in range(each.listed.judged)) for each in (together, plain)]
+    assert judged[0] == judged[1]
+    assert np.array_equal(np.sort(together.listed.numbers), plain.listed.numbers)
+    for path in short_paths(setup, checker, 8):
+        near = sorted(together.overlaps(path[:1] + 0.03 * setup.rng.normal(size=(1, setup.robot.n)))[0])
+        names = [*setup.rng.choice(sorted(together.listed.owners), (2, 2), replace=False).tolist(), *near[:3]]
+        names += [(link, f"small {k}") for k, link in enumerate({s.link for s in setup.robot.shapes})]
+        length = math.dist(*path)
+        for part in ((), (ExemptInterval(0.0, 0.6 * length, tuple((a, b) for a, b in names), ""),)):
+            one = together.certify(path, padding=setup.padding, exempt=part)
+            two = plain.certify(path, padding=setup.padding, exempt=part)
+            assert one.certified == two.certified
+            if one.certified:
+                assert min(one.clearance, 0.1) >= 0.8 * min(two.clearance, 0.1)
+            elif one.refusal is not None and two.refusal is not None:
+                assert (one.refusal.a, one.refusal.b) in judged[0]
+        trail = Trail()
+        one, two = together.certify(path, trail=trail), plain.certify(path, trail=(other := Trail()))
+        assert (one.certified, len(trail.leaves) > 0) == (two.certified, len(other.leaves) > 0)
+
+
+def test_names_of_one_obstacle_in_a_crowd_open_no_more_than_its_bundles() -> None:
+    setup = among_many("wxai", 0)
+    listed = Certifier(setup.robot, setup.scene).listed
+    pair = next(k for k in range(listed.judged) if listed.pairs[k, 1] in listed.crowd)
+    roots = set(listed.opened([frozenset(listed.names(pair))]).tolist())
+    assert pair in roots
+    assert len(roots) < len(listed.roots) + 4 * 8
+    everything = listed.opened(None)
+    assert set(everything.tolist()) >= {k for k in range(listed.judged) if listed.pairs[k, 1] in listed.crowd}
+    assert not any(listed.is_crowd(k) for k in everything.tolist())
+
+
+def test_to_exempt_one_obstacle_exempts_none_of_its_bundle() -> None:
+    setup = among_many("wxai", 0)
+    checker = setup.checker()
+    for path in short_paths(setup, checker, 6):
+        middle = tuple(setup.robot.tool_pose(0.5 * (path[0] + path[1]))[:3, 3].tolist())
+        scene = Scene((*setup.scene.obstacles, Obstacle("hit", Sphere(0.05), Pose(middle))), setup.scene.attached)
+        certifier = Certifier(setup.robot, scene)
+        listed = certifier.listed
+        firsts = {listed.names(k) for k in range(len(listed.pairs)) if listed.is_crowd(k)}
+        others = tuple((a, b) for a, b in firsts if "hit" not in (a, b))
+        exempt = [ExemptInterval(0.0, math.dist(*path), others, "")]
+        assert (certifier.certify(path).certified, certifier.certify(path, exempt=exempt).certified) == (False, False)
 
 
 def cloud(x: float) -> Obstacle:

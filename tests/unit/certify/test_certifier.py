@@ -246,7 +246,7 @@ def test_allowed_pairs_that_are_no_pairs_of_names_are_refused() -> None:
             Certifier(PLANAR, DISCS, allowed=allowed)
 
 
-def test_thousands_of_far_obstacles_cost_one_bound_for_each_pair() -> None:
+def test_thousands_of_far_obstacles_cost_less_than_a_bound_each() -> None:
     rng = np.random.default_rng(0)
     directions = rng.standard_normal((3000, 3))
     places = 4.0 * directions / np.linalg.norm(directions, axis=1)[:, None]
@@ -255,13 +255,13 @@ def test_thousands_of_far_obstacles_cost_one_bound_for_each_pair() -> None:
     path = np.array([[0.0, 0.0], [-0.6, 0.3]])
     near, found = Certifier(PLANAR, DISCS).certify(path), certifier.certify(path)
     assert found.certified
-    assert found.clearance <= near.clearance
-    assert found.distances == near.distances + 2 * len(far)
+    assert found.clearance >= 0.75 * near.clearance
+    assert found.distances <= near.distances + len(far)
 
 
 def test_a_long_compiled_proof_can_be_stopped_every_few_milliseconds() -> None:
     rng = np.random.default_rng(1)
-    places = rng.uniform(-0.4, 0.4, (9_000, 3)) + np.array([1.95, 0.0, 0.0])
+    places = rng.uniform(-0.4, 0.4, (9_000, 3)) + np.array([1.45, 0.0, 0.0])
     near = tuple(Obstacle(f"near_{k}", Sphere(0.001), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
     calls: list[int] = []
     found = Certifier(PLANAR, Scene(near)).certify(JointPath(SWEEP), charge=calls.append)
