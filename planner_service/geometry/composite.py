@@ -22,7 +22,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks, frozen, read_only, set_fields
 from planner_service.geometry.decomposition import pieces_of_file
-from planner_service.geometry.point_files import MAX_POINTS, Scan, read_array, read_scan
+from planner_service.geometry.scans import MAX_POINTS, Scan, read_array, read_scan
 from planner_service.geometry.shapes import Box, Pose, Shape
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, items, number, numbers, points_of, vectors
 

@@ -23,7 +23,7 @@ from planner_service.files.reading import as_path
 from planner_service.files.schema import Record, Text
 from planner_service.files.writing import write_whole
 from planner_service.geometry.arrays import frozen
-from planner_service.geometry.point_files import arrays_of
+from planner_service.geometry.scans import arrays_of
 from planner_service.geometry.validation import in_file
 from planner_service.roadmap.graph import Graph
 from planner_service.roadmap.roadmap import Built, Roadmap

@@ -10,7 +10,7 @@ from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud,
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MESH_SUFFIXES, has_faces
-from planner_service.geometry.point_files import TREES
+from planner_service.geometry.scans import TREES
 from planner_service.geometry.shapes import Pose
 from planner_service.scene.scene import Obstacle, Scene
 

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry.composite import PointCloud
 from planner_service.geometry.mesh_formats import read_triangles
-from planner_service.geometry.point_files import read_scan
+from planner_service.geometry.scans import read_scan
 from tests.support.fuzz import changed
 
 POINTS = np.array([(0.125, 0.25, 0.375), (-1.5, 2.0, 0.25), (0.0, -0.5, 1.0), (4.0, 0.5, 0.125)], dtype=np.float32)

@@ -23,8 +23,8 @@ from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
-from planner_service.geometry.octomap import octree_cells
-from planner_service.geometry.pcd import pcd_points
+from planner_service.geometry.scans.octomap import octree_cells
+from planner_service.geometry.scans.pcd import pcd_points
 from planner_service.geometry.validation import in_file
 
 __all__ = ["MAX_POINTS", "POINT_SUFFIXES", "TREES", "Scan", "arrays_of", "read_array", "read_scan"]
