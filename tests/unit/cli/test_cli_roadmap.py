@@ -130,6 +130,13 @@ def test_a_query_in_a_changed_scene_says_what_changed_and_how_many_edges_fell(th
     assert told["result"]["certificate"]["clearance"] > 0.0
 
 
+def test_less_padding_leaves_known_what_was_free(there: Path) -> None:
+    words = done("query", there, *ENDS, "--padding", "0.0005")
+    assert "not as the roadmap was built: the padding, 1 mm in the roadmap; free edges stay valid" in words
+    words = done("query", there, *ENDS, "--padding", "0.002")
+    assert "the padding, 1 mm in the roadmap; edges are checked again where a path needs them" in words
+
+
 def test_an_update_judges_again_what_a_change_may_have_touched_and_nothing_else(there: Path, moved: Path) -> None:
     before = Roadmap.load(there)
     words = done("update", there, "--scene", moved)
