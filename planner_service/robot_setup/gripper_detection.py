@@ -398,7 +398,15 @@ def _rounded(widths: tuple[float, float]) -> tuple[float, float]:
 
 
 def _unit(direction: FloatArray) -> FloatArray:
-    return direction / np.linalg.norm(direction)
+    """The unit vector of a direction.
+
+    Raises:
+        NoGripper: there is none.
+    """
+    length = float(np.linalg.norm(direction))
+    if not length > TOUCHING:
+        raise NoGripper("its fingers, or a finger and its joint, are at one place")
+    return direction / length
 
 
 def _array(direction: Vector) -> FloatArray:

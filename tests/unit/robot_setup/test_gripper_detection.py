@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from planner_service.errors import InvalidRequest
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.loading import load_robot
@@ -111,3 +112,11 @@ def test_import_writes_it_and_knows_pairs_with_fingers_at_every_opening(tmp_path
     assert frozenset(("left", "right")) in judged  # joints where the table was worked out
     kept = import_robot(Source(tmp_path / "gripping.urdf", locked_joints={"slide_left": 0.0}), tmp_path / "locked")
     assert kept.robot.gripper is None
+
+
+def test_a_jaw_around_its_own_axis_is_no_gripper_however_it_is_named(tmp_path: Path) -> None:
+    (tmp_path / "jaw.urdf").write_text(
+        urdf("jaw", *ARM, link("left", solid("box", "0.01 0.02 0.02")), joint("jaw", "revolute palm left 0 1"))
+    )
+    with pytest.raises(InvalidRequest, match="are at one place"):
+        load_robot(tmp_path / "jaw.urdf", gripper=["jaw"])
