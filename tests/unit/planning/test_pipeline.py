@@ -204,6 +204,12 @@ def test_a_given_polyline_is_blended_where_that_is_asked_and_free(discs: Planner
     assert smooth.unwrap()[1].duration < plain.unwrap()[1].duration
 
 
+def test_waypoints_that_coincide_leave_corners_as_stops(discs: PlannerService) -> None:
+    path, _ = discs.follow([BEND[0], BEND[0], *BEND[1:]], blends=[0.0, 0.2, 0.2, 0.0]).unwrap()
+    assert path.corners == (1,)
+    assert not path.blends.any()
+
+
 def test_contact_that_is_meant_on_one_side_of_a_corner_is_not_meant_on_its_blend(discs: PlannerService) -> None:
     tip = discs.robot.tool_pose(np.array([-0.6, -0.2]))[:3, 3].tolist()
     pin = Obstacle("pin", Cylinder(0.02, 0.2), Pose((tip[0], tip[1], tip[2])))
