@@ -28,10 +28,11 @@ from planner_service.files import json_reader as json_file
 from planner_service.files import schema as record
 from planner_service.files import toml_reader as toml_file
 from planner_service.files import xml_reader as xml_file
-from planner_service.geometry import mesh
+from planner_service.geometry import composite, mesh
 from planner_service.geometry import mesh_formats as mesh_file
 from planner_service.geometry import mesh_paths as mesh_path
-from planner_service.geometry import point_files as grid_file
+from planner_service.geometry.scans import octomap as octomap_file
+from planner_service.geometry.scans import pcd as pcd_file
 from planner_service.records import plan_file, problem_set
 from planner_service.records.problems import moveit_folder
 from planner_service.roadmap import roadmap_file
@@ -177,12 +178,19 @@ CAPS: dict[str, tuple[int, ...]] = {
     "Scene (TOML)": (scene_file.MAX_BYTES, scene.MAX_OBJECTS, toml_file.MAX_KEY_PARTS),
     "Constraints (TOML)": (constraint_file.MAX_BYTES, constraints.MAX_CONSTRAINTS, toml_file.MAX_KEY_PARTS),
     "MoveIt `.scene`": (moveit_scene.MAX_BYTES, scene.MAX_OBJECTS, moveit_scene.MAX_LINE),
-    "URDF, SRDF": (xml_file.MAX_XML_BYTES, *[urdf.MAX_ELEMENTS] * 2, xml_file.MAX_ELEMENTS, xml_file.MAX_DEPTH),
-    "Mesh (STL, OBJ, PLY, COLLADA)": (
+    "URDF, SRDF, SDF": (xml_file.MAX_XML_BYTES, *[urdf.MAX_ELEMENTS] * 2, xml_file.MAX_ELEMENTS, xml_file.MAX_DEPTH),
+    "Mesh (STL, OBJ, PLY, COLLADA, GLB)": (
         *(mesh_file.MAX_BYTES, mesh_file.MAX_VERTICES, mesh_file.MAX_TRIANGLES),
         *(mesh.MAX_HULL, xml_file.MAX_DEPTH),
     ),
-    "Point cloud": (mesh_file.MAX_BYTES, grid_file.MAX_POINTS),
+    "Points (PLY, PCD, XYZ, LAS, LAZ, NPY, NPZ)": (
+        *(mesh_file.MAX_BYTES, pcd_file.MAX_POINTS, mesh_file.MAX_VERTICES),
+        *(composite.MAX_CELLS, composite.MAX_PIECES),
+    ),
+    "OctoMap (`.bt`, `.ot`)": (
+        *(mesh_file.MAX_BYTES, octomap_file.MAX_NODES, octomap_file.MAX_CELLS),
+        *(composite.MAX_PIECES, octomap_file.DEPTH),
+    ),
     "All meshes and clouds of one robot or scene": (mesh_path.MAX_TOTAL,),
     "Plan or task (JSON)": (
         *(json_file.MAX_BYTES, json_file.MAX_PARTS, json_file.MAX_KEYS),
