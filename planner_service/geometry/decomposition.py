@@ -17,7 +17,7 @@ from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh, checked_scale
-from planner_service.geometry.mesh_formats import MAX_VERTICES, read_triangles
+from planner_service.geometry.mesh_formats import MAX_VERTICES, distinct, read_triangles
 from planner_service.geometry.plane_cuts import DIRECTIONS, Cut, CutPlan, parts_of, plan_cuts, signed_volume
 from planner_service.geometry.validation import MAX_LENGTH, number
 
@@ -92,7 +92,7 @@ def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int) -> tup
         return (hull,)
     try:
         parts = parts_of(vertices, faces, plan)
-        return tuple(Mesh.around(each if len(each) <= MAX_VERTICES else np.unique(each, axis=0)) for each in parts)
+        return tuple(Mesh.around(each if len(each) <= MAX_VERTICES else distinct(each)[0]) for each in parts)
     except InvalidRequest:  # a flat piece
         return (hull,)
 

@@ -31,7 +31,7 @@ from planner_service.geometry.arrays import (
     read_only,
     set_fields,
 )
-from planner_service.geometry.mesh_formats import MAX_VERTICES, read_vertices
+from planner_service.geometry.mesh_formats import MAX_VERTICES, distinct, read_vertices
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, margin_of, numbers, points_of, vectors
 
 __all__ = ["Mesh", "MeshFile", "checked_scale"]
@@ -322,7 +322,7 @@ def _checked(vertices: ArrayLike) -> FloatArray:
     """Points (n, 3), each once, sorted."""
     expected = f"4 to {MAX_VERTICES:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
     points = cloud("vertices", vertices, expected, 4, MAX_VERTICES, MAX_LENGTH)
-    return np.unique(points + 0.0, axis=0)  # + 0.0 drops the sign of -0.0
+    return distinct(points + 0.0)[0]  # + 0.0 drops the sign of -0.0
 
 
 def _hull(points: FloatArray, most: int) -> tuple[FloatArray, IntArray, FloatArray]:

@@ -26,6 +26,7 @@ __all__ = [
     "MAX_TRIANGLES",
     "MAX_VERTICES",
     "MESH_SUFFIXES",
+    "distinct",
     "has_faces",
     "read_triangles",
     "read_vertices",
@@ -71,7 +72,7 @@ def read_vertices(
             or a coordinate that is not finite or beyond 1 km.
     """
     return in_file(
-        path, lambda: _scaled(_unique(_on_faces(*_parsed(path)) if on_faces else _parsed(path)[0])[0], scale)
+        path, lambda: _scaled(distinct(_on_faces(*_parsed(path)) if on_faces else _parsed(path)[0])[0], scale)
     )
 
 
@@ -118,7 +119,7 @@ def _triangles(path: Path, scale: tuple[float, float, float]) -> tuple[FloatArra
         raise Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
     if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < len(rows)):
         raise Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
-    points, place = _unique(rows)
+    points, place = distinct(rows)
     faces = place[corners]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
@@ -138,11 +139,15 @@ def _parsed(path: Path) -> _Parsed:
         return parse(data)
 
 
-def _unique(rows: FloatArray) -> tuple[FloatArray, IntArray]:
+def distinct(rows: FloatArray) -> tuple[FloatArray, IntArray]:
     """The distinct rows, sorted, and for each row its index among them."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is found later, like any other
-        points, place = np.unique(rows, axis=0, return_inverse=True)
-    return np.asarray(points), place.reshape(-1).astype(np.intp)
+        order = np.lexsort(rows.T[::-1])  # several times as fast as np.unique, which compares rows as records
+        fresh = np.ones(len(rows), dtype=np.bool_)
+        fresh[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    place = np.empty(len(rows), dtype=np.intp)
+    place[order] = np.cumsum(fresh) - 1
+    return rows[order[fresh]], place
 
 
 def _scaled(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray:
