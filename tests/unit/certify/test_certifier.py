@@ -318,3 +318,9 @@ def test_overlaps_of_hulls_are_those_of_the_boxes_that_they_are() -> None:
         assert depths[0].keys() == depths[1].keys()
         for pair, depth in depths[0].items():
             assert depths[1][pair] == pytest.approx(depth, abs=1e-5)
+
+
+def test_an_exempt_stretch_may_end_a_rounding_beyond_the_path() -> None:
+    pairs = (("forearm", "lesson_disc"),)
+    length = JointPath(LESSON).length
+    assert certify(PLANAR, DISCS, LESSON, exempt=[ExemptInterval(0.0, length + 1e-12, pairs, "")]).certified

@@ -42,6 +42,7 @@ def test_what_makes_no_sense_is_refused_by_field() -> None:
         (lambda: ToolRegion(lower=(0.0, 0.0, 1.0), upper=(1.0, 1.0, 0.0)), "upper[2]"),
         (lambda: ToolRegion(lower=(NAN, 0.0, 1.0)), "lower[0]"),
         (lambda: ToolRegion(turn=0.1), "tilt"),
+        (lambda: ToolRegion(tilt=2.0, turn=0.1), "tilt"),
         (lambda: ToolRegion(frame=WRONG, tilt=0.1), "frame"),
         (lambda: ToolRegion(frame=Pose((0.0, 2e3, 0.0)), tilt=0.1), "position of frame"),
         (lambda: OnPlane(Pose(), 0.001, point=(1e308, 0.0, 0.0)), "position of tool"),

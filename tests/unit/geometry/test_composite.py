@@ -109,6 +109,7 @@ def test_a_field_that_is_none_is_refused(heights: Any, cell: Any, floor: Any, me
 BAD_COMPOUNDS: list[tuple[Any, str]] = [
     ((), "parts: got 0; expected 1 to 1,000 pairs"),
     (((Box((1, 1, 1)), (0, 0, 0)),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
+    (((Sphere(1), Pose((1e4, 0, 0))),), r"parts\[0\]: got .*expected metres"),
     (((Sphere(1), Pose()),) * 1001, "parts: got 1001"),
 ]
 

@@ -21,7 +21,7 @@ from planner_service.collision.gjk import gap_of
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import mesh
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.mesh import MAX_HULL, Mesh
+from planner_service.geometry.mesh import MAX_HULL, THINNEST, Mesh
 from planner_service.geometry.mesh_formats import MAX_VERTICES
 from planner_service.geometry.shapes import Box, Sphere
 
@@ -316,3 +316,10 @@ PLY_ROWS = STRAY.replace("v ", "")
 def test_a_vertex_that_no_face_uses_is_no_part_of_a_mesh(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     assert Mesh.from_file(tmp_path / name) == Mesh(CUBE)
+
+
+def test_a_plate_is_refused_for_its_thickness_whichever_way_it_is_turned() -> None:
+    plate = CUBE * [1.0, 1.0, 1e-7]
+    with pytest.raises(InvalidRequest, match="flat"):
+        Mesh(plate @ turned(np.random.default_rng(4)).T)
+    assert len(Mesh(CUBE * [1.0, 1.0, THINNEST]).vertices) == 8

@@ -102,6 +102,8 @@ BIG = ply_binary(">", "binary_big_endian")
 REFUSED = [
     ("x.txt", OBJ, "suffix '.txt'; expected one of .stl, .obj, .ply, .dae"),
     ("none.obj", V, "an OBJ without a face"),
+    ("zero.obj", V + "f 0 1 2\n", "a corner of a triangle is none of the 4 vertices"),
+    ("below.ply", PLY.replace("3 1 2 3", "3 1 2 -1"), "a corner of a triangle is none of the 4 vertices"),
     ("two.obj", V + "f 1 2\n", "a face with 2 corners; expected three or more"),
     ("digits.obj", V + "f 1 2 " + "9" * 5000 + "\n", "'99999999999999999999' in a face"),
     ("cut.stl", STL[:-1], "no STL"),
@@ -121,3 +123,8 @@ def test_what_is_no_list_of_triangles_is_refused(tmp_path: Path, name: str, data
     path = written(tmp_path, name, data)
     with pytest.raises(InvalidFile, match=why):
         read_triangles(path)
+
+
+def test_a_triangle_without_three_different_corners_is_left_out(tmp_path: Path) -> None:
+    _, faces = read_triangles(written(tmp_path, "thin.obj", OBJ + "f 1 1 2\nv 1 0 0\nf 2 5 3\n"))
+    assert len(faces) == 4

@@ -149,3 +149,14 @@ def test_frames_and_joints_that_the_robot_lacks_are_refused() -> None:
     ]:
         with pytest.raises((InvalidRequest, UnknownName), match=error):
             ConstraintSet(load_robot("wxai"), constraints)
+
+
+def test_ranges_of_joints_narrow_the_limits_and_are_named_when_they_are_left() -> None:
+    robot = load_robot("wxai")
+    constraints = ConstraintSet(robot, [JointRange("joint_1", 0.5, 1.5), KeepUpright((0.0, 0.0, 1.0), 3.0)])
+    assert (constraints.lower[1], constraints.upper[1]) == (0.5, 1.5)
+    assert constraints.violation([0.0, 1.0, 1.0, 0.0, 0.0, 0.0]) is None
+    assert (
+        str(constraints.violation([0.0, 1.75, 1.0, 0.0, 0.0, 0.0]))
+        == "joint range: joint_1 is 1.75 rad, from 0.5 to 1.5"
+    )

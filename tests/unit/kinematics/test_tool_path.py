@@ -138,3 +138,9 @@ def test_the_fractions_of_a_line_are_where_its_waypoints_are(name: str) -> None:
         begin = robot.tool_pose(robot.home)[:3, 3]
         tips = np.array([robot.tool_pose(q)[:3, 3] for q in line.waypoints])
         np.testing.assert_allclose(tips, begin + line.fractions[:, None] * shift, atol=1e-6)
+
+
+def test_a_zone_takes_at_most_half_of_each_line() -> None:
+    points = positions(rounded_lines([A, B, C], 1.0))
+    off = points[(points[:, 1] > 1e-9) & (points[:, 0] < 0.2 - 1e-9)]
+    assert np.linalg.norm(off - B.position, axis=1).max() == pytest.approx(0.05, abs=0.005)

@@ -172,6 +172,7 @@ def test_impossible_blends_are_refused() -> None:
     for blends, message in [
         ([0.0, 0.1], "3 finite numbers"),
         ([0.1, 0.1, 0.0], "first and the last"),
+        ([0.0, 0.1, 0.1], "first and the last"),
         ([0.0, -0.1, 0.0], "0 or at least"),
         ([0.0, 1e-12, 0.0], "0 or at least"),
         ([0.0, math.nan, 0.0], "finite"),
