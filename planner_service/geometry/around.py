@@ -91,4 +91,4 @@ class Plane:
         turn = (w, -y, x, 0.0) if w > 0.0 else (0.0, 1.0, 0.0, 0.0)
         length = math.hypot(*turn)
         a, b, c, d = (value / length for value in turn)
-        return box, Pose((x * middle, y * middle, z * middle), (a, b, c, d))
+        return box, Pose((x * middle + 0.0, y * middle + 0.0, z * middle + 0.0), (a, b + 0.0, c + 0.0, d))  # no -0
