@@ -72,7 +72,7 @@ def built(folder: Path, text: str) -> Robot:
 
 @cache
 def ur5() -> Robot:
-    return load_robot("example-robot-data:ur5_robot")
+    return load_robot("example-robot-data:ur5_robot", tool_frame="ee_link")
 
 
 def loaded(robot: Robot, kilograms: float) -> TorqueLimits:
