@@ -48,7 +48,7 @@ from planner_service.records import (
 )
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
-from planner_service.scene import load_scene, read_moveit_scene, read_urdf_scene
+from planner_service.scene import load_scene, read_moveit_scene, read_sdf_scene, read_urdf_scene
 from planner_service.search import SearchGraph
 from planner_service.tasks import best_of_seeds, move_circular, places_on, plan_pick_place, plan_seeds, standing_on
 from planner_service.view.still.pictures import draw_check
@@ -409,5 +409,6 @@ def _files(folder: Path) -> Calls:
         _call(ps.Roadmap.load(roadmap).save, ("path",), path=folder / "out.npz"),
         _call(read_urdf_scene, path=stand),
     )
-    readers = (load_constraints, read_moveit_scene, read_problems, load_plan, load_task, load_plan_or_task)
+    scenes, problems = (read_moveit_scene, read_sdf_scene), (load_constraints, read_problems)
+    readers = (*scenes, *problems, load_plan, load_task, load_plan_or_task)
     yield from _each({"path": folder / "nothing-there"}, *readers)

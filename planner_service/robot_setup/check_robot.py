@@ -166,12 +166,14 @@ def check_robot(
     file = as_path("path", path)
     folders = [as_path("package_dirs", folder) for folder in items("package_dirs", package_dirs, object, "folders")]
     as_seen = flag("visual_as_collision", visual_as_collision)
-    locked = instance("locked_joints", locked_joints or {}, Mapping, "positions by joint name")
+    locked = instance(
+        "locked_joints", {} if locked_joints is None else locked_joints, Mapping, "positions by joint name"
+    )
     chosen = Selection(
         tool_frame=tool_frame,
         locked_joints=locked,
         visual_as_collision=as_seen,
-        xacro_args=checked_xacro_args(xacro_args or {}),
+        xacro_args=checked_xacro_args({} if xacro_args is None else xacro_args),
         gripper=None if gripper is None else items("gripper", gripper, str, "names of joints"),
     )
     urdf, found_srdf, problems = _inspected(file, (*folders, *package_folders(file)), chosen)

@@ -79,8 +79,10 @@ def load_robot(
     path = as_path("robot", name_or_path)
     name = str(name_or_path)
     folders = tuple(as_path("package_dirs", each) for each in items("package_dirs", package_dirs, object, "folders"))
-    locked = instance("locked_joints", locked_joints or {}, Mapping, "positions by joint name")
-    arguments = checked_xacro_args(xacro_args or {})
+    locked = instance(
+        "locked_joints", {} if locked_joints is None else locked_joints, Mapping, "positions by joint name"
+    )
+    arguments = checked_xacro_args({} if xacro_args is None else xacro_args)
     instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
     hand = None if gripper is None else items("gripper", gripper, str, "names of joints")
     source, colon, example = name.partition(":")
