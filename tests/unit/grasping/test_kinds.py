@@ -18,6 +18,7 @@ from planner_service.certify import certify_gripper
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.package_data import data_folder
+from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping import top_grasps
 from planner_service.records.evidence import save_plan, with_evidence
 from planner_service.records.plan_file import load_task
@@ -82,6 +83,16 @@ def test_a_thin_plate_between_the_fingers_stops_them(kinova: Robot) -> None:
     assert "the gripper cannot close from 122.0 to 0.0 mm" in found.refused
     width = float(found.refused.split("width of ")[1].split()[0]) / 1e3
     assert 0.0 < width < gripper.upper
+
+
+def test_a_locked_wrist_keeps_the_fingers_where_they_were(kinova: Robot) -> None:
+    def shapes(robot: Robot) -> list[FloatArray]:
+        bodies = [np.array(body) for body in robot.body_poses(kinova.home[: robot.n])]
+        placed = [(bodies[item.body], item.pose.matrix) for item in robot.with_gripper(0.05).shapes]
+        return [body[:9].reshape(3, 3) @ M[:3] + np.outer(body[9:], M[3]) for body, M in placed]
+
+    locked = kinova.locked({"j2s6s200_joint_6": float(kinova.home[5])})
+    np.testing.assert_allclose(shapes(locked), shapes(kinova), atol=1e-9)
 
 
 @pytest.mark.slow
