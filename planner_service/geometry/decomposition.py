@@ -42,8 +42,8 @@ def pieces_of_file(
     """Convex solids that together contain the mesh in an STL, OBJ, PLY or COLLADA file, its inside included.
 
     They are hulls of the parts into which planes cut the mesh (``plane_cuts``, which says why nothing is left out),
-    or its hull where that is as good. A mesh that is not closed has an inside where its triangles wind around a point
-    by a quarter turn.
+    or its hull where that is as good. Of a body that is not closed only the surface is sure to be contained; its
+    triangles count as winding around a point from a quarter turn on.
 
     Equal for equal arguments. Which planes is kept on disk (``files/disk_cache.py``); whoever changes that changes how
     tight the pieces are, not what they contain.

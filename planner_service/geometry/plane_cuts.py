@@ -1,6 +1,8 @@
 """Cutting a solid by planes, and hulls of its parts that together contain it by construction.
 
-Let S be the solid: its surface, and all points around which the triangles wind. Planes cut space into convex cells. The
+Let S be the solid: its surface, and all points around which the triangles of one of its bodies wind. A body is what
+shared edges connect, its triangles turned alike; so bodies that overlap do not cancel each other, nor does a triangle
+that a file has the wrong way round, and a cavity counts as solid. Planes cut space into convex cells. The
 part of S in a cell C lies in the hull of two kinds of points: those of the surface in C, and the corners of C that are
 in S. For the part of S in C is closed and bounded, so it lies in the hull of its extreme points (Minkowski). Such a
 point that is not on the surface has a neighbourhood in S; if it were not a corner of C, a segment around it would lie
@@ -88,6 +90,7 @@ def parts_of(vertices: FloatArray, faces: IntArray, plan: CutPlan) -> list[Float
     Args:
         faces: Triangles (t, 3) as rows of ``vertices`` (n, 3).
     """
+    faces, bodies = _turned_alike(faces)
     corners = vertices[faces]
     size = _size(vertices)
     parts = [_Part(corners)]
@@ -95,7 +98,7 @@ def parts_of(vertices: FloatArray, faces: IntArray, plan: CutPlan) -> list[Float
         below, above = parts[cut.part].cut(cut.direction, cut.offset)
         parts[cut.part] = below
         parts.append(above)
-    points = [np.concatenate([part.triangles.reshape(-1, 3), _inner(part, corners, size)]) for part in parts]
+    points = [np.concatenate([part.triangles.reshape(-1, 3), _inner(part, corners, bodies, size)]) for part in parts]
     return [np.concatenate([points[k] for k in group]) for group in plan.groups]
 
 
@@ -142,8 +145,8 @@ def _clipped(triangles: FloatArray, heights: FloatArray) -> FloatArray:
     return np.concatenate(found)
 
 
-def _inner(part: _Part, corners: FloatArray, size: float) -> FloatArray:
-    """The corners of a part's cell that are inside the mesh of triangles (t, 3, 3), (k, 3)."""
+def _inner(part: _Part, corners: FloatArray, bodies: IntArray, size: float) -> FloatArray:
+    """The corners of a part's cell that are inside the bodies (t,) of triangles (t, 3, 3), (k, 3)."""
     normals = np.array([sign * DIRECTIONS[direction] for direction, sign, _ in part.planes]).reshape(-1, 3)
     offsets = np.array([offset for _, _, offset in part.planes])
     triples = np.array(list(combinations(range(len(offsets)), 3)), dtype=np.intp).reshape(-1, 3)
@@ -155,28 +158,55 @@ def _inner(part: _Part, corners: FloatArray, size: float) -> FloatArray:
     points = (products[0] + products[1] + products[2]) / determinants[:, None]
     points = points[(along(points, normals) - offsets[:, None] <= NEAR * size).all(axis=0)] if len(points) else points
     points = np.unique(points, axis=0)
-    return np.asarray(points[_are_inside(points, corners, NEAR * size)])
+    return np.asarray(points[_are_inside(points, corners, bodies, NEAR * size)])
 
 
-def _are_inside(points: FloatArray, corners: FloatArray, near: float) -> BoolArray:
-    """Whether the triangles (t, 3, 3) wind around each point (k, 3), or one of them may be as near as ``near``.
+def _turned_alike(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Triangles (t, 3) turned so that neighbours go along their common edge in opposite ways, and their bodies (t,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    count = len(faces)
+    ways = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    owners = np.tile(np.arange(count), 3)
+    _, edge, many = np.unique(np.sort(ways, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(edge.reshape(-1), kind="stable")
+    pairs = order[np.cumsum(many)[many == 2][:, None] - np.array([2, 1])]
+    one, two = owners[pairs].T
+    against = (ways[pairs[:, 0]] == ways[pairs[:, 1]]).all(axis=1)
+    graph = coo_array((np.ones(len(one)), (one, two)), (count, count)).tocsr()
+    bodies = connected_components(graph, directed=False)[1]
+    if not against.any():
+        return faces, bodies
+    turns = {(a, b): turn for a, b, turn in zip(one.tolist(), two.tolist(), against.tolist(), strict=True)}
+    turned = np.zeros(count, dtype=np.bool_)
+    for start in np.unique(bodies, return_index=True)[1].tolist():
+        nodes, before = breadth_first_order(graph, start, directed=False)
+        for node in nodes[1:].tolist():
+            last = int(before[node])
+            turned[node] = turned[last] ^ (turns.get((node, last), False) or turns.get((last, node), False))
+    return np.where(turned[:, None], faces[:, ::-1], faces), bodies
+
+
+def _are_inside(points: FloatArray, corners: FloatArray, bodies: IntArray, near: float) -> BoolArray:
+    """Whether bodies (t,) of triangles (t, 3, 3) wind around each point (k, 3), or one of these may be near it.
 
     The solid angle of a triangle is that of van Oosterom & Strackee (IEEE Trans. Biomed. Eng. 30(2), 1983).
     """
     inside = np.zeros(len(points), dtype=np.bool_)
     for k, point in enumerate(points):
-        turns, close = 0.0, False
+        turns, close = np.zeros(int(bodies.max(initial=-1)) + 1), False
         for rows in blocks(len(corners), 30):
             a, b, c = np.moveaxis(corners[rows] - point, 1, 0)
             la, lb, lc = (np.sqrt((e * e).sum(axis=-1)) for e in (a, b, c))
             volume = (a * cross(b, c)).sum(axis=-1)
             rest = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
-            turns += float(np.arctan2(volume, rest).sum()) / (2.0 * math.pi)
+            turns += np.bincount(bodies[rows], np.arctan2(volume, rest), len(turns)) / (2.0 * math.pi)
             low, high = corners[rows].min(axis=1) - near, corners[rows].max(axis=1) + near
             boxed = ((low <= point) & (point <= high)).all(axis=-1)
             normal = cross(b - a, c - a)
             close |= bool((boxed & (np.abs(volume) <= near * np.sqrt((normal * normal).sum(axis=-1)))).any())
-        inside[k] = close or abs(turns) >= WOUND
+        inside[k] = close or float(np.abs(turns).sum()) >= WOUND
     return inside
 
 

@@ -22,13 +22,17 @@ from planner_service.scene.scene import Scene
 
 __all__ = ["cut_where_hulls_block"]
 
+WORTH = 5
+"""Of the 1,000 configurations, how many pieces must free: each of them is looked at in every check."""
+
 Pieces = Mapping[MeshFile | None, tuple[Mesh, ...]]
 
 
 def cut_where_hulls_block(urdf: Urdf, robot: Robot, *, progress: bool | None = None) -> tuple[Urdf, tuple[str, ...]]:
     """A robot's description with some links cut into convex pieces, and their names.
 
-    They are those with meshes whose hulls touch other links where the pieces do not, in some of 1,000 configurations.
+    They are those with meshes whose hulls touch other links where the pieces do not, in some of 1,000 configurations;
+    none if that frees fewer than five of these.
     A mesh whose file is not known is its hull, as those of MJCF are for MuJoCo.
 
     Args:
@@ -45,6 +49,8 @@ def cut_where_hulls_block(urdf: Urdf, robot: Robot, *, progress: bool | None = N
     shapes = ((item, piece) for item in robot.shapes for piece in pieces.get(_file(item.shape), (item.shape,)))
     other = replace(robot, shapes=tuple(replace(item, shape=piece) for item, piece in shapes))
     left = _touching(other, np.array(list(touching))) if cut else touching
+    if sum(not left.get(q) for q in touching) < WORTH:
+        return urdf, ()
     apart = {links for q, pairs in touching.items() for links in pairs - left.get(q, frozenset())}
     worth = cut.intersection(link for links in apart for link in links)
     names = tuple(link.name for link in urdf.links if link.name in worth)

@@ -146,8 +146,15 @@ def test_a_cell_that_no_triangle_reaches_is_filled() -> None:
     cube = Mesh(np.array(box((0, 0, 0), (10, 10, 10))))
     cuts = [Cut(0, axis, 0.06) for axis in range(3)]
     cuts += [Cut(0, 0, 0.04), Cut(4, 1, 0.04), Cut(5, 2, 0.04)]
-    parts = parts_of(cube.vertices, cube.faces, CutPlan(tuple(cuts), tuple((k,) for k in range(7))))
-    assert Mesh(parts[6]) == Mesh(np.array(box((4, 4, 4), (6, 6, 6))))
+    plan = CutPlan(tuple(cuts), tuple((k,) for k in range(7)))
+    inner = Mesh(np.array(box((4, 4, 4), (6, 6, 6))))
+    assert Mesh(parts_of(cube.vertices, cube.faces, plan)[6]) == inner
+    # nor does a second body around it empty it, whose triangles face inwards, nor triangles that face the wrong way
+    other = Mesh(np.array(box((1, 1, 1), (9, 9, 9))))
+    faces = np.concatenate([cube.faces, other.faces[:, ::-1] + len(cube.vertices)])
+    assert Mesh(parts_of(np.concatenate([cube.vertices, other.vertices]), faces, plan)[6]) == inner
+    mixed = np.concatenate([cube.faces[:6, ::-1], cube.faces[6:]])
+    assert Mesh(parts_of(cube.vertices, mixed, plan)[6]) == inner
 
 
 def test_a_tight_hull_is_the_only_piece_and_nothing_is_worked_out(planned: list[int]) -> None:
