@@ -204,7 +204,8 @@ def refuses(call: Callable[[Path], object], place: str, suffix: str, below: Path
 def test_a_reader_says_that_there_is_no_file(reader: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     suffix, read = READERS[reader]
     for place, (_, _, said) in PLACES.items():
-        assert said in refuses(read, place, suffix, tmp_path, monkeypatch), place
+        told = "no requests" if (reader, place) == ("read_problems", "folder") else said  # a set may be a folder
+        assert told in refuses(read, place, suffix, tmp_path, monkeypatch), place
 
 
 @pytest.mark.slow
