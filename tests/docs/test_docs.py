@@ -196,7 +196,10 @@ CAPS: dict[str, tuple[int, ...]] = {
         *(json_file.MAX_BYTES, json_file.MAX_PARTS, json_file.MAX_KEYS),
         *(plan_file.MAX_SEGMENTS, record.MAX_WAYPOINTS, plan_file.MAX_DEPTH),
     ),
-    "Problem set (MotionBenchMaker)": (moveit_folder.MAX_BYTES, moveit_folder.MAX_ARCHIVE, problem_set.MAX_PROBLEMS),
+    "Problem set (MotionBenchMaker)": (
+        *(moveit_folder.MAX_BYTES, moveit_folder.MAX_ARCHIVE),
+        *(problem_set.MAX_PROBLEMS, moveit_folder.MAX_ENTRIES),
+    ),
     "Problem set (JSON, YAML)": (
         *(json_file.MAX_BYTES, problem_set.MAX_PROBLEMS),
         *(problem_set.MAX_GOALS, scene.MAX_OBJECTS),

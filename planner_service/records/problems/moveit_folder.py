@@ -45,6 +45,9 @@ __all__ = ["archived_problems", "folder_problems"]
 MAX_BYTES, MAX_ARCHIVE = 5_000_000, 500_000_000
 """Bytes of one YAML file, and of all files of an archive together."""
 
+MAX_ENTRIES = 50_000
+"""Files and folders in a folder: twice as many as the most problems have, and some beside them."""
+
 NAME = re.compile(r"(scene|request)(\D*?)(\d+)\.ya?ml")
 
 Read = Callable[[], bytes]
@@ -57,10 +60,16 @@ def folder_problems(folder: Path) -> ProblemSet:
         InvalidFile: of the first file that cannot be used, with all problems found in it; or there is none.
     """
     found: dict[Path, Read] = {}
+    left, inside = MAX_ENTRIES, folder.resolve()
     for place, folders, names in os.walk(folder):
         folders.sort()
-        for name in sorted(names):
+        left -= len(folders) + len(names)
+        if left < 0:
+            raise InvalidFile(folder, [f"more than {MAX_ENTRIES:,} files and folders; expected those of a problem set"])
+        for name in sorted(filter(NAME.fullmatch, names)):
             path = Path(place, name)
+            if not path.resolve().is_relative_to(inside):
+                raise InvalidFile(path, ["a link that leads out of the folder of the problem set; copy the file"])
             found[path.relative_to(folder)] = lambda path=path: read_bytes(path, MAX_BYTES)  # type: ignore[misc]
     return _problems(folder, found)
 
@@ -77,7 +86,7 @@ def archived_problems(path: Path) -> ProblemSet:
     try:
         with tarfile.open(path) as archive:
             for member in archive:
-                left -= member.size
+                left -= member.size + tarfile.BLOCKSIZE
                 if left < 0:
                     raise InvalidFile(path, [f"too large: more than {MAX_ARCHIVE:,} bytes of files"])
                 if member.isfile() and NAME.fullmatch(Path(member.name).name) and member.size <= MAX_BYTES:

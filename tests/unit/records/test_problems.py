@@ -12,6 +12,7 @@ import pytest
 
 from planner_service import Box, Cylinder, InvalidFile, InvalidRequest, Mesh, PlannerService, Pose, Scene, load_robot
 from planner_service.records import Problem, read_problems
+from planner_service.records.problems import moveit_folder
 
 SETS = Path(__file__).parents[3] / "benchmarks" / "problems"
 SAMPLES = SETS / "samples"
@@ -118,6 +119,22 @@ def test_a_request_without_its_scene_and_a_folder_without_requests_are_refused(t
 
 def bodies(scene: Scene) -> list[Any]:
     return sorted((type(o.shape).__name__, o.pose.position, *map(str, vars(o.shape).values())) for o in scene.obstacles)
+
+
+def test_a_folder_of_something_else_is_not_searched_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for k in range(12):
+        (tmp_path / f"{k}.txt").touch()
+    monkeypatch.setattr(moveit_folder, "MAX_ENTRIES", 10)
+    with pytest.raises(InvalidFile, match="more than 10 files and folders"):
+        read_problems(tmp_path)
+
+
+def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "request0001.yaml").write_text("")
+    (tmp_path / "set" / "request0001.yaml").symlink_to(tmp_path / "request0001.yaml")
+    with pytest.raises(InvalidFile, match="leads out of the folder"):
+        read_problems(tmp_path / "set")
 
 
 def test_the_samples_of_vamp_and_robometrics_are_the_problems_they_were_made_of() -> None:
