@@ -33,7 +33,7 @@ STUDIES = {
     "starts": "starts that overlap by a little have a plan, whose way out grows no depth",
     "walk": "README's first plan is a short walk through the files of the package",
     "latency": "whole plans take at most 0.35 of 0.1.0's CPU time, straight lines at most a millisecond",
-    "scaling": "plans among 10,000 obstacles take at most three times as long as among ten",
+    "scaling": "what whole plans cost among 10 to 10,000 obstacles",
     "panda": "the public Panda problems next to 0.1.0 and to other planners, in turn, by one auditor",
     "suites": "suites of problems by several planners, each path judged by Coal",
     "roadmaps": "a warm query takes at most 150 states and a fifth of a search's",

@@ -1,4 +1,4 @@
-"""What a whole plan costs among 10 to 10,000 obstacles: small boxes on a grid of random places around the arm."""
+"""What a whole plan costs among 10 to 10,000 obstacles: small boxes at random places around the arm."""
 
 from __future__ import annotations
 
@@ -62,6 +62,6 @@ def run(robot: str | None = None, queries: int = 20, seed: int = 5) -> Report:
         (table("A whole plan, CPU time at p50", ("obstacles", "ms", "bounds of the proof"), shown),),
         tuple(
             Promise(f"{count:,} obstacles: at most {most:g} times as long as ten", f"{ratio:.2f}", ratio <= most)
-            for (count, most), ratio in zip(COUNTS.items(), ratios, strict=True)
+            for (count, most), ratio in list(zip(COUNTS.items(), ratios, strict=True))[1:]
         ),
     )

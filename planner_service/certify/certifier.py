@@ -447,7 +447,8 @@ class Certifier:
         obstruction, refusal, clearance = parts[-1].obstruction, None, _floored(proof.proven)
         bounds = sum(part.bounds for part in parts)
         if obstruction is not None:
-            names, clearance = self._nearest(obstruction, curve), -math.inf
+            at = np.asarray(curve(np.array([obstruction.s])))
+            names, clearance = self._names_at(obstruction.pair, at), -math.inf
             refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
         allowed, contacts = self._allowed, self._contacts
         return Certificate(clearance, bounds, padding, stretches, refusal, checked_part, allowed, kept, contacts)
@@ -472,7 +473,11 @@ class Certifier:
                 raise BrokenInvariant("a configuration that was checked is not taken")
         if judged.verdict is EdgeVerdict.FREE:
             return FREE_EDGE
-        return EdgeProof(judged.verdict, judged.s, *self.listed.names(judged.pair))
+        names = self.listed.names(judged.pair)
+        if self.listed.is_crowd(judged.pair):
+            at = JointPath(np.array([q1, q2], dtype=np.float64))(np.array([judged.s]))
+            names = self._names_at(judged.pair, np.asarray(at))
+        return EdgeProof(judged.verdict, judged.s, *names)
 
     def clearances(self, Q: ArrayLike) -> FloatArray:
         """Proven lower bounds (metres) of the smallest gap of any judged pair at configurations Q (m, n), (m,).
@@ -523,6 +528,8 @@ class Certifier:
         for interval in exempt:
             for names in interval.pairs:
                 cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, judged[1])))
+        if not (cuts or one_by_one):
+            return Roots(list(spans), self._whole)
         whole, rows_of = self._opened(None if one_by_one else frozenset(cuts))
         parts, after = [], 0
         for row in sorted(row for names in cuts for row in rows_of.get(names, ())):
@@ -556,8 +563,8 @@ class Certifier:
 
         None opens all bundles of several obstacles.
         """
-        roots = self.listed.opened(named) if named is None or named else self.listed.roots
-        if roots is self.listed.roots or np.array_equal(roots, self.listed.roots):
+        roots = self.listed.opened(named)
+        if np.array_equal(roots, self.listed.roots):
             return self._whole, self._rows_of
         return _rows(roots), self._by_names(roots)
 
@@ -573,12 +580,10 @@ class Certifier:
                 rows.setdefault(frozenset(self.listed.names(pair)), []).append(row)
         return rows
 
-    def _nearest(self, obstruction: Obstruction, curve: JointPath) -> tuple[str, str]:
-        """The names of the pair that is obstructed; in a bundle of several obstacles, of the nearest there."""
-        pair = obstruction.pair
+    def _names_at(self, pair: int, Q: FloatArray) -> tuple[str, str]:
+        """The names of a pair; with a bundle of several obstacles, of that nearest at configuration Q (1, n)."""
         if self.listed.is_crowd(pair):
-            q = np.asarray(curve(np.array([obstruction.s])))
-            _, pairs, found = self.prover.near(q, np.array([pair]), math.inf)
+            _, pairs, found = self.prover.near(Q, np.array([pair]), math.inf)
             pair = int(pairs[int(found.gaps.argmin())]) if len(pairs) else pair
         return self.listed.names(pair)
 

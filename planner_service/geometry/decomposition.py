@@ -16,12 +16,20 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, IntArray
-from planner_service.geometry.mesh import Mesh, checked_scale
+from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MAX_VERTICES, distinct, read_triangles
 from planner_service.geometry.plane_cuts import DIRECTIONS, Cut, CutPlan, parts_of, plan_cuts, signed_volume
 from planner_service.geometry.validation import MAX_LENGTH, number
 
-__all__ = ["MAX_PIECES", "MOST", "concave_surface", "hull_ratio", "pieces_of_file", "pieces_of_surface"]
+__all__ = [
+    "MAX_PIECES",
+    "MOST",
+    "concave_surface",
+    "hull_ratio",
+    "pieces_of_file",
+    "pieces_of_mesh",
+    "pieces_of_surface",
+]
 
 MAX_PIECES = 64
 """Each piece is checked against everything near it: more pieces cost more than a finer shape is worth."""
@@ -45,8 +53,8 @@ def pieces_of_file(
     or its hull where that is as good. Of a body that is not closed only the surface is sure to be contained; its
     triangles count as winding around a point from a quarter turn on.
 
-    Equal for equal arguments. Which planes is kept on disk (``files/disk_cache.py``); whoever changes that changes how
-    tight the pieces are, not what they contain.
+    Equal for equal arguments. The planes are cached on disk (``files/disk_cache.py``); a changed cache makes the pieces
+    looser or tighter, but they contain the mesh all the same.
 
     Args:
         scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
@@ -60,9 +68,13 @@ def pieces_of_file(
     expected = f"a whole number from 1 to {MAX_PIECES}"
     if not number("most", most, expected, 1, MAX_PIECES).is_integer():
         raise InvalidRequest("most", most, expected)
-    hull = Mesh.from_file(file, scale)
-    vertices, faces = read_triangles(file, checked_scale("scale", scale))
-    return _pieces(hull, vertices, faces, int(most))
+    return pieces_of_mesh(Mesh.from_file(file, scale), int(most))
+
+
+def pieces_of_mesh(hull: Mesh, most: int = MOST) -> tuple[Mesh, ...]:
+    """As ``pieces_of_file``, of a mesh that was read; the mesh itself if no file of it is known."""
+    surface = None if most == 1 else concave_surface(hull)
+    return (hull,) if surface is None else pieces_of_surface(hull, *surface, most)
 
 
 def concave_surface(mesh: Mesh) -> tuple[FloatArray, IntArray] | None:
@@ -79,14 +91,8 @@ def concave_surface(mesh: Mesh) -> tuple[FloatArray, IntArray] | None:
     return surface if hull_ratio(mesh, *surface) > TIGHT else None
 
 
-def pieces_of_surface(hull: Mesh, vertices: FloatArray, faces: IntArray) -> tuple[Mesh, ...]:
-    """As ``pieces_of_file``, of the surface of a mesh: at most ``MOST`` pieces."""
-    return _pieces(hull, vertices, faces, MOST)
-
-
-def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int) -> tuple[Mesh, ...]:
-    if most == 1 or hull_ratio(hull, vertices, faces) <= TIGHT:
-        return (hull,)
+def pieces_of_surface(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int = MOST) -> tuple[Mesh, ...]:
+    """As ``pieces_of_file``, of what ``concave_surface`` gives of a mesh."""
     plan = _plan(vertices, faces, most)
     if len(plan.groups) == 1:
         return (hull,)

@@ -10,7 +10,7 @@ from planner_service.collision import CollisionChecker, Contact
 from planner_service.errors import InvalidFile
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, Solid
-from planner_service.geometry.decomposition import MOST, concave_surface, pieces_of_surface
+from planner_service.geometry.decomposition import MOST, pieces_of_mesh
 from planner_service.geometry.mesh import Mesh, MeshFile
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
@@ -94,6 +94,5 @@ def _pieces(file: MeshFile) -> tuple[Mesh, ...]:
         hull = Mesh.from_file(file.path, file.scale)
     except InvalidFile:
         return ()
-    surface = concave_surface(hull)
-    pieces = () if surface is None else pieces_of_surface(hull, *surface)
+    pieces = pieces_of_mesh(hull)
     return pieces if len(pieces) > 1 else ()

@@ -188,7 +188,7 @@ class SavedPlan(_Saved):
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """Its motion, as that of a task of one."""
+        """Its motion, as the one segment of a task."""
         return (Segment("motion", self.result, self.robot.gripper_width),)
 
     @property

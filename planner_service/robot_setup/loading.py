@@ -47,7 +47,11 @@ def load_robot(
     with the defaults of its arguments (extra xacro); MJCF (``.xml``, ``.mjcf``) is compiled by mujoco (extra mjcf), and
     brings excluded contacts and keyframes itself. ROS packages are found in the repository of the file.
 
+    Meshes of a URDF or xacro file are cut into convex pieces where their hulls touch what they do not: about a second
+    for each, once, since the cuts are cached on disk. A robot.toml names the links to cut itself (``decompose``).
+
     Args:
+        cut_meshes: False: all meshes of a URDF or xacro file count as their solid hulls.
         package_dirs: Further folders that may be read, with the ROS packages in them. Of a URDF, xacro or MJCF file
             alone, as the next.
         xacro_args: The arguments of a xacro file that do not have their defaults, by name.
@@ -57,12 +61,6 @@ def load_robot(
             next.
         gripper: The joints of its fingers; () for none, so that fingers are joints like others; None: two fingers that
             leave no doubt. Fingers that do are locked where they rest, and a warning says why.
-
-    Meshes of a URDF or xacro file are cut into convex pieces where their hulls touch what they do not: a second for
-    each, once, as the cuts are kept on disk. A robot.toml names the links to cut itself (``decompose``).
-
-    Args:
-        cut_meshes: False: all meshes of a URDF or xacro file count as their solid hulls.
 
     Raises:
         UnknownName: no robot of that name comes with the package, or with example-robot-data; or no such joint or link.
@@ -82,6 +80,7 @@ def load_robot(
     locked = instance(
         "locked_joints", {} if locked_joints is None else locked_joints, Mapping, "positions by joint name"
     )
+    cut = flag("cut_meshes", cut_meshes)
     arguments = checked_xacro_args({} if xacro_args is None else xacro_args)
     instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
     hand = None if gripper is None else items("gripper", gripper, str, "names of joints")
@@ -92,9 +91,15 @@ def load_robot(
         from planner_service.robot_setup.urdf_robot import load_urdf
 
         chosen = Selection(tool_frame=tool_frame, locked_joints=locked, xacro_args=arguments, gripper=hand)
-        return load_urdf(path, folders, chosen, cut_meshes=flag("cut_meshes", cut_meshes))
+        return load_urdf(path, folders, chosen, cut_meshes=cut)
     places = list(map(str, folders)) or None
-    said = {"package_dirs": places, "xacro_args": arguments or None, "tool_frame": tool_frame, "gripper": hand}
+    said = {
+        "cut_meshes": None if cut else False,
+        "package_dirs": places,
+        "xacro_args": arguments or None,
+        "tool_frame": tool_frame,
+        "gripper": hand,
+    }
     for field, given in said.items():
         if given is not None:
             raise InvalidRequest(field, given, "none: it is for URDF, xacro and MJCF; a robot.toml says it itself")

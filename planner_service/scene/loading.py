@@ -10,8 +10,14 @@ from planner_service.concurrency.library_import import loaded
 from planner_service.errors import InvalidFile, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
+from planner_service.geometry.mesh_formats import MESH_SUFFIXES
+from planner_service.geometry.scans import POINT_SUFFIXES
 from planner_service.geometry.validation import instance
+from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.scene import Scene, scene_names
+from planner_service.scene.sdf_scene import read_sdf_scene
+from planner_service.scene.solid_scene import read_solid_scene
+from planner_service.scene.urdf_scene import read_urdf_scene
 
 __all__ = ["load_scene", "save_scene"]
 
@@ -27,42 +33,15 @@ def _toml(path: Path) -> Scene:
     return read_scene(path)
 
 
-def _moveit(path: Path) -> Scene:
-    from planner_service.scene.moveit_scene import read_moveit_scene
-
-    return read_moveit_scene(path)
-
-
-def _urdf(path: Path) -> Scene:
-    from planner_service.scene.urdf_scene import read_urdf_scene
-
-    return read_urdf_scene(path)
-
-
-def _sdf(path: Path) -> Scene:
-    from planner_service.scene.sdf_scene import read_sdf_scene
-
-    return read_sdf_scene(path)
-
-
-def _solid(path: Path) -> Scene:
-    from planner_service.scene.solid_scene import read_solid_scene
-
-    return read_solid_scene(path)
-
-
-SOLIDS = (".stl", ".obj", ".glb", ".dae", ".ply", ".pcd", ".xyz", ".las", ".laz", ".npy", ".npz", ".bt", ".ot")
-"""Files of one obstacle: a mesh, measured points or a tree of cells."""
-
 READERS: Mapping[str, Callable[[Path], Scene]] = {
     ".toml": _toml,
     "": _toml,
-    ".scene": _moveit,
-    ".urdf": _urdf,
-    ".xacro": _urdf,
-    ".sdf": _sdf,
-    ".world": _sdf,
-    **dict.fromkeys(SOLIDS, _solid),
+    ".scene": read_moveit_scene,
+    ".urdf": read_urdf_scene,
+    ".xacro": read_urdf_scene,
+    ".sdf": read_sdf_scene,
+    ".world": read_sdf_scene,
+    **dict.fromkeys((*MESH_SUFFIXES, *POINT_SUFFIXES), read_solid_scene),
 }
 """Who reads a file, by its suffix in any case."""
 

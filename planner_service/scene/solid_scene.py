@@ -7,7 +7,7 @@ from pathlib import Path
 from planner_service.errors import InvalidFile
 from planner_service.files.reading import tell_notes
 from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud, Solid, extent
-from planner_service.geometry.decomposition import pieces_of_file
+from planner_service.geometry.decomposition import pieces_of_mesh
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MESH_SUFFIXES, has_faces
 from planner_service.geometry.scans import TREES
@@ -42,8 +42,8 @@ def read_solid_scene(path: Path) -> Scene:
             factor = 0.001 if float(size.max()) > LARGE else 1000.0
             measures = " x ".join(f"{edge:.3g}" for edge in size.tolist())
             notes.append(f"it measures {measures} m; if that is another unit: {_instead(path, mesh, factor)}")
-        elif mesh:
-            pieces = pieces_of_file(path, most=MAX_PIECES)
+        elif isinstance(solid, Mesh):
+            pieces = pieces_of_mesh(solid, MAX_PIECES)
             solid = pieces[0] if len(pieces) == 1 else Compound.of_pieces(pieces)
         scene = Scene((Obstacle(path.stem, solid, Pose()),), name=path.stem)
     except InvalidFile as error:

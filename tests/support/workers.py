@@ -44,7 +44,7 @@ class ScriptedWorkers:
             self.events.put((worker, Answered(self.answer(item.id))))
 
     def tell(self, worker: int, note: Any) -> None:
-        """Note what a worker is told."""
+        """Record a message that is sent to a worker."""
         self.told.append((worker, note))
 
     def receive(self, workers: Sequence[int], timeout: float | None) -> list[tuple[int, Event]]:

@@ -47,7 +47,7 @@ class ArmEnd:
         links: The links that the last joint moves and that are fixed to each other, outwards.
         joints: The joints from the base on that move by themselves.
         fingers: The joints of fingers that these links carry.
-        is_arm: Whether it is the end of an arm: not that of a leg, a head, a wheel or a joint that follows another.
+        is_arm: Whether it is the end of an arm, rather than of a leg, a head, a wheel or a mimic joint.
     """
 
     links: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""``planner-service problems``: what is in a published set, and what comes of planning it."""
+"""``planner-service problems``: lists a published problem set, and plans its problems."""
 
 from __future__ import annotations
 

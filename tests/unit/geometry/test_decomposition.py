@@ -1,4 +1,4 @@
-"""Convex pieces hold the mesh they stand for, wherever it is cut, and whoever says where."""
+"""Convex pieces contain the mesh that they replace, whatever the cuts and whoever wrote them to the cache."""
 
 from __future__ import annotations
 

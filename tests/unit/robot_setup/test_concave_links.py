@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner_service import Robot, Scene, load_robot
+from planner_service import InvalidRequest, Robot, Scene, load_robot
 from planner_service.collision import CollisionChecker
 from planner_service.robot_setup.check_robot import FindingKind, check_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
@@ -85,3 +85,8 @@ def test_an_imported_robot_says_which_links_are_cut(tmp_path: Path) -> None:
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PLANNER_SERVICE_CACHE", str(tmp_path / "cache"))
+
+
+def test_hulls_are_no_choice_for_a_robot_that_says_itself_what_to_cut() -> None:
+    with pytest.raises(InvalidRequest, match="cut_meshes: got False; expected none"):
+        load_robot("wxai", cut_meshes=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import logging
 from pathlib import Path
 from typing import Any
@@ -97,16 +96,3 @@ def test_a_size_of_another_unit_gets_the_scene_file_that_helps(
 def _scaled(line: str, factor: float) -> str:
     word, *numbers = line.split()
     return line if word == "f" else " ".join([word, *(str(factor * float(number)) for number in numbers)])
-
-
-def test_reading_a_scene_imports_no_reader_of_another_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    imported: list[str] = []
-    real = builtins.__import__
-
-    def noted(name: str, *rest: Any, **more: Any) -> Any:
-        imported.append(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", noted)
-    load_scene("post")
-    assert [name for name in imported if name.endswith(("sdf_scene", "solid_scene", "urdf_scene"))] == []
