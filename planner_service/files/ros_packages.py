@@ -75,11 +75,11 @@ def _crawled(folder: Path, depth: int) -> Iterator[Path]:
     waiting, left = [(folder, 0)], MAX_FOLDERS
     for place, level in waiting:  # grows while it is read
         left -= 1
-        if (place / PACKAGE).is_file():
-            yield place
-        if level == depth or left < 0:
-            continue
         try:
+            if (place / PACKAGE).is_file():
+                yield place
+            if level == depth or left < 0:
+                continue
             with os.scandir(place) as entries:
                 names = sorted(e.name for e in entries if e.is_dir(follow_symlinks=False) and e.name[0] != ".")
         except OSError:  # nobody may look into it

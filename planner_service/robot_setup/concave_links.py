@@ -22,7 +22,7 @@ from planner_service.scene.scene import Scene
 
 __all__ = ["cut_where_hulls_block"]
 
-WORTH = 5
+WORTH = 2
 """Of the 1,000 configurations, how many pieces must free: each of them is looked at in every check."""
 
 Pieces = Mapping[MeshFile | None, tuple[Mesh, ...]]
@@ -32,8 +32,8 @@ def cut_where_hulls_block(urdf: Urdf, robot: Robot, *, progress: bool | None = N
     """A robot's description with some links cut into convex pieces, and their names.
 
     They are those with meshes whose hulls touch other links where the pieces do not, in some of 1,000 configurations;
-    none if that frees fewer than five of these.
-    A mesh whose file is not known is its hull, as those of MJCF are for MuJoCo.
+    none if that frees fewer than two of these. A mesh whose file is not known is its hull, as those of MJCF are for
+    MuJoCo.
 
     Args:
         robot: What the description makes, with the contacts that are allowed whatever its shapes.

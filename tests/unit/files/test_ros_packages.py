@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from planner_service.files.ros_packages import listed_folders, packages_around, packages_below
 
 
@@ -61,3 +63,18 @@ def test_a_symbolic_link_leads_to_no_package_and_a_broken_one_has_its_folder_nam
 
 def test_many_folders_are_counted_in_a_message() -> None:
     assert listed_folders([Path(f"/{k}") for k in range(6)]) == "/0, /1, /2, /3 and 2 more"
+
+
+def test_a_folder_that_nobody_may_look_into_has_no_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("arm", "closed"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "package.xml").write_text(f"<package><name>{name}</name></package>")
+    real = Path.is_file
+
+    def denied(path: Path) -> bool:
+        if path.parent.name == "closed":
+            raise PermissionError(path)
+        return real(path)
+
+    monkeypatch.setattr(Path, "is_file", denied)
+    assert packages_below([tmp_path])["arm"] == tmp_path / "arm"
