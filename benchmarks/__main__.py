@@ -35,6 +35,7 @@ STUDIES = {
     "latency": "whole plans take at most 0.35 of 0.1.0's CPU time, straight lines at most a millisecond",
     "scaling": "what whole plans cost among 10 to 10,000 obstacles",
     "panda": "the public Panda problems next to 0.1.0 and to other planners, in turn, by one auditor",
+    "arms": "four arms on public problems: a part of an older version's CPU time, none given up, none rejected",
     "suites": "suites of problems by several planners, each path judged by Coal",
     "roadmaps": "a warm query takes at most 150 states and a fifth of a search's",
     "optimise": "optimised plans keep 20 mm where they can, and are shorter and faster",
@@ -49,7 +50,7 @@ STUDIES = {
 }
 """What each study shows; its module in ``studies`` has a ``run`` whose parameters are its options."""
 
-LONG = ("suites", "robots", "evidence", "serve", "differential", "starts")
+LONG = ("arms", "suites", "robots", "evidence", "serve", "differential", "starts")
 """Studies that are not among all: what they find changes with the code alone, and they take long."""
 
 OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {
@@ -61,7 +62,7 @@ OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {
     "queries": (whole(0, 10**6), "N", "queries of each set, or of a part"),
     "seeds": (whole(0, 1000), "M", "plans of each public problem"),
     "seed": (whole(0), "N", "of what is drawn"),
-    "problems": (Path, "FILE", "a published problem set, for --robot"),
+    "problems": (Path, "PATH", "a published problem set, for --robot; for arms the folder of sets and robots"),
     "against": (Path, "PYTHON", "of an environment with what is compared"),
 }
 """Options that studies may have: how each is read, its metavar and its help."""

@@ -37,23 +37,29 @@ class Auditor:
     """Judges configurations of one robot in one scene.
 
     Args:
-        robot: The name of a robot, or the path of its robot.toml.
+        robot: The name of a robot, the path of its robot.toml, or what the independent checker needs of any other.
         gripper_width: Metres between the finger pads; what robot.toml says if None.
         allowed: Pairs of names that may touch, beside those of robot.toml.
     """
 
     def __init__(
         self,
-        robot: str,
+        robot: str | Mapping[str, Any],
         scene: ps.Scene,
         *,
         gripper_width: float | None = None,
         allowed: Sequence[tuple[str, str]] = (),
     ) -> None:
-        folder = Path(robot).parent if robot.endswith(".toml") else data_folder("robots") / robot
+        told: Path | Mapping[str, Any] = (
+            robot
+            if not isinstance(robot, str)
+            else Path(robot).parent
+            if robot.endswith(".toml")
+            else data_folder("robots") / robot
+        )
         self._scene = tables_of(scene)
         self._make: Callable[[Sequence[tuple[str, str]]], IndependentChecker] = lambda pairs: IndependentChecker(
-            folder, self._scene, gripper_width=gripper_width, allowed=pairs
+            told, self._scene, gripper_width=gripper_width, allowed=pairs
         )
         self._checker = self._make(allowed)
 

@@ -40,5 +40,11 @@ PEERS: Mapping[str, Peer] = {
         "ompl.geometric",
         {"rrtconnect": {"range": 0.5, "step": 0.05}},
     ),
+    "vamp": Peer(
+        "vamp",
+        ("vamp-planner==0.6.4", "numpy==2.2.6"),
+        "vamp",
+        {"rrtc": {"robot": "panda", "planner": "rrtc"}},
+    ),
 }
-"""OMPL as one sets it up by hand, each state judged by Pinocchio and Coal."""
+"""OMPL as one sets it up by hand, each state judged by Pinocchio and Coal; VAMP, which pip compiles with cmake."""

@@ -15,7 +15,7 @@ from benchmarks.baselines.peers.adapter_protocol import Answer, Table, serve
 
 time.perf_counter = time.thread_time  # by which a result's stages are timed: CPU time, as the whole is
 ROOT = str(Path(__file__).parents[3])
-sys.path[:] = [folder for folder in sys.path if folder != ROOT]  # the version of this environment, not of the checkout
+sys.path[:] = [*(folder for folder in sys.path if folder != ROOT), ROOT]  # this environment's version, if it has one
 
 import numpy as np  # noqa: E402
 
@@ -29,13 +29,15 @@ class PlannerService:
     """The service of the scene that was asked for last."""
 
     def __init__(self, job: Table) -> None:
-        self._robot, self._turns = job["robot"]["name"], job["settings"]["turns"]
+        self._robot, self._turns = ps.load_robot(job["robot"]["name"]), job["settings"]["turns"]
+        joints = list(job["robot"].get("joints", self._robot.joint_names))
+        self._order = [joints.index(name) for name in self._robot.joint_names]
         self._world: Any = None
 
     def solve(self, problem: Table, seed: int, answer: Answer) -> None:
         """Plan, prove, time."""
-        goals = problem["goals"]
-        request = ps.PlanRequest(problem["start"], goals[0] if len(goals) == 1 else goals, seed=seed)
+        start, *goals = (np.array(q)[self._order] for q in (problem["start"], *problem["goals"]))
+        request = ps.PlanRequest(start, goals[0] if len(goals) == 1 else goals, seed=seed)
         with answer.stage("setup"):
             self._prepare(problem, request)
         spent: dict[str, list[float]] = {"whole": []}
@@ -52,7 +54,8 @@ class PlannerService:
         if result.trajectory is None or proof is None or not proof.certified:
             answer.error = str(result.failure or "not certified")
             return
-        answer.times, answer.waypoints = _sampled(result.trajectory)
+        answer.times, Q = _sampled(result.trajectory)
+        answer.waypoints = Q[:, np.argsort(self._order)]
 
     def _prepare(self, problem: Table, request: ps.PlanRequest) -> None:
         world = (problem.get("scene"), problem.get("edge_step"), problem.get("obstacles"))

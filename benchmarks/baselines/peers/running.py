@@ -23,7 +23,7 @@ from benchmarks.harness.report import Row
 from benchmarks.harness.suite import Motion, suite_named
 from planner_service.geometry.arrays import FloatArray
 
-__all__ = ["STEPS", "Run", "path_of", "row_of", "rows_of", "tasks_of"]
+__all__ = ["STEPS", "Run", "path_of", "replies_of", "row_of", "rows_of", "tasks_of"]
 
 STEPS = (0.01, 0.005)
 """Radians that a joint turns between two audited configurations at most, the coarser first."""
@@ -144,9 +144,19 @@ def _length(path: FloatArray | None) -> float | None:
 
 def rows_of(run: Run, child: Environment, todo: Sequence[Task]) -> Generator[Row, None, None]:
     """The rows of these tasks; each is planned when it is asked for."""
+    yield from map(run.row, replies_of(child, run.planner, placed_robot(run.robot), todo, run.time_limit))
+
+
+def replies_of(
+    child: Environment, planner: str, robot: dict[str, Any], todo: Sequence[Task], time_limit: float = TIME_LIMIT
+) -> Generator[Reply, None, None]:
+    """What a peer's planner says to these tasks; each is planned when it is asked for.
+
+    Args:
+        robot: A job's.
+    """
     with tempfile.TemporaryDirectory(prefix="peer-") as folder:
-        robot = placed_robot(run.robot)
-        job = job_of(run.peer, run.planner, robot, todo, run.time_limit)
-        command = (str(child.python), "-m", run.peer.adapter)
-        started = Child(command, child.surroundings(), Path(folder), problem_seconds=run.time_limit + GRACE)
-        yield from map(run.row, started.replies(job))
+        job = job_of(child.peer, planner, robot, todo, time_limit)
+        command = (str(child.python), "-m", child.peer.adapter)
+        started = Child(command, child.surroundings(), Path(folder), problem_seconds=time_limit + GRACE)
+        yield from started.replies(job)
