@@ -412,6 +412,33 @@ class ToolArm:
     def thinned(self, waypoints: NDArray[np.float64], stops: Sequence[int]) -> list[int]:
         """The rows that keep the tool on its line, ``stops`` among them."""
 
+def laid_polyline(
+    points: NDArray[np.float64], merged: bool, /
+) -> tuple[list[int] | None, NDArray[np.float64], NDArray[np.float64], tuple[int, ...]] | None:
+    """The points that stay (None: all), knots, tangents and inner points that turn; None if the length is infinite.
+
+    Args:
+        points: Shape (N, n).
+        merged: Whether points that coincide with the one before them are left out; the ends stay.
+    """
+
+def laid_blends(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    turns: Sequence[int],
+    widths: Sequence[float],
+    /,
+) -> tuple[int, int, tuple[NDArray[np.generic], ...] | None]:
+    """The corner with a blend that turns back, the first of two waypoints whose blends overlap, or else, both being -1,
+    the tables of the curve: blends, breaks, lines and rows of the pieces, and the table of ``JointPath.tables``."""
+
+def polyline_length(points: NDArray[np.float64], /) -> float:
+    """The L2 length of a polyline (N, n): the exact sum of its steps, rounded once."""
+
+def turns_back(tangents: NDArray[np.float64], /) -> bool:
+    """Whether a corner almost turns back, with the tangents before and after it (2, n)."""
+
 Peak = tuple[float, int, float]
 """Ratio to the limit, joint and time, as in ``trajectory.Peak``."""
 

@@ -2,6 +2,7 @@
 #include "collision/kernel.hpp"
 #include "constraints/constraints.hpp"
 #include "kinematics/kinematics.hpp"
+#include "path/path.hpp"
 #include "roadmap/roadmap.hpp"
 #include "search/search.hpp"
 #include "smoothing/smoothing.hpp"
@@ -12,6 +13,7 @@ NB_MODULE(_core, m) {
     collision::bind(m);
     constraints::bind(m);
     kinematics::bind(m);
+    path::bind(m);
     roadmap::bind(m);
     search::bind(m);
     smoothing::bind(m);

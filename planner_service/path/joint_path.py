@@ -7,10 +7,9 @@ along the polyline through the waypoints, also where corners are blended.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import accumulate, pairwise
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, frozen
 from planner_service.geometry.validation import FLOAT64, numbers, whole
+from planner_service.native.loading import load_core
 from planner_service.path.corner_blend import Blends
 
 __all__ = ["OVERSHOOT", "JointPath", "polyline_length", "require_order", "within"]
@@ -26,20 +26,8 @@ __all__ = ["OVERSHOOT", "JointPath", "polyline_length", "require_order", "within
 OVERSHOOT = 1e-9
 """An argument at most this far outside its interval is rounding, and is moved to the interval's end."""
 
-MERGE = 1e-12
-"""Waypoints closer than this (rad) are one point: their direction would be rounding noise."""
-
-COLLINEAR = 1e-12
-"""A larger change of any component of the tangent is a corner."""
-
 MIN_WIDTH = 1e-9
 """Radians. A narrower blend is refused: its curvature would be rounding noise."""
-
-ROUNDING = 1e-15
-"""Relative, of a coordinate. On a short piece it turns the tangent noticeably, which is no corner."""
-
-NOISY = 1e-9
-"""If rounding may turn a tangent by more, a corner may be spread over many short pieces."""
 
 MIN_FORWARD = 0.2
 """The least abs(u + v) of the tangents at a blended corner. In a blend that almost turns back, within 12 degrees, s
@@ -52,16 +40,10 @@ WAYPOINTS = "rows of equally many numbers, shape (N, n)"
 NO_BLENDS = frozen(np.zeros(0))
 
 
-def _distances(points: FloatArray) -> FloatArray:
-    """L2 distance between successive rows, summed joint by joint (equal bits on every processor)."""
-    with np.errstate(over="ignore"):  # an infinite length is refused later
-        steps = points[1:] - points[:-1]
-        return np.asarray(np.sqrt(np.add.accumulate(steps * steps, axis=1)[:, -1]))
-
-
 def polyline_length(points: FloatArray) -> float:
     """L2 length of a polyline (N, n)."""
-    return math.fsum(_distances(points).tolist())
+    length: float = load_core().polyline_length(points)
+    return length
 
 
 def within(name: str, value: ArrayLike, end: float) -> FloatArray:
@@ -114,27 +96,6 @@ def _widths(values: Any, count: int) -> list[float]:
     return widths
 
 
-def _merged(points: FloatArray, steps: FloatArray) -> FloatArray:
-    """The points without those that coincide with the one before; the first and last stay bit for bit."""
-    total = sum(steps.tolist())
-    if not math.isfinite(total):
-        raise InvalidRequest("waypoints", float(np.abs(points).max()), "joint values whose path has a finite length")
-    near = max(MERGE, 2e-15 * total)  # so that arc length grows with every waypoint in spite of rounding
-    if not steps.size or steps.min() > near:
-        return points
-    kept = [0]
-    for k in range(1, len(points)):
-        if _distances(points[[kept[-1], k]])[0] > near:
-            kept.append(k)
-    last = len(points) - 1
-    if kept[-1] != last:
-        while len(kept) > 1 and _distances(points[[kept[-1], last]])[0] <= near:
-            kept.pop()
-        if _distances(points[[kept[-1], last]])[0] > 0.0:
-            kept.append(last)
-    return points[kept]
-
-
 @dataclass(frozen=True, eq=False)
 class _Polyline:
     """The part of a path that does not depend on its blends.
@@ -142,88 +103,50 @@ class _Polyline:
     Attributes:
         points: Shape (N, n).
         knots: s at each point, (N,).
-        lengths: Of the pieces, (N - 1,).
         tangents: Unit tangents of the pieces, (N - 1, n).
-        lines: Start, difference and end of each piece, (N - 1, n) each.
         turns: Indices of inner points where the direction changes by more than rounding.
     """
 
     points: FloatArray
     knots: FloatArray
-    lengths: FloatArray
     tangents: FloatArray
-    lines: tuple[FloatArray, FloatArray, FloatArray]
     turns: tuple[int, ...]
 
     @classmethod
-    def through(cls, points: FloatArray, steps: FloatArray) -> _Polyline:
-        """The polyline through points so far apart, of which none coincides with the one before it."""
-        knots = np.array(list(accumulate(steps.tolist(), initial=0.0)))
-        lengths, moves = knots[1:] - knots[:-1], points[1:] - points[:-1]
-        tangents = moves / steps[:, np.newaxis]
-        turns: tuple[int, ...] = ()
-        if len(points) > 2:
-            change = np.abs(tangents[1:] - tangents[:-1]).max(axis=1)
-            inverse = 1.0 / lengths
-            noise = ROUNDING * np.abs(points).max() * (inverse[1:] + inverse[:-1])
-            turning = change > COLLINEAR + noise
-            if noise.max() > NOISY:
-                turning |= _turned(tangents, lengths, ROUNDING * np.abs(points).max(), turning)
-            turns = tuple((np.flatnonzero(turning) + 1).tolist())
-        points.flags.writeable = knots.flags.writeable = False
-        return cls(points, knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
+    def through(cls, points: FloatArray, *, merged: bool = True) -> _Polyline:
+        """The polyline through points (N, n), ``merged`` without those that coincide with the one before them."""
+        laid = load_core().laid_polyline(points, merged)
+        if laid is None:
+            expected = "joint values whose path has a finite length"
+            raise InvalidRequest("waypoints", float(np.abs(points).max()), expected)
+        kept, knots, tangents, turns = laid
+        return cls(frozen(points if kept is None else points[kept]), knots, tangents, turns)
 
-    def turns_back(self, k: int) -> bool:
-        """Whether the corner at inner point k almost turns back."""
-        before, after = self.tangents[k - 1 : k + 1].tolist()
-        squares = [(u + v) * (u + v) for u, v in zip(before, after, strict=True)]
-        return math.fsum(squares) < MIN_FORWARD * MIN_FORWARD
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Of the pieces, (N - 1,)."""
+        return self.knots[1:] - self.knots[:-1]
 
+    @cached_property
+    def lines(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Start, difference and end of each piece, (N - 1, n) each."""
+        return self.points[:-1], self.points[1:] - self.points[:-1], self.points[1:]
 
-def _turned(tangents: FloatArray, lengths: FloatArray, rounding: float, turning: BoolArray) -> BoolArray:
-    """Which inner points are corners made of many pieces, each too short for an exact direction.
+    def blended(self, widths: Sequence[float]) -> tuple[NDArray[Any], ...]:
+        """The widths at corners, 0 elsewhere, and the pieces of the curve: breaks, lines, rows and table of blends.
 
-    Each piece is compared with the longest one since the last corner, whose direction is the most exact.
-    """
-    turned = np.zeros_like(turning)
-    best = 0
-    for k in range(1, len(tangents)):
-        noise = rounding / lengths[k] + rounding / lengths[best]
-        turned[k - 1] = np.abs(tangents[k] - tangents[best]).max() > COLLINEAR + noise
-        if turned[k - 1] or turning[k - 1] or lengths[k] >= lengths[best]:
-            best = k
-    return turned
-
-
-def _allowed_blends(polyline: _Polyline, widths: Sequence[float]) -> list[float]:
-    """The widths at corners, 0 elsewhere."""
-    kept, lengths = [0.0] * len(widths), polyline.lengths.tolist()
-    if not any(widths):
-        return kept
-    for k in polyline.turns:
-        kept[k] = widths[k]
-        if kept[k] > 0.0 and polyline.turns_back(k):
-            raise InvalidRequest(f"blends[{k}]", kept[k], "0 at a corner that turns back")
-    over = [a + b - length for (a, b), length in zip(pairwise(kept), lengths, strict=True)]
-    if any(excess > OVERSHOOT * max(pair) for excess, pair in zip(over, pairwise(kept), strict=True)):
-        k = over.index(max(over))
-        expected = "no more together than the piece between them is long"
-        raise InvalidRequest(f"blends[{k}:{k + 2}]", kept[k : k + 2], expected)
-    return kept
-
-
-def _pieces(knots: Sequence[float], blends: Sequence[float]) -> Iterator[tuple[float, int, int]]:
-    """Each piece between breaks: where it starts, the line it is part of, and the row of its blend or -1."""
-    row, at = -1, 0.0
-    for k in range(len(knots) - 1):
-        if blends[k] > 0.0:
-            row += 1
-            yield at, k, row
-            at = knots[k] + blends[k]
-        end = knots[k + 1] - blends[k + 1]
-        if end > at:
-            yield at, k, -1
-            at = end
+        Raises:
+            InvalidRequest: A blend at a corner that turns back, or two that overlap.
+        """
+        back, over, tables = load_core().laid_blends(self.points, self.knots, self.tangents, self.turns, widths)
+        if back >= 0:
+            raise InvalidRequest(f"blends[{back}]", widths[back], "0 at a corner that turns back")
+        if over >= 0:
+            pair = [widths[k] if k in self.turns else 0.0 for k in (over, over + 1)]
+            expected = "no more together than the piece between them is long"
+            raise InvalidRequest(f"blends[{over}:{over + 2}]", pair, expected)
+        blended: tuple[NDArray[Any], ...] = tables
+        return blended
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,7 +165,6 @@ class JointPath:
         knots: s at each waypoint, shape (N,), from 0 to ``length``.
         breaks: s from 0 to ``length`` where straight pieces and blends meet, and at waypoints that are not blended,
             shape (m + 1,).
-        blended: Which of the m pieces between breaks are blends, shape (m,).
         length: L2 joint arc length of the polyline.
         n: Number of joints.
         tangents: Unit tangents of the lines between waypoints, (N - 1, n).
@@ -257,7 +179,6 @@ class JointPath:
     blends: FloatArray = field(default_factory=lambda: NO_BLENDS)
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
-    blended: BoolArray = field(init=False)
     length: float = field(init=False)
     n: int = field(init=False)
     tangents: FloatArray = field(init=False)
@@ -265,43 +186,40 @@ class JointPath:
     _polyline: _Polyline = field(init=False)
     _lines: IntArray = field(init=False)
     _rows: IntArray = field(init=False)
+    _table: FloatArray = field(init=False)
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
         given = _waypoints(self.waypoints)
-        steps = _distances(given)
-        points = _merged(given, steps)
         widths = _widths(self.blends, len(given))
-        if len(points) < len(given):
-            if any(widths):
-                raise InvalidRequest("blends", len(given) - len(points), "waypoints that do not coincide")
-            steps, widths = _distances(points), widths[: len(points)]
-        self._lay(_Polyline.through(points, steps), widths)
+        polyline = _Polyline.through(given)
+        merged = len(given) - len(polyline.points)
+        if merged and any(widths):
+            raise InvalidRequest("blends", merged, "waypoints that do not coincide")
+        self._lay(polyline, widths[: len(polyline.points)])
 
     def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
         """Set all fields: the curve along a polyline with these blend widths."""
-        blends = _allowed_blends(polyline, widths)
-        pieces = list(_pieces(polyline.knots.tolist(), blends))
-        starts, lines, rows = (np.array([piece[k] for piece in pieces]) for k in range(3))
-        arrays = {
-            "blends": np.array(blends),
-            "breaks": np.append(starts, polyline.knots[-1]),
-            "blended": rows >= 0,
-            "_lines": lines.astype(np.intp),
-            "_rows": rows.astype(np.intp),
-        }
-        for array in arrays.values():
-            array.flags.writeable = False
+        blends, breaks, lines, rows, table = polyline.blended(widths)
         self.__dict__.update(
-            arrays,
             waypoints=polyline.points,
+            blends=blends,
             knots=polyline.knots,
+            breaks=breaks,
             length=float(polyline.knots[-1]),
             n=polyline.points.shape[1],
             tangents=polyline.tangents,
             turns=polyline.turns,
             _polyline=polyline,
+            _lines=lines,
+            _rows=rows,
+            _table=table,
         )
+
+    @cached_property
+    def blended(self) -> BoolArray:
+        """Which of the m pieces between breaks are blends, shape (m,)."""
+        return frozen(self._rows >= 0)
 
     @cached_property
     def _curves(self) -> Blends:
@@ -332,7 +250,9 @@ class JointPath:
         Raises:
             InvalidRequest: ``k`` is not the index of an inner waypoint.
         """
-        return self._polyline.turns_back(whole("k", k, 1, len(self.waypoints) - 2))
+        inner = whole("k", k, 1, len(self.waypoints) - 2)
+        back: bool = load_core().turns_back(self.tangents[inner - 1 : inner + 1])
+        return back
 
     def with_blends(self, blends: ArrayLike | None) -> JointPath:
         """The same polyline with other blends, shape (N,); None for a stop at every corner."""
@@ -421,10 +341,10 @@ class JointPath:
         """
         points = np.cumsum(np.abs(np.diff(self.waypoints, axis=0, prepend=self.waypoints[:1])), axis=0)
         path = object.__new__(JointPath)
-        path._lay(_Polyline.through(points, _distances(points)), self.blends.tolist())
+        path._lay(_Polyline.through(points, merged=False), self.blends.tolist())
         return path
 
-    @cached_property
+    @property
     def tables(self) -> tuple[NDArray[Any], ...]:
         """The tables of ``__call__`` and ``travel``, for compiled code that computes the same bits.
 
@@ -432,11 +352,7 @@ class JointPath:
         piece (m,) and its blend or -1 (m,); and of each blend s, width, corner, and tangents before and after,
         (k, 2 + 3 n).
         """
-        rows = np.flatnonzero(self.blends > 0.0)
-        columns = self.knots[rows, None], self.blends[rows, None], self.waypoints[rows]
-        blends = np.concatenate([*columns, self.tangents[rows - 1], self.tangents[rows]], axis=1)
-        blends.flags.writeable = False
-        return (self.waypoints, self.knots, self.tangents, self.breaks, self._lines, self._rows, blends)
+        return (self.waypoints, self.knots, self.tangents, self.breaks, self._lines, self._rows, self._table)
 
     def reversed(self) -> JointPath:
         """The same curve from its end to its start."""

@@ -11,6 +11,7 @@
 
 #include "../arithmetic.hpp"
 #include "../collision/samples.hpp"
+#include "../path/path.hpp"
 #include "../timing/curve.hpp"
 
 namespace smoothing {
@@ -25,7 +26,7 @@ using search::START;
 constexpr double min_gain = 0.02, min_pull = 0.005, short_piece = 0.1;
 constexpr std::array<double, 2> pulls{1.0, 0.5};
 constexpr int pull_rounds = 2;
-constexpr double blend_share = 0.499, min_forward = 0.2;
+constexpr double blend_share = 0.499;
 constexpr int kept_samples = 8;
 
 double distance(const Configuration& a, const Configuration& b) {
@@ -356,10 +357,8 @@ std::vector<double> blend_widths(const Corners& path, Oracle& oracle, double lea
         const auto k = static_cast<std::size_t>(corner);
         const std::size_t n = path.joints;
         const double *before = path.tangents + (k - 1) * n, *after = before + n;
-        std::vector<double> squares;
-        for (std::size_t j = 0; j < n; ++j) squares.push_back((before[j] + after[j]) * (before[j] + after[j]));
         double width = 0.0;
-        if (!(arithmetic::exact_sum(squares) < min_forward * min_forward)) {  // it does not turn back
+        if (!path::turns_back(before, after, n)) {
             const double room = std::min(path.knots[k] - path.knots[k - 1], path.knots[k + 1] - path.knots[k]);
             width = std::min(path.sizes[k], blend_share * room);
             const auto free = [&] {

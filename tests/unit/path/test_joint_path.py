@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.errors import InvalidRequest
-from planner_service.path.joint_path import JointPath
+from planner_service.geometry.arrays import FloatArray
+from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.path.trajectory import Trajectory
+from tests.reference import joint_path as reference
 
 ELBOW = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])
 joint_values = st.floats(-3.2, 3.2, allow_subnormal=False)
@@ -303,3 +306,59 @@ def test_dilations_that_add_up_to_the_absurd_are_refused(factor: float) -> None:
     trajectory = triangle(straight())
     with pytest.raises(InvalidRequest, match="got"):
         often(trajectory)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=300, deadline=None)
+def test_a_path_is_laid_out_with_the_bits_of_the_reference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = _awkward_points(rng)
+    laid = reference.layout(points)
+    path = JointPath(points)
+    for ours, theirs in zip((path.waypoints, path.knots, path.tangents), laid[:3], strict=True):
+        np.testing.assert_array_equal(ours, theirs, strict=True)
+    assert path.turns == laid[3]
+    assert polyline_length(points) == reference.polyline_length(points)
+    for k in range(1, len(path.waypoints) - 1):
+        assert path.turns_back(k) == reference.turns_back(laid[2], k)
+    room = np.minimum(np.diff(path.knots, append=9.0), np.diff(path.knots, prepend=-9.0))
+    widths = np.where(rng.random(len(room)) < 0.3, 0.0, np.maximum(rng.choice([0.3, 0.499, 0.55]) * room, 1e-9))
+    widths[[0, -1]] = 0.0
+    try:
+        allowed = reference.allowed_blends(laid, widths.tolist())
+    except ValueError as refused:
+        with pytest.raises(InvalidRequest, match=re.escape(str(refused))):
+            path.with_blends(widths)
+        return
+    blended = path.with_blends(widths)
+    starts, lines, rows = (
+        zip(*reference.pieces(laid[1].tolist(), allowed), strict=True) if len(laid[1]) > 1 else ((),) * 3
+    )
+    np.testing.assert_array_equal(blended.blends, allowed)
+    np.testing.assert_array_equal(blended.breaks, [*starts, laid[1][-1]])
+    np.testing.assert_array_equal(blended.tables[4], lines)
+    np.testing.assert_array_equal(blended.tables[5], rows)
+    on = np.flatnonzero(np.array(allowed) > 0.0)
+    columns = [laid[1][on, None], np.array(allowed)[on, None], laid[0][on], laid[2][on - 1], laid[2][on]]
+    np.testing.assert_array_equal(blended.tables[6], np.concatenate(columns, axis=1))
+
+
+def _awkward_points(rng: np.random.Generator) -> FloatArray:
+    """Waypoints of which some coincide, lie on lines, turn back, or are very close; or a bend of many short pieces."""
+    n, count = int(rng.integers(1, 8)), int(rng.integers(1, 12))
+    if n > 1 and rng.random() < 0.25:
+        size, bend = 10.0 ** rng.uniform(-10.0, -7.0), rng.uniform(0.0, 1e-5)
+        steps = np.stack([np.cos(bend * np.arange(60)), np.sin(bend * np.arange(60)), *np.zeros((n - 2, 60))], axis=1)
+        return np.asarray(rng.uniform(-3.0, 3.0, n) + np.cumsum(steps * size * rng.uniform(0.1, 1.0, (60, 1)), axis=0))
+    points = [rng.uniform(-3.0, 3.0, n)]
+    for _ in range(count - 1):
+        step = rng.normal(size=n) * 10.0 ** rng.uniform(-13.0, 0.5)
+        kind = rng.integers(6)
+        if kind == 0:
+            step = np.zeros(n)
+        elif kind == 1 and len(points) > 1:
+            step = (points[-1] - points[-2]) * rng.choice([-1.0, 1.0, 1e-6])
+        elif kind == 2:
+            step = rng.normal(size=n)
+        points.append(points[-1] + step)
+    return np.array(points)
