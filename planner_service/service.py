@@ -116,7 +116,7 @@ class PlannerService:
     @cached_property
     def checker(self) -> CollisionChecker:
         """A checker for questions of your own. Plans have another, so that neither disturbs the counts of the other."""
-        return self._new_checker()
+        return self._planning.counting_anew()
 
     @property
     def edge_step(self) -> EdgeStep:

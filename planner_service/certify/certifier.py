@@ -9,7 +9,6 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from types import NoneType
 from typing import NamedTuple
 
@@ -530,11 +529,11 @@ class Certifier:
                 cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, judged[1])))
         if not (cuts or one_by_one):
             return Roots(list(spans), self._whole)
-        whole, rows_of = self._opened(None if one_by_one else frozenset(cuts))
+        whole = self._opened(None if one_by_one else cuts)
+        cut_at = {row: spans_cut for names, spans_cut in cuts.items() for row in self._rows_of(whole, names)}
         parts, after = [], 0
-        for row in sorted(row for names in cuts for row in rows_of.get(names, ())):
-            pair = int(whole[row, 0])
-            left = _left_over(judged, cuts[frozenset(self.listed.names(pair))])
+        for row in sorted(cut_at):
+            pair, left = int(whole[row, 0]), _left_over(judged, cut_at[row])
             numbered = [(pair, spans.setdefault(span, len(spans))) for span in left]
             parts += [whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
             after = row + 1
@@ -549,35 +548,23 @@ class Certifier:
         """
         spans: dict[Span, int] = {}
         rows: set[tuple[int, int]] = set()
-        whole, rows_of = self._opened(frozenset(frozenset(names) for interval in exempt for names in interval.pairs))
+        whole = self._opened({frozenset(names) for interval in exempt for names in interval.pairs})
         for interval in exempt:
             span = max(interval.s_start, judged[0]), min(interval.s_end, judged[1])
             if span[0] <= span[1]:
                 number = spans.setdefault(span, len(spans))
-                named = (row for names in interval.pairs for row in rows_of.get(frozenset(names), ()))
+                named = (row for names in interval.pairs for row in self._rows_of(whole, names))
                 rows |= {(int(whole[row, 0]), number) for row in named}
         return Roots(list(spans), np.array(sorted(rows), dtype=np.intp).reshape(-1, 2))
 
-    def _opened(self, named: frozenset[frozenset[str]] | None) -> tuple[IntArray, dict[frozenset[str], list[int]]]:
-        """Rows of all roots, those of pairs of names one by one, and which of them have the pairs of two names.
-
-        None opens all bundles of several obstacles.
-        """
+    def _opened(self, named: Iterable[frozenset[str]] | None) -> IntArray:
+        """Rows of all roots, those of pairs of names one by one; None opens all bundles of several obstacles."""
         roots = self.listed.opened(named)
-        if np.array_equal(roots, self.listed.roots):
-            return self._whole, self._rows_of
-        return _rows(roots), self._by_names(roots)
+        return self._whole if np.array_equal(roots, self.listed.roots) else _rows(roots)
 
-    @cached_property
-    def _rows_of(self) -> dict[frozenset[str], list[int]]:
-        """Which rows of the roots have the pairs of two names."""
-        return self._by_names(self.listed.roots)
-
-    def _by_names(self, roots: IntArray) -> dict[frozenset[str], list[int]]:
-        rows: dict[frozenset[str], list[int]] = {}
-        for row, pair in enumerate(roots.tolist()):
-            if not self.listed.is_crowd(pair):
-                rows.setdefault(frozenset(self.listed.names(pair)), []).append(row)
+    def _rows_of(self, whole: IntArray, names: Iterable[str]) -> list[int]:
+        """Which rows have the pairs of two names."""
+        rows: list[int] = np.flatnonzero(self.listed.are_of(whole[:, 0], names)).tolist()
         return rows
 
     def _names_at(self, pair: int, Q: FloatArray) -> tuple[str, str]:

@@ -154,6 +154,7 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         allowed_contacts=(*robot.allowed_contacts, *guides),
         gripper=None,
         retreats=(),
+        link_frames=(),
         continuous=(*robot.continuous, False) if robot.continuous else (),
         dynamics=None,
     )

@@ -30,6 +30,44 @@ STEP = 1e-6
 """Radians (or metres) by which a joint is moved to either side for a slope."""
 
 
+class _Joints:
+    """What moves the bodies of a robot, whatever rides on them.
+
+    Attributes:
+        parents: Of each body.
+        columns: The entry of q that moves each; 0 for what no joint moves.
+        multipliers: How far each moves per unit of that entry.
+        moved: Which a joint moves.
+        sliding: Which slide.
+        tables: The poses of all in their parents, as ``_joint`` splits them, (3, 4, 1, bodies) each.
+        axes: Unit vectors in the joint frames, (3, 1, bodies).
+        steps: Of each two bodies how many joints move only the one and only the other, (bodies, bodies, 2).
+        numbers: All of this for compiled code, as ``Motion.tables`` has it, (bodies, 55).
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self.parents = [body.parent for body in bodies]
+        self.columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
+        self.multipliers = np.array([body.multiplier for body in bodies])
+        self.moved = np.array([body.q_index >= 0 for body in bodies])
+        self.sliding = np.array([body.prismatic for body in bodies])
+        self.tables = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
+        self.axes = np.array([body.axis.tolist() for body in bodies]).T[:, None, :]
+        chains = [_chain(self.parents, body) for body in range(len(bodies))]
+        self.steps = np.array([[_steps(one, two) for two in chains] for one in chains], dtype=np.intp)
+        columns = np.where(self.moved, self.columns, -1)
+        tables = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self.tables]
+        self.numbers = read_only(
+            np.column_stack([self.parents, columns, self.sliding, self.axes[:, 0].T, *tables, self.multipliers])
+        )
+
+
+@lru_cache(maxsize=16)
+def _joints_of(bodies: tuple[Body, ...]) -> _Joints:
+    """Built once for all grippers, windows of endless joints and scenes."""
+    return _Joints(bodies)
+
+
 class _Arm:
     """Poses and motion bounds of the pieces that ride on a robot; they do not depend on what stands around it.
 
@@ -53,42 +91,28 @@ class _Arm:
     """
 
     def __init__(self, robot: Robot, riding: Sequence[Piece]) -> None:
-        bodies = robot.bodies
         self.n = robot.n
         self.limits = np.stack(robot.bounds)
+        self._joints = joints = _joints_of(robot.bodies)
         self._riding = len(riding)
         self._solids = Solids.of([piece.shape for piece in riding])
         self.local = _table([_centred(piece) for piece in riding])[:, :, None]
         self.body = np.array([piece.body for piece in riding], dtype=np.intp)
-        self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
-        self._multipliers = np.array([body.multiplier for body in bodies])
-        self._moved = np.array([body.q_index >= 0 for body in bodies])
-        self._parents = [body.parent for body in bodies]
-        self._joints = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
-        self._axes = np.array([body.axis.tolist() for body in bodies]).T[:, None, :]
-        self._links = chains = [_chain(self._parents, piece.body) for piece in riding]
+        self._links = chains = [_chain(joints.parents, piece.body) for piece in riding]
         self.depth = max(map(len, chains), default=0)
         padded = [chain + [0] * (self.depth - len(chain)) for chain in chains]  # with the base, which no joint moves
         self._chains = np.array(padded, dtype=np.intp).reshape(len(riding), self.depth).T
-        self._sliding = np.array([body.prismatic for body in bodies])
-        self._slides = self._sliding[self._chains]
+        self._slides = joints.sliding[self._chains]
         self._radius = self._solids.radius()
         self._far = self._farthest(robot, chains)
         self.joints: IntArray = np.array([len(chain) for chain in chains], dtype=np.intp)
-        of_bodies = [_chain(self._parents, body) for body in range(len(bodies))]
-        steps = np.array([[_steps(one, two) for two in of_bodies] for one in of_bodies], dtype=np.intp)
-        self.steps: IntArray = steps[self.body[:, None], self.body].transpose(2, 0, 1)
+        self.steps: IntArray = joints.steps[self.body[:, None], self.body].transpose(2, 0, 1)
 
     @cached_property
     def tables(self) -> tuple[FloatArray, FloatArray]:
         """Bodies and links as ``Motion.tables`` has them."""
-        columns = np.where(self._moved, self._columns, -1)
-        joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
-        bodies = np.column_stack(
-            [self._parents, columns, self._sliding, self._axes[:, 0].T, *joints, self._multipliers]
-        )
         links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
-        return read_only(bodies), read_only(np.array(links).reshape(-1, 3))
+        return self._joints.numbers, read_only(np.array(links).reshape(-1, 3))
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
@@ -122,13 +146,14 @@ class _Arm:
 
     def _body_poses(self, q: FloatArray) -> FloatArray:
         """World poses (3, 4, m, bodies)."""
-        angles = q[:, self._columns] * self._multipliers
+        joints = self._joints
+        angles = q[:, joints.columns] * joints.multipliers
         flat = angles.ravel().tolist()
         cos = np.fromiter(map(math.cos, flat), np.float64, len(flat)).reshape(angles.shape)
         sin = np.fromiter(map(math.sin, flat), np.float64, len(flat)).reshape(angles.shape)
-        still, with_cos, with_sin, with_q = self._joints
+        still, with_cos, with_sin, with_q = joints.tables
         out: FloatArray = still + with_cos * cos + with_sin * sin + with_q * angles
-        for index, parent in enumerate(self._parents[1:], start=1):
+        for index, parent in enumerate(joints.parents[1:], start=1):
             out[..., index] = _composed(out[..., parent], out[..., index])
         return out
 
@@ -139,7 +164,7 @@ class _Arm:
         The part of ``c + w`` across the axis has a square of at most ``|c|^2 + 2 c . w + |w|^2``, and ``c . w`` is at
         most |c| times the support value of the piece along c.
         """
-        R, axis = bodies[:, :3], self._axes
+        R, axis = bodies[:, :3], self._joints.axes
         axes = R[:, 0] * axis[0] + R[:, 1] * axis[1] + R[:, 2] * axis[2]
         z = axes[:, :, self._chains]
         x = poses[:, 3, :, None] - bodies[:, 3][:, :, self._chains]
@@ -166,7 +191,8 @@ class _Arm:
             travel: What the joints of q travel in between, (m, n).
         """
         radii = 0.5 * (radii_a + radii_b)
-        per_body = np.where(self._moved, travel[:, self._columns] * np.abs(self._multipliers), 0.0)
+        joints = self._joints
+        per_body = np.where(joints.moved, travel[:, joints.columns] * np.abs(joints.multipliers), 0.0)
         out = np.zeros((self.depth + 1, len(travel), self._riding))
         for k, chain in enumerate(self._chains):
             radius = np.minimum(radii[:, k] + 0.5 * out[k], self._far[k])

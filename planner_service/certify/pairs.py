@@ -282,6 +282,24 @@ class ProofPairs:
         first, second = self.pairs[pair].tolist()
         return self._label(self._pieces[first].owner), self._label(self._pieces[second].owner)
 
+    def are_of(self, pairs: IntArray, names: Iterable[str]) -> BoolArray:
+        """Which pairs, given by their numbers, have owners of these two names; none with a bundle of several."""
+        one, two = (self._numbers_by_name.get(name, -1) for name in names)
+        first, second = self._owner_numbers[self.pairs[pairs]].T
+        of_both = ((first == one) & (second == two)) | ((first == two) & (second == one))
+        return np.asarray(of_both & ~self._bundles_of_crowd[pairs])
+
+    @cached_property
+    def _numbers_by_name(self) -> dict[str, int]:
+        """A number for each owner, by what it is called."""
+        return {name: number for number, name in enumerate(self._called)}
+
+    @cached_property
+    def _owner_numbers(self) -> IntArray:
+        """That of each piece."""
+        numbers = {owner: self._numbers_by_name[name] for name, owner in self._called.items()}
+        return np.array([numbers[piece.owner] for piece in self._pieces], dtype=np.intp)
+
     def held_together(self, scene: Scene) -> list[tuple[str, str]]:
         """Pairs of objects that the robot holds at the same time, by what they are called."""
         return list(combinations([self._label(("object", item.name)) for item in scene.attached], 2))

@@ -227,7 +227,9 @@ def _projected(a: Placed, b: Placed) -> FloatArray:
     best = np.full(len(a.t), -np.inf)
     on_a = a.t
     for _ in range(_PROJECTIONS):
-        on_b = b.nearest(on_a)
+        on_b, before = b.nearest(on_a), on_a
         on_a = a.nearest(on_b)
         best = np.maximum(best, gaps_along(a, b, on_b - on_a))
+        if np.array_equal(on_a, before):  # so are all that would follow: mostly solids that overlap
+            break
     return np.asarray(best)

@@ -118,7 +118,9 @@ class CollisionChecker:
         self._preparing: dict[_Key, Prepared[CollisionChecker]] = {}
         self._asked_step: EdgeStep = MotionStep() if edge_step is None else edge_step
         pairs = sorted_pairs(allowed)
-        self._judge(Parts(robot, scene, padding=float(padding), allowed=pairs), float(padding), pairs, None)
+        parts = Parts(robot, scene, padding=float(padding), allowed=pairs)
+        self._reach: list[float] = robot.reach(parts.carried).tolist()
+        self._judge(parts, float(padding), pairs, None)
 
     def _judge(self, parts: Parts, padding: float, allowed: tuple[tuple[str, str], ...], finest: float | None) -> None:
         """Prepare for these pieces, which have the padding, and for edges sampled at least this finely."""
@@ -128,7 +130,6 @@ class CollisionChecker:
         self._last = _Last()
         self._coarse_segments = coarse_segments_of(self.edge_step)
         self._backend = make_backend(self.backend, self.robot, parts)
-        self._reach: list[float] = self.robot.reach(parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in self.robot.bounds[0].tolist()]
         self._upper = [value + LIMIT_SLACK for value in self.robot.bounds[1].tolist()]
         self._rows_at_once = self._backend.rows_at_once
@@ -174,12 +175,22 @@ class CollisionChecker:
             return self._preparing.setdefault(key, Prepared(keep)).get()  # which a call that was ended may have begun
         return known
 
+    def counting_anew(self) -> CollisionChecker:
+        """The same checker, and what is compiled for it, with counts of its own."""
+        other = object.__new__(CollisionChecker)
+        other.__dict__.update(self.__dict__)
+        other.ledger, other._last, other._variants, other._preparing = Ledger(), _Last(), {}, {}
+        return other
+
     def _varied(self, padding: float, allowed: tuple[tuple[str, str], ...], finest: float | None) -> CollisionChecker:
         other = object.__new__(CollisionChecker)
         other.robot, other.scene, other.backend, other.ledger = self.robot, self.scene, self.backend, self.ledger
         other._variants, other._preparing, other._asked_step = self._variants, self._preparing, self._asked_step
+        other._reach = self._reach
         if allowed == self.allowed:
             parts = self._parts.padded(padding)
+        elif set(self.allowed).issubset(allowed):
+            parts = self._parts.padded(padding).allowing(self.robot, self.scene, allowed)
         else:
             parts = Parts(self.robot, self.scene, padding=padding, allowed=allowed)
         other._judge(parts, padding, allowed, finest)

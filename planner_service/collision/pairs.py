@@ -114,6 +114,23 @@ class Parts:
         other.shapes = self._grown(padding)
         return other
 
+    def allowing(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> Parts:
+        """The same pieces where more pairs of owners may touch: ``allowed``, those before among them.
+
+        Raises:
+            UnknownName: as ``Parts``; so is InvalidRequest.
+        """
+        other = copy(self)
+        other._allowed = self._allowed_pairs(robot, scene, allowed)
+        numbers = {owner: number for number, owner in enumerate({part.owner: None for part in self.parts})}
+        more = [sorted(map(numbers.__getitem__, pair)) for pair in other._allowed - self._allowed if len(pair) == 2]
+        owners = np.array([numbers[part.owner] for part in self.parts], dtype=np.intp)
+        both = np.sort(owners[self.pairs], axis=1)
+        touching = [(both == pair).all(axis=1) for pair in more]
+        other.pairs = self.pairs[~np.any(touching, axis=0)] if touching else self.pairs
+        other.names = _PairNames(other)
+        return other
+
     def _grown(self, padding: float) -> tuple[Shape, ...]:
         if not padding:
             return tuple(part.shape for part in self.parts)

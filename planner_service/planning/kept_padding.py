@@ -159,8 +159,8 @@ def _near_end(
     return NearEnd(max(low, span[0]), min(high, span[1]), tuple(sorted(pairs)))
 
 
-def _touching(padded: CollisionChecker, path: JointPath, s: float) -> set[Pair]:
-    return {(contact.a, contact.b) for contact in padded.contacts(path(min(max(s, 0.0), path.length)))}
+def _touching(padded: CollisionChecker, path: JointPath, s: float) -> frozenset[Pair]:
+    return padded.touching(path(min(max(s, 0.0), path.length)))
 
 
 def _in_words(kept: KeptPadding, asked: float, why: str) -> str:

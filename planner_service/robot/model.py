@@ -15,7 +15,7 @@ from types import NoneType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
@@ -434,11 +434,7 @@ class Robot:
             raise InvalidRequest("width", width, f"no width: robot {self.name!r} has no gripper")
         lower, upper = self.gripper.lower, self.gripper.upper
         width = number("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m", lower, upper)
-        moved = iter(self.gripper.shapes(float(width)))
-        shapes = tuple(next(moved) if item.link in self.gripper.links else item for item in self.shapes)
-        moved_robot = replace(self, gripper_width=float(width), shapes=shapes)
-        object.__setattr__(moved_robot, "_reach_without_fingers", self._reach_without_fingers)
-        return moved_robot
+        return _opened(getattr(self, "_unopened", self), float(width))
 
     def opened_like(self, other: Robot) -> Robot:
         """This robot with its gripper as far open as another's; itself if one has none, or its own does not go there.
@@ -541,6 +537,19 @@ class Robot:
 
     def _repr_html_(self) -> str:
         return render_html(robot_blocks(self))
+
+
+@lru_cache(maxsize=32)
+def _opened(robot: Robot, width: float) -> Robot:
+    """See ``Robot.with_gripper``. What the fingers do not change is worked out once for all widths."""
+    if robot.gripper is None:
+        raise BrokenInvariant("a robot without a gripper is opened")
+    moved = iter(robot.gripper.shapes(width))
+    shapes = tuple(next(moved) if item.link in robot.gripper.links else item for item in robot.shapes)
+    other = replace(robot, gripper_width=width, shapes=shapes)
+    kept = {name: getattr(robot, name) for name in ("_tree", "_reach_without_fingers")}
+    set_fields(other, **kept, _unopened=robot)  # of which the next width is made: one robot for each
+    return other
 
 
 @lru_cache(maxsize=32)

@@ -210,7 +210,7 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
             return ""
         pair = (names.object(held.name), names.object(handling.support))
         roomy = checker.variant(padding=handling.support_gap)
-        if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
+        if pair not in roomy.touching(q):
             return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
         return unwanted(checker, q, (pair,))
 
