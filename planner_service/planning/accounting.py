@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from operator import sub
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -28,7 +27,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set, projector_of
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.request import Goals, Pace, PlanRequest
 from planner_service.planning.result import (
     Failure,
     KeptPadding,
@@ -97,14 +96,6 @@ class NoPlan(Exception):
         self.no_path = no_path
 
 
-class StageEntry:
-    """What a running stage will report: a note for a person, and the length of the path after it."""
-
-    def __init__(self) -> None:
-        self.note = ""
-        self.length: float | None = None
-
-
 @dataclass(eq=False)
 class PlanAccounting:
     """The stages of one call as they happen, and its result at the end; of the thread that it is made in.
@@ -149,7 +140,7 @@ class PlanAccounting:
         self.ledger, self.tally = self.checker.ledger, self.checker.ledger.own
         self._reports: dict[Stage, StageReport] = {}
         self._stage = Stage.ENDPOINTS
-        self._hits = Counter(self.tally.hits)
+        self._hits = dict(self.tally.hits)
 
     def keep(self, constraints: Sequence[Constraint]) -> None:
         """Hold the call to constraints.
@@ -198,37 +189,25 @@ class PlanAccounting:
             reason = Reason.START_EXCEEDS_TORQUE if end == "start" else Reason.GOAL_EXCEEDS_TORQUE
             raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end}: {objection}"))
 
-    @contextmanager
-    def during(self, stage: Stage, *, improving: str = "") -> Iterator[StageEntry]:
-        """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up.
+    def during(self, stage: Stage, *, improving: str = "") -> StageEntry:
+        """Charge what a block costs to ``stage``, however it ends; a stage entered again adds up.
 
         Args:
             improving: What the block does to a path which is a plan without it, such as "shortened": a limit then ends
                 the block alone, and the entry says so.
         """
         self._stage = stage
-        entry = StageEntry()
-        tally, clock = self.tally, time.perf_counter()
-        before = tally.states, tally.edges, tally.distances, tally.projections
-        try:
-            yield entry
-        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
-            if not improving:
-                raise
-            self.stopped_by(stopped)
-            entry.note = f"not {improving}: {stopped}"
-        finally:
-            if self.projector is not None:
-                tally.projections += self.projector.take()
-            after = tally.states, tally.edges, tally.distances, tally.projections
-            spent, seconds = CheckCounts(*map(sub, after, before)), time.perf_counter() - clock
-            report = StageReport(stage, spent, seconds, entry.length, entry.note)
-            self._add(report)
-            tell = _told.get()
-            if tell is not None:
-                tell(report)
-            if logger.isEnabledFor(logging.DEBUG):
-                logger.debug("%s: %s, %.1f ms; %s", stage.value, spent, seconds * 1e3, entry.note or "no note")
+        return StageEntry(self, stage, improving)
+
+    def add(self, report: StageReport) -> None:
+        """Add what a stage has cost to what it has cost before, and tell those who want to know."""
+        self._add(report)
+        tell = _told.get()
+        if tell is not None:
+            tell(report)
+        if logger.isEnabledFor(logging.DEBUG):
+            stage, spent, milliseconds = report.stage.value, report.counts, report.seconds * 1e3
+            logger.debug("%s: %s, %.1f ms; %s", stage, spent, milliseconds, report.note or "no note")
 
     def _add(self, report: StageReport) -> None:
         before = self._reports.get(report.stage)
@@ -366,10 +345,46 @@ class PlanAccounting:
     @property
     def _blocked(self) -> tuple[tuple[str, str, float], ...]:
         """What the search ran into, most frequent first, with shares."""
-        hits = self.tally.hits - self._hits
+        hits = self.tally.hits - Counter(self._hits)
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
         return tuple((a, b, count / total) for (a, b), count in worst)
+
+
+class StageEntry:
+    """A stage that runs while it is entered; in the end its accounting is told what it has cost.
+
+    Attributes:
+        note: What happened, for a person.
+        length: Of the path after the stage.
+    """
+
+    def __init__(self, accounting: PlanAccounting, stage: Stage, improving: str) -> None:
+        self._accounting, self._stage, self._improving = accounting, stage, improving
+        self.note = ""
+        self.length: float | None = None
+
+    def __enter__(self) -> StageEntry:
+        tally, self._clock = self._accounting.tally, time.perf_counter()
+        self._before = tally.states, tally.edges, tally.distances, tally.projections
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool | None:
+        accounting, tally = self._accounting, self._accounting.tally
+        improved = None
+        if self._improving and isinstance(error, CheckBudgetSpent | TimeBoxSpent):
+            improved = True
+            accounting.stopped_by(error)
+            self.note = f"not {self._improving}: {error}"
+        if accounting.projector is not None:
+            tally.projections += accounting.projector.take()
+        states, edges, distances, projections = self._before
+        spent = CheckCounts(
+            tally.states - states, tally.edges - edges, tally.distances - distances, tally.projections - projections
+        )
+        seconds = time.perf_counter() - self._clock
+        accounting.add(StageReport(self._stage, spent, seconds, self.length, self.note))
+        return improved
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,12 +393,14 @@ class PlanContext:
 
     Attributes:
         request: What was asked.
+        goals: Those of the request, joint values clamped.
         checker: Judges and counts, without padding; its limits are those of the call.
         certifier: Proves the path in the end.
         accounting: Told by each stage what the result will say.
     """
 
     request: PlanRequest
+    goals: Goals
     checker: CollisionChecker
     certifier: Prepared[Certifier]
     accounting: PlanAccounting
@@ -499,7 +516,7 @@ def _stop_duration(
 ) -> float:
     """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
     path = trajectory.path
-    if not path.blended.any():
+    if not path.turns or not path.blended.any():
         return trajectory.duration
     try:
         return _stopping(path, pace, robot, limits, torque_limits)

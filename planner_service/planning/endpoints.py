@@ -24,7 +24,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
 from planner_service.planning.hull_contacts import filled_hulls, how_to_cut, touching_by_hulls
-from planner_service.planning.request import PlanRequest, clamp_note
+from planner_service.planning.request import Goals, PlanRequest, clamp_note
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.presentation.measures import outside_text
 from planner_service.robot.model import TURN, ExemptRetreat, Robot, joint_vector
@@ -97,10 +97,10 @@ class Ends:
     def __post_init__(self) -> None:
         self.__dict__["padding"] = min(self.start_padding, *(goal.padding for goal in self.goals))
 
-    def all_of(self, request: PlanRequest, robot: Robot) -> tuple[FloatArray, ...] | None:
-        """Every configuration that would do as an end of the motion; None if others may do, too."""
+    def all_of(self, asked: Goals, robot: Robot) -> tuple[FloatArray, ...] | None:
+        """Every configuration that would do as an end of a motion to these goals; None if others may do, too."""
         stated = list[FloatArray]()
-        for goal in request.goals(robot):
+        for goal in asked:
             if not isinstance(goal, Pose | PoseGoal):
                 stated.append(goal)
             elif not _all_known(robot, goal):
@@ -108,14 +108,14 @@ class Ends:
         return (*(goal.q for goal in self.goals), *stated)
 
 
-def require_ends(request: PlanRequest, robot: Robot) -> None:
-    """Refuse a request whose start or goal is not one of a robot.
+def require_ends(request: PlanRequest, robot: Robot) -> Goals:
+    """Refuse a request whose start or goal is not one of a robot; its goals, as ``PlanRequest.goals`` says.
 
     Raises:
         InvalidRequest: It is neither n finite joint values nor, for a goal, a pose.
     """
     joint_vector("start", request.start, robot)
-    request.goals(robot)
+    return request.goals(robot)
 
 
 def find_ends(context: PlanContext) -> Ends:
@@ -165,8 +165,7 @@ def _ends(context: PlanContext) -> Ends:
     every = True  # end that was asked for is known
     colliding: FloatArray | None = None
     arrived_at: int | None = None
-    requested = request.goals(robot)
-    for index, ((name, stated), given) in enumerate(zip(request.named_goals(), requested, strict=True)):
+    for index, ((name, stated), given) in enumerate(zip(request.named_goals(), context.goals, strict=True)):
         if not isinstance(given, Pose | PoseGoal):
             _note_clamped(context, name, np.asarray(stated), given)
             context.checker.ledger.poll()
@@ -196,7 +195,7 @@ def _ends(context: PlanContext) -> Ends:
             pairs = {f"{failure.contacts[0].a} x {failure.contacts[0].b}" for failure in failures if failure.contacts}
             words = f"all {len(failures)} ends that would do are refused ({', '.join(sorted(pairs))})"
             first = replace(first, detail=f"{first.detail}; {words}")
-        raise NoPlan(_explained(context, first, requested[0], colliding, begin))
+        raise NoPlan(_explained(context, first, context.goals[0], colliding, begin))
     if len(goals) > 1:
         goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
     return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from planner_service.planning.endpoints import Ends, find_ends, padded_ends, req
 from planner_service.planning.hull_contacts import only_for_hulls
 from planner_service.planning.kept_padding import line_keeps_padding, padding_kept
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
-from planner_service.planning.request import PlanRequest, kept_in, torques_of
+from planner_service.planning.request import Goals, PlanRequest, kept_in, torques_of
 from planner_service.planning.result import KeptPadding, MotionReport, Origin, PlanResult, Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, require_robot
 from planner_service.planning.search_stage import Candidates, NoProgress, SearchRound, Tries
@@ -62,24 +63,30 @@ POLISH_SHARE = 0.7
 """The share of the remaining time that optimising may take; the rest is kept for the unoptimised path."""
 
 
-def require_plannable(
-    request: PlanRequest, robot: Robot, scene: Scene
-) -> tuple[tuple[Constraint, ...], TorqueLimits | None]:
-    """Refuse a request that does not fit a robot in a scene; the constraints and the torque limits of its motion.
+class Plannable(NamedTuple):
+    """A request as it fits a robot in a scene: its goals, and the constraints and the torque limits of its motion."""
+
+    goals: Goals
+    constraints: tuple[Constraint, ...]
+    torque_limits: TorqueLimits | None
+
+
+def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> Plannable:
+    """Refuse a request that does not fit a robot in a scene.
 
     Raises:
         InvalidRequest: Its start, a goal or its roadmap is of another robot, or its planner does not keep the
             constraints.
         UnknownName: A constraint names no link or joint of the robot.
     """
-    require_ends(request, robot)
+    goals = require_ends(request, robot)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
     limits, constraints = torques_of(request.pace, robot, scene), kept_in(scene, request.constraints)
     if constraints:
         request.require_keeping(constraints)
         constraint_set(robot, constraints)
-    return constraints, limits
+    return Plannable(goals, constraints, limits)
 
 
 def plan(
@@ -97,7 +104,7 @@ def plan(
         InvalidRequest: As ``require_plannable``.
         UnknownName: The same.
     """
-    constraints, torque_limits = require_plannable(request, checker.robot, checker.scene)
+    goals, constraints, torque_limits = require_plannable(request, checker.robot, checker.scene)
     accounting = PlanAccounting(
         checker,
         states=request.max_checks,
@@ -111,7 +118,7 @@ def plan(
     if constraints:
         accounting.keep(constraints)
     accounting.torque_limits = torque_limits
-    context = PlanContext(request, checker, certifier, accounting)
+    context = PlanContext(request, goals, checker, certifier, accounting)
     return accounting.outcome(lambda: _stages(context))
 
 
@@ -299,7 +306,7 @@ def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
         NoPlan: There is one.
     """
     checker, accounting = context.checker, context.accounting
-    goals = ends.all_of(context.request, checker.robot)
+    goals = ends.all_of(context.goals, checker.robot)
     if goals is None or ends.departure is not None or boxes == 0:  # of a way out a wall is no objection
         return
     with accounting.during(Stage.NO_PATH) as entry:
@@ -423,7 +430,10 @@ def _timed(context: PlanContext, path: JointPath) -> tuple[Trajectory, MotionRep
 
 def _route(context: PlanContext, ends: Ends, points: FloatArray) -> _Route:
     """The whole way, with the fixed ways out of a pose and into one."""
-    goal = next(goal for goal in ends.goals if goal.q.tolist() == points[-1].tolist())
+    last = points[-1].tolist()
+    goal = next(goal for goal in ends.goals if goal.q.tolist() == last)
+    if ends.departure is None and goal.arrival is None:
+        return _Route(JointPath(points), goal.index, (), ())
     robot, pieces, kept = context.checker.robot, [points], list[int]()
     exempt: list[ExemptInterval] = []
     if ends.departure is not None:

@@ -33,6 +33,7 @@ from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = [
     "Goal",
+    "Goals",
     "Pace",
     "PlanRequest",
     "World",
@@ -52,6 +53,9 @@ MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
 
 Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
+
+Goals = tuple[FloatArray | Pose | PoseGoal, ...]
+"""The goals of a request one by one, as a robot has them (``PlanRequest.goals``)."""
 
 
 START_TOLERANCE = 0.01
@@ -184,7 +188,7 @@ class PlanRequest:
         clearance = max(chosen.clearance, min(2.0 * self.padding, MAX_CLEARANCE))
         return replace(chosen, corners=FEW_CORNERS if few else chosen.corners, clearance=clearance)
 
-    def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
+    def goals(self, robot: Robot) -> Goals:
         """The goals one by one, joint vectors copied, checked for shape and finiteness, and clamped.
 
         Raises:
@@ -345,14 +349,17 @@ def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | Po
 
 def clamped(Q: FloatArray, robot: Robot, tolerance: float = START_TOLERANCE) -> FloatArray:
     """Configurations (..., n) with joints that are outside their limits by at most a tolerance at them."""
-    inside = np.clip(Q, *robot.bounds)
+    lower, upper = robot.bounds
+    if not ((lower > Q) | (upper < Q)).any():
+        return Q
+    inside = np.clip(Q, lower, upper)
     moved = (inside != Q) & (np.abs(inside - Q) <= tolerance)
     return read_only(np.where(moved, inside, Q)) if moved.any() else Q
 
 
 def clamp_note(name: str, stated: FloatArray, used: FloatArray, robot: Robot) -> str:
     """Says how far a configuration that was clamped was outside its limits; nothing of one that was not."""
-    if np.array_equal(stated, used):
+    if stated.tolist() == used.tolist():
         return ""
     joint = int(np.argmax(np.abs(stated - used)))
     low, high = (float(bound[joint]) for bound in robot.bounds)

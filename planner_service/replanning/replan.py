@@ -95,10 +95,10 @@ def replan(
         raise InvalidRequest("scene", f"something carried with constraints ({names})", "none: replan keeps none")
     old = underway(previous, checker.robot, at_time, latency)
     new = request_for(previous, old, request, goal)
-    require_ends(new, checker.robot)
+    goals = require_ends(new, checker.robot)
     most = new.max_checks
     accounting = PlanAccounting(checker, states=most, search_states=most, seconds=new.time_limit, cancel=cancel)
-    context = PlanContext(new, checker, certifier, accounting)
+    context = PlanContext(new, goals, checker, certifier, accounting)
     law = _law_of(previous)
     if request is None and law != new.timing.name:
         note = f"a new motion is timed by {new.timing.name}, which can begin at speed, not by {law}"

@@ -28,7 +28,8 @@ def turning_off(scene: Scene, goal: tuple[float, float], at: float = 1.0) -> tup
     stop = motion.stop_from(switch, service.robot.limits)
     accounting = PlanAccounting(service.checker, states=10_000, search_states=10_000)
     certifier = Prepared(lambda: Certifier(service.robot, service.scene))
-    context = PlanContext(PlanRequest((0.0, 0.0), goal, padding=PADDING), service.checker, certifier, accounting)
+    request = PlanRequest((0.0, 0.0), goal, padding=PADDING)
+    context = PlanContext(request, (np.array(goal),), service.checker, certifier, accounting)
     detours = Detours(context, motion.path, np.zeros((0, 2)))
     return switch, stop, list(detours.places(switch, stop, np.array(goal)))
 
