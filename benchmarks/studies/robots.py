@@ -13,13 +13,13 @@ from rich.table import Table
 
 from benchmarks.harness.fresh_process import told_by
 from benchmarks.harness.report import Promise, Report, Row, merged, p50, spread, table, table_of
-from benchmarks.studies import meshes, readings
+from benchmarks.studies import checks, meshes, readings
 from benchmarks.worlds.foreign import READINGS, ROBOTS, ForeignRobot
 from planner_service.errors import InvalidRequest, UnknownName
 
 __all__ = ["PARTS", "run"]
 
-PARTS = ("plans", "readings", "meshes")
+PARTS = ("plans", "readings", "meshes", "check")
 QUERIES, STATES = 20, 10_000
 AT_MOST = 1800.0
 """Seconds for a robot, its judgement included."""
@@ -54,6 +54,8 @@ def run(
         reports.append(readings.run(seed=seed, robot=robot))
     if part in (None, "meshes"):
         reports.append(meshes.run(seed=seed, robot=robot))
+    if part in (None, "check"):
+        reports.append(checks.run(robot=robot))
     return merged("robots", reports)
 
 

@@ -1,4 +1,4 @@
-"""The command ``robot check``: what is wrong with a URDF, in words, as JSON and as a picture."""
+"""The command ``robot check``: what is wrong with a robot's file, in words, as JSON and as a picture."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _of_its_own() -> None:
     epilog=options.example("robot check arm.urdf --png arm.png"),
 )
 def check(
-    urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF.")],
+    urdf: Annotated[str, argument("ROBOT", "A robot's name, or a robot.toml, URDF, xacro or MJCF file.")],
     package_dir: options.PackageDirs = None,
     xacro_arg: options.XacroArgs = None,
     lock: options.Locks = None,
@@ -100,10 +100,15 @@ def _record(check: RobotCheck) -> dict[str, Any]:
         for finding in check.findings
     ]
     overhangs = {link: None if math.isinf(metres) else metres for link, metres in check.overhangs.items()}
-    gripper = None if check.robot is None else check.robot.gripper
+    robot = check.robot
+    gripper = None if robot is None else robot.gripper
+    home = {} if robot is None else dict(zip(robot.joint_names, robot.home.tolist(), strict=True))
     return {
         "urdf": str(check.path),
         "ok": check.ok,
+        "tool_frame": None if robot is None else robot.tool_frame,
+        "home": home,
+        "locked_joints": {} if robot is None else dict(robot.locked_joints),
         "findings": findings,
         "overhangs": overhangs,
         "gripper": None if gripper is None else {"kind": gripper.kind, "joints": list(gripper.joints)},

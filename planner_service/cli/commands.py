@@ -43,6 +43,7 @@ from planner_service.records.result import result_record
 from planner_service.robot.model import length_unit, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.kernel_check import Health, examine
+from planner_service.robot_setup.loading import robot_file
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import scene_blocks, scene_names
 from planner_service.service import PlannerService
@@ -357,7 +358,7 @@ def doctor(
 
 
 def import_robot_(
-    urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF.")],
+    urdf: Annotated[str, argument("URDF", "The robot's description: URDF, xacro or MJCF, or example-robot-data:NAME.")],
     out: Annotated[str, option("DIR", "Folder for robot.toml and for copies of the URDF and meshes.")],
     srdf: Annotated[str | None, option("FILE", "An SRDF with disabled pairs and named poses.")] = None,
     tool_frame: options.ToolFrame = None,
@@ -384,7 +385,8 @@ def import_robot_(
         srdf_file, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
         locked, given = options.locks(lock or ()), options.xacro_args(xacro_arg or ())
         hand = options.gripper(gripper)
-        source = Source(Path(urdf), srdf_file, tool_frame, folders, locked, joints, visual_as_collision, given, hand)
+        file = Path(urdf) if Path(urdf).is_file() else robot_file(urdf)
+        source = Source(file, srdf_file, tool_frame, folders, locked, joints, visual_as_collision, given, hand)
         engine = engine_named("processes", workers)
         imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=None)
     title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"

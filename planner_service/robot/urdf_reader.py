@@ -93,6 +93,7 @@ def read_urdf(
 def inspect_urdf(
     path: Path,
     package_dirs: Sequence[Path] = (),
+    decompose: Mapping[str, int] | None = None,
     *,
     visual_as_collision: bool = False,
     xacro_args: Mapping[str, str] | None = None,
@@ -101,8 +102,9 @@ def inspect_urdf(
 
     The root is empty if the links and joints are no tree. Arguments are those of ``read_urdf``.
     """
+    given, as_seen = dict(decompose or {}), visual_as_collision
     try:
-        return _read(path, package_dirs, {}, xacro_args or {}, visuals=True, visual_as_collision=visual_as_collision)
+        return _read(path, package_dirs, given, xacro_args or {}, visuals=True, visual_as_collision=as_seen)
     except InvalidFile as error:
         return Urdf("", "", (), ()), error.problems
 

@@ -1,4 +1,4 @@
-"""What is wrong with a URDF, or probably not meant: units, limits, links that no check ever looks at, home.
+"""What is wrong with a robot's file, or probably not meant: units, limits, links that no check ever looks at, home.
 
 ::
 
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planner_service.collision import CollisionChecker, Contact
+from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray
@@ -29,15 +29,29 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.validation import flag, instance, items
 from planner_service.presentation.measures import numbers_text
+from planner_service.robot.end_effector.mounted_tool import with_tool
 from planner_service.robot.kinematic_tree import body_matrix, chain_to_base
-from planner_service.robot.loading import LARGE, Selection, is_mjcf, motionless, require_urdf_alone, robot_of
+from planner_service.robot.loading import (
+    LARGE,
+    Selection,
+    is_mjcf,
+    motionless,
+    require_urdf_alone,
+    robot_from_file,
+    robot_of,
+)
 from planner_service.robot.macros.expansion import checked_xacro_args, package_folders, robot_folders
 from planner_service.robot.mjcf.mjcf_reader import inspect_mjcf
 from planner_service.robot.model import Robot
+from planner_service.robot.srdf import Srdf
+from planner_service.robot.toml_reader import read_robot_file
 from planner_service.robot.urdf_model import Urdf, UrdfJoint, UrdfLink
 from planner_service.robot.urdf_reader import inspect_urdf
+from planner_service.robot_setup.concave_links import cut_where_hulls_block
 from planner_service.robot_setup.end_effectors.arm_ends import fingers_of
 from planner_service.robot_setup.end_effectors.equipment import Equipment
+from planner_service.robot_setup.end_effectors.finger_overlap import finger_overlap
+from planner_service.robot_setup.loading import refuse_for_toml, robot_file
 from planner_service.robot_setup.overhang import extent, overhangs
 from planner_service.robot_setup.urdf_robot import FoundSrdf, described_robot, free_home, srdf_of
 from planner_service.robot_setup.visuals import Visual, visuals_of
@@ -62,9 +76,6 @@ DRAWS, LEAST_FREE = 1_000, 0.02
 
 LOOKED_AT, BLOCKERS = 100, 4
 """Colliding ones whose pairs are counted, and pairs that are named."""
-
-FINGER_DRAWS, CROSSING = 100, 0.005
-"""Random positions of fingers, and metres of overlap that is more than hulls and pads that touch."""
 
 FAR = 0.3
 """Metres between the tool frame and what moves with it that are more than a long tool."""
@@ -159,11 +170,14 @@ def check_robot(
     """Look for mistakes in a URDF that a robot should not have, and for some that loading it would not find.
 
     Args:
+        path: A URDF, xacro or MJCF file, a robot.toml, or a name that ``load_robot`` knows.
         package_dirs: Folders in which meshes may lie, besides those in which ``load_robot`` looks.
         visual_as_collision: Check the robot that ``Robot.from_urdf`` gives with the same argument.
         xacro_args: As ``load_robot`` takes them, as the others.
     """
     file = as_path("path", path)
+    if not file.is_file():
+        file = robot_file(path if isinstance(path, str) else file)
     folders = [as_path("package_dirs", folder) for folder in items("package_dirs", package_dirs, object, "folders")]
     as_seen = flag("visual_as_collision", visual_as_collision)
     locked = instance(
@@ -176,27 +190,18 @@ def check_robot(
         xacro_args=checked_xacro_args({} if xacro_args is None else xacro_args),
         gripper=None if gripper is None else items("gripper", gripper, str, "names of joints"),
     )
-    urdf, found_srdf, problems = _inspected(file, (*folders, *package_folders(file)), chosen)
-    robot, equipment = None, None
-    if urdf.root:
-        try:
-            robot, equipment = described_robot(file, urdf, found_srdf, chosen)
-        except InvalidFile as error:
-            problems = problems or error.problems  # else perhaps because of a stand-in
-        except InvalidRequest as error:
-            if any((tool_frame, locked, gripper)):  # one of these is wrong, and not the file
-                raise
-            problems = problems or [str(error)]
-    free = robot
-    if robot is not None and equipment is not None and robot.gripper is not None:
-        locked = {**equipment.locked, **locked}
-        free = robot_of(file, urdf, Selection(robot.tool_frame, locked_joints=locked), found_srdf.content)
+    is_toml = file.suffix.lower() == ".toml"
+    if is_toml:
+        read = _read_toml(file, folders, chosen)
+    else:
+        read = _read_description(file, (*folders, *package_folders(file)), chosen)
+    urdf, robot, free = read.urdf, read.robot, read.free
     visuals = visuals_of(urdf)
     large = {finding.links[0]: finding for finding in _sizes(urdf, visuals)}
     usual = {link: items for link, items in visuals.items() if link not in large}
     beyond = {} if free is None else overhangs(free, usual)
     found = [
-        *(_refused(problem, urdf) for problem in problems),
+        *(_refused(problem, urdf) for problem in read.problems),
         *(finding for joint in urdf.joints for finding in _joint_findings(joint)),
         *large.values(),
         *(finding for link in urdf.links for finding in _link_findings(link, visuals, beyond)),
@@ -205,19 +210,88 @@ def check_robot(
             for text in urdf.remarks
         ),
         *(Finding(FindingKind.LIMITS, text, joints=_named(text, urdf)[1]) for text in urdf.unused_limits),
-        *_not_understood(urdf, found_srdf),
-        *_unstated(urdf),
+        *_not_understood(urdf, read.srdf),
+        *_unstated(urdf, velocity=not is_toml),
         *_furniture(urdf, robot),
         *_motionless(urdf),
-        *(() if equipment is None else _equipment(equipment)),
-        *(() if robot is None or equipment is None else _tool(robot, equipment)),
-        *(() if problems or robot is None else _home(robot)),
-        *(() if problems or robot is None else _blocked(robot)),
-        *(() if problems or free is None else _crossing(urdf, found_srdf, free)),
+        *read.findings,
+        *(() if read.problems or robot is None else _home(robot, is_toml=is_toml)),
+        *(() if read.problems or robot is None else _blocked(robot)),
         *(Finding(FindingKind.UNREAD_VISUAL, text, links=_named(text, urdf)[0]) for text in urdf.unread_visuals),
     ]
     fingers = {} if robot is None or free is None or free is robot else _finger_frames(robot, free)
     return RobotCheck(file, tuple(found), robot, visuals, beyond, fingers)
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """What was read of a robot.
+
+    Attributes:
+        problems: What keeps it from being loaded, a line each.
+        robot: None if nothing can be made of it.
+        free: The robot with its fingers as joints like others.
+        findings: About what was chosen for it to work with.
+    """
+
+    urdf: Urdf
+    problems: Sequence[str]
+    srdf: FoundSrdf = field(default_factory=FoundSrdf)
+    robot: Robot | None = None
+    free: Robot | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+def _read_description(file: Path, folders: Sequence[Path], chosen: Selection) -> _Read:
+    """A URDF, xacro or MJCF file."""
+    urdf, found_srdf, problems = _inspected(file, folders, chosen)
+    if not urdf.root:
+        return _Read(urdf, problems, found_srdf)
+    try:
+        robot, equipment = described_robot(file, urdf, found_srdf, chosen)
+    except InvalidFile as error:  # perhaps because of a stand-in
+        return _Read(urdf, problems or error.problems, found_srdf)
+    except InvalidRequest as error:
+        if any((chosen.tool_frame, chosen.locked_joints, chosen.gripper)):  # one of these is wrong, and not the file
+            raise
+        return _Read(urdf, problems or [str(error)], found_srdf)
+    free = moving = robot
+    if robot.gripper is not None:
+        locked = {**equipment.locked, **chosen.locked_joints}
+        free = moving = robot_of(file, urdf, Selection(robot.tool_frame, locked_joints=locked), found_srdf.content)
+    if equipment.locked and not problems:
+        moving = robot_of(file, urdf, replace(chosen, tool_frame=robot.tool_frame), found_srdf.content)
+    crossing = () if problems else _crossing(urdf, found_srdf, robot, moving)
+    findings = (*_equipment(equipment), *_tool(robot, equipment), *crossing)
+    return _Read(urdf, problems, found_srdf, robot, free, findings)
+
+
+def _read_toml(file: Path, folders: Sequence[Path], chosen: Selection) -> _Read:
+    """A robot.toml, which says by itself what a description leaves open."""
+    refuse_for_toml(
+        package_dirs=list(map(str, folders)) or None,
+        xacro_args=chosen.xacro_args or None,
+        tool_frame=chosen.tool_frame,
+        gripper=chosen.gripper,
+        visual_as_collision=chosen.visual_as_collision or None,
+    )
+    try:
+        of = read_robot_file(file)
+    except InvalidFile as error:
+        return _Read(Urdf("", "", (), ()), error.problems)
+    urdf, problems = inspect_urdf(of.urdf, of.package_dirs, of.table.decompose)
+    try:
+        robot = robot_from_file(file)
+    except InvalidFile as error:
+        return _Read(urdf, problems or error.problems)
+    robot, free = robot.locked(chosen.locked_joints), robot
+    if robot.gripper is not None:
+        mounted = urdf if of.table.tool is None else with_tool(urdf, of.table.tool)
+        selection = Selection(robot.tool_frame, locked_joints=dict(robot.locked_joints))
+        free = robot_of(of.urdf, mounted, selection, Srdf())
+    blocked = cut_where_hulls_block(urdf, robot)[1]
+    hulls, crossing = _hulls(blocked, "name them in its table decompose"), _crossing(urdf, FoundSrdf(), robot, free)
+    return _Read(urdf, problems, FoundSrdf(), robot, free, (*hulls, *crossing))
 
 
 def _finger_frames(robot: Robot, free: Robot) -> dict[str, tuple[int, FloatArray]]:
@@ -249,9 +323,11 @@ def _not_understood(urdf: Urdf, srdf: FoundSrdf) -> Iterator[Finding]:
     for text in urdf.notes:
         links, joints = _named(text, urdf)
         yield Finding(FindingKind.NOT_UNDERSTOOD, text, links=links, joints=joints)
-    for text in (*srdf.content.notes, *srdf.problems):
-        where = "" if srdf.path is None else f"{srdf.path.name}: "
+    where = "" if srdf.path is None else f"{srdf.path.name}: "
+    for text in srdf.content.notes:
         yield Finding(FindingKind.NOT_UNDERSTOOD, f"{where}{text}")
+    if srdf.problems:
+        yield Finding(FindingKind.NOT_UNDERSTOOD, f"{where}{srdf.told}")
 
 
 def _named(text: str, urdf: Urdf) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -330,11 +406,16 @@ def _link_findings(
         yield Finding(FindingKind.SIMPLIFIED, text, advice, about)
 
 
-def _unstated(urdf: Urdf) -> Iterator[Finding]:
-    """Velocities and efforts that are 0 or missing."""
+def _unstated(urdf: Urdf, *, velocity: bool) -> Iterator[Finding]:
+    """Efforts that are 0 or missing, and velocities, unless a robot.toml states these."""
     movable = [joint for joint in urdf.joints if joint.kind != "fixed" and joint.mimic is None]
     for kind, silent, meaning, unit in (
-        (FindingKind.VELOCITY, [j for j in movable if j.velocity == 0.0], "a slow one is assumed", "rad/s or m/s"),
+        (
+            FindingKind.VELOCITY,
+            [j for j in movable if velocity and j.velocity == 0.0],
+            "a slow one is assumed",
+            "rad/s or m/s",
+        ),
         (
             FindingKind.EFFORT,
             [j for j in movable if j.effort == 0.0],
@@ -359,7 +440,7 @@ def _furniture(urdf: Urdf, robot: Robot | None) -> Iterator[Finding]:
             yield Finding(FindingKind.FURNITURE, text, "make it an obstacle of the scene", (link.name,))
 
 
-def _home(robot: Robot) -> Iterator[Finding]:
+def _home(robot: Robot, *, is_toml: bool) -> Iterator[Finding]:
     contacts = CollisionChecker(robot, Scene()).contacts(robot.home)
     if not contacts:
         return
@@ -369,7 +450,8 @@ def _home(robot: Robot) -> Iterator[Finding]:
         values = ", ".join(
             f"{name}={value:.3g}" for name, value in zip(robot.joint_names, nearest.tolist(), strict=True)
         )
-        advice = f"load_robot takes the nearest free configuration found instead: {values}"
+        taken = "the nearest free configuration found" if is_toml else "load_robot takes the nearest free one instead"
+        advice = f"{taken}: {values}"
     links = tuple(dict.fromkeys(name for contact in contacts for name in (contact.a, contact.b)))
     yield Finding(FindingKind.HOME, f"home collides with itself: {_listed(tuple(map(str, contacts)))}", advice, links)
 
@@ -380,12 +462,15 @@ def _motionless(urdf: Urdf) -> Iterator[Finding]:
         yield Finding(FindingKind.LIMITS, text, "write type fixed, or its limits", joints=(name,))
 
 
+def _hulls(links: tuple[str, ...], advice: str) -> Iterator[Finding]:
+    if links:
+        yield Finding(FindingKind.HULLS, f"hulls of {_listed(links)} touch what their meshes do not", advice, links)
+
+
 def _equipment(equipment: Equipment) -> Iterator[Finding]:
     """What was said about fingers, tools and meshes when they were chosen."""
-    if equipment.cut:
-        text = f"hulls of {_listed(equipment.cut)} touch what their meshes do not"
-        advice = "load_robot cuts these into convex pieces; Robot.from_urdf does so with decompose"
-        yield Finding(FindingKind.HULLS, text, advice, equipment.cut)
+    advice = "load_robot cuts these into convex pieces; Robot.from_urdf does so with decompose"
+    yield from _hulls(equipment.cut, advice)
     for note in equipment.notes:
         yield Finding(FindingKind.FINGERS if note.startswith("fingers") else FindingKind.TOOL, note)
 
@@ -438,35 +523,17 @@ def _blocked(robot: Robot) -> Iterator[Finding]:
     yield Finding(FindingKind.BLOCKED, text + ", ".join(shares), advice, links)
 
 
-def _crossing(urdf: Urdf, srdf: FoundSrdf, moving: Robot) -> Iterator[Finding]:
-    """Fingers of a robot, joints like others, that pass through each other within the ranges of their joints."""
-    joints = {one.name: one for one in fingers_of(urdf, srdf.content)}
-    columns = [k for k, name in enumerate(moving.joint_names) if name in joints]
-    roots = {}
-    for link in (item.link for item in moving.shapes):
-        above = link
-        while above in urdf.above:
-            joint = urdf.above[above]
-            above = joint.parent
-            if joint.name in joints:
-                roots[link] = joint.name
-    if not columns:
-        return
-    checker, (lower, upper) = CollisionChecker(replace(moving, allowed_contacts=()), Scene()), moving.bounds
-    Q = np.repeat(moving.home[None], FINGER_DRAWS, axis=0)
-    Q[:, columns] = np.random.default_rng(0).uniform(lower[columns], upper[columns], (FINGER_DRAWS, len(columns)))
-    Q[0, columns], Q[1, columns] = lower[columns], upper[columns]
-    deepest: Contact | None = None
-    for q in Q:
-        for contact in checker.contacts(q):
-            a, b = roots.get(contact.a), roots.get(contact.b)
-            if a and b and a != b and contact.depth > (CROSSING if deepest is None else deepest.depth):
-                deepest, at = contact, q
+def _crossing(urdf: Urdf, srdf: FoundSrdf, robot: Robot, moving: Robot) -> Iterator[Finding]:
+    deepest = finger_overlap(urdf, fingers_of(urdf, srdf.content), moving)
     if deepest is not None:
-        where = ", ".join(f"{moving.joint_names[k]}={at[k]:.3g}" for k in columns)
-        text = f"fingers pass through each other: {deepest} with {where}"
-        advice = "see the axes and limits of their joints"
-        yield Finding(FindingKind.FINGERS, text, advice, (deepest.a, deepest.b))
+        contact, where = deepest
+        text, advice = (
+            f"fingers pass through each other: {contact} with {where}",
+            "see the axes and limits of their joints",
+        )
+        if (hand := robot.gripper) is not None:
+            advice += f"; the gripper is only opened {1000 * hand.lower:.1f} to {1000 * hand.upper:.1f} mm"
+        yield Finding(FindingKind.FINGERS, text, advice, (contact.a, contact.b))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -87,6 +87,8 @@ class Source:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "urdf", as_path("urdf", self.urdf))
+        if self.urdf.suffix.lower() == ".toml":
+            raise InvalidRequest("urdf", str(self.urdf), "a URDF, xacro or MJCF file: a robot.toml is one already")
         flag("visual_as_collision", self.visual_as_collision)
         if self.srdf is not None:
             object.__setattr__(self, "srdf", as_path("srdf", self.srdf))

@@ -15,7 +15,7 @@ from planner_service.geometry.validation import flag, instance, items
 from planner_service.robot.model import Robot, robot_names
 from planner_service.robot.package_files import EXAMPLES, example_urdf
 
-__all__ = ["load_robot"]
+__all__ = ["load_robot", "refuse_for_toml", "robot_file"]
 
 DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")
 """Suffixes of files that describe a robot by themselves: URDF, xacro and MJCF."""
@@ -23,6 +23,38 @@ DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")
 
 def _loading() -> None:
     import planner_service.robot.loading  # noqa: F401  pydantic takes 0.1 s
+
+
+def robot_file(name_or_path: str | Path) -> Path:
+    """The file of a robot that ``load_robot`` knows by name or path: a robot.toml or a description.
+
+    Raises:
+        UnknownName, InvalidRequest: as of ``load_robot``.
+    """
+    if not isinstance(name_or_path, (str, os.PathLike)):
+        raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
+    path, name = as_path("robot", name_or_path), str(name_or_path)
+    if not isinstance(name_or_path, str):
+        return path
+    source, colon, example = name.partition(":")
+    if colon and source == EXAMPLES:
+        return example_urdf(example)
+    if path.suffix.lower() in DESCRIPTIONS or "/" in name or name.endswith(".toml"):
+        return path
+    if name not in robot_names():
+        raise UnknownName("robot", name, robot_names())
+    return data_folder("robots") / name / "robot.toml"
+
+
+def refuse_for_toml(**given: object) -> None:
+    """Raise if anything is given that is for descriptions alone; None is not given.
+
+    Raises:
+        InvalidRequest: it is.
+    """
+    for field, value in given.items():
+        if value is not None:
+            raise InvalidRequest(field, value, "none: it is for URDF, xacro and MJCF; a robot.toml says it itself")
 
 
 def load_robot(
@@ -72,10 +104,7 @@ def load_robot(
     from planner_service.robot.loading import Selection, robot_from_file
     from planner_service.robot.macros.expansion import checked_xacro_args
 
-    if not isinstance(name_or_path, (str, os.PathLike)):
-        raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
-    path = as_path("robot", name_or_path)
-    name = str(name_or_path)
+    path = robot_file(name_or_path)
     folders = tuple(as_path("package_dirs", each) for each in items("package_dirs", package_dirs, object, "folders"))
     locked = instance(
         "locked_joints", {} if locked_joints is None else locked_joints, Mapping, "positions by joint name"
@@ -84,27 +113,17 @@ def load_robot(
     arguments = checked_xacro_args({} if xacro_args is None else xacro_args)
     instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
     hand = None if gripper is None else items("gripper", gripper, str, "names of joints")
-    source, colon, example = name.partition(":")
-    if colon and source == EXAMPLES and isinstance(name_or_path, str):
-        path = example_urdf(example)
     if path.suffix.lower() in DESCRIPTIONS:
         from planner_service.robot_setup.urdf_robot import load_urdf
 
         chosen = Selection(tool_frame=tool_frame, locked_joints=locked, xacro_args=arguments, gripper=hand)
         return load_urdf(path, folders, chosen, cut_meshes=cut)
     places = list(map(str, folders)) or None
-    said = {
-        "cut_meshes": None if cut else False,
-        "package_dirs": places,
-        "xacro_args": arguments or None,
-        "tool_frame": tool_frame,
-        "gripper": hand,
-    }
-    for field, given in said.items():
-        if given is not None:
-            raise InvalidRequest(field, given, "none: it is for URDF, xacro and MJCF; a robot.toml says it itself")
-    if isinstance(name_or_path, str) and "/" not in name and not name.endswith(".toml"):
-        if name not in robot_names():
-            raise UnknownName("robot", name, robot_names())
-        path = data_folder("robots") / name / "robot.toml"
+    refuse_for_toml(
+        cut_meshes=None if cut else False,
+        package_dirs=places,
+        xacro_args=arguments or None,
+        tool_frame=tool_frame,
+        gripper=hand,
+    )
     return robot_from_file(path).locked(locked)

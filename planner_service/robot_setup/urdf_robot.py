@@ -68,9 +68,7 @@ def load_urdf(
     found = srdf_of(path, urdf) if srdf is None else FoundSrdf(srdf)
     tell_notes(found.path or path, found.content.notes)
     if found.problems:
-        more = f" and {len(found.problems) - TOLD} more" if len(found.problems) > TOLD else ""
-        of_it = "" if found.path is None else "not used of it: "
-        logger.warning("%s: %s%s%s", found.path or path, of_it, "; ".join(found.problems[:TOLD]), more)
+        logger.warning("%s: %s", found.path or path, found.told)
     robot, chosen = described_robot(path, urdf, found, selection, cut_meshes=cut_meshes)
     tell_notes(path, chosen.notes)
     home = free_home(robot)
@@ -95,6 +93,12 @@ class FoundSrdf:
     content: Srdf = field(default_factory=Srdf)
     path: Path | None = None
     problems: tuple[str, ...] = ()
+
+    @property
+    def told(self) -> str:
+        """The first problems in one line, and how many there are more."""
+        more = f" and {len(self.problems) - TOLD} more" if len(self.problems) > TOLD else ""
+        return f"{'' if self.path is None else 'not used of it: '}{'; '.join(self.problems[:TOLD])}{more}"
 
 
 def described_robot(
@@ -141,7 +145,9 @@ def srdf_of(path: Path, urdf: Urdf) -> FoundSrdf:
     chosen = [file for file in files if file.stem == path.stem]
     chosen = chosen[:1] or [file for file in files if _robot_name(file) == urdf.name]
     if len(chosen) > 1:
-        return FoundSrdf(problems=(f"no SRDF is used: {len(chosen)} are of robot {urdf.name!r}",))
+        names = ", ".join(file.name for file in chosen[:TOLD])
+        step = f"call the right one {path.stem}.srdf"
+        return FoundSrdf(problems=(f"no SRDF is used: {len(chosen)} are of robot {urdf.name!r} ({names}); {step}",))
     if not chosen:
         return FoundSrdf()
     try:

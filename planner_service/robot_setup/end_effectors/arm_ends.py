@@ -62,9 +62,10 @@ def fingers_of(urdf: Urdf, srdf: Srdf) -> tuple[UrdfJoint, ...]:
     None if all that moves would be fingers: it is a hand by itself, and these are its joints.
     """
     moving = {joint.name for joint in _moving(urdf)}
+    called = _called_fingers(urdf)
     found: list[UrdfJoint] = []
     for wrist in _moving(urdf):
-        if wrist in found or _is_called_finger(wrist):
+        if wrist in found or wrist.name in called:
             continue
         roots = [root for root in _next_joints(urdf, wrist.child) if root not in found]
         below = {root.name: _moved_by(urdf, root) for root in roots}
@@ -74,7 +75,7 @@ def fingers_of(urdf: Urdf, srdf: Srdf) -> tuple[UrdfJoint, ...]:
         for root in roots:
             plain = root in small and not _has(f"{ARMS}|{LEGS}|{OTHERS}", *_names(below[root.name]))
             of_palm = len(small) == len(roots) > 1 or of_hand
-            if all(map(_is_called_finger, below[root.name])) or (plain and of_palm):
+            if called.issuperset(one.name for one in below[root.name]) or (plain and of_palm):
                 found += below[root.name]
     return tuple(found) if {joint.name for joint in found} < moving else ()
 
@@ -194,10 +195,21 @@ def _is_small(urdf: Urdf, root: UrdfJoint) -> bool:
     return reach(root, 0.0, 1)
 
 
-def _is_called_finger(joint: UrdfJoint) -> bool:
-    """A joint named so, or one that moves a finger; but "gripper" is what hands are called, too."""
+def _called_fingers(urdf: Urdf) -> set[str]:
+    """The joints that are named as a finger's, or that move a link named so.
+
+    Not what turns a hand: a joint named as a wrist, or the only one at its palm, which carries others that move by
+    themselves. "Gripper" and "jaw" are what hands are called, too.
+    """
     plain = FINGERS.replace("gripper|", "")
-    return _has(plain, joint.name, joint.child) or (_has("gripper", joint.name) and not _has(TURNS, joint.name))
+    called = {joint.name for joint in _moving(urdf) if _has(plain, joint.name)}
+    turning = {joint.name for joint in _moving(urdf) if _has(TURNS, joint.name)}
+    likely = {one.name for one in _moving(urdf) if _has("gripper", one.name) or _has(plain, one.child)} - turning
+    for palm in (urdf.root, *(joint.child for joint in _moving(urdf))):
+        beside = [joint for joint in _next_joints(urdf, palm) if joint.name in called | likely]
+        if len(beside) == 1 and any(one.mimic is None for one in _moved_by(urdf, beside[0])[1:]):
+            likely.discard(beside[0].name)
+    return called | likely
 
 
 def _names(joints: Sequence[UrdfJoint]) -> list[str]:

