@@ -12,8 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import Vector, cross_of, dot, minus, turned, vector
+from planner_service.geometry.arrays import FloatArray, Vector, along, cross_of, dot, minus, turned, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.kinematic_tree import Body, chain_to_base
@@ -22,7 +24,8 @@ __all__ = ["Placed", "reach_bounds"]
 
 Placed = tuple[int, Shape, Pose]
 """A shape in a body: body index, shape, T_body_shape."""
-Ball = tuple[Vector, float]
+Balls = tuple[FloatArray, FloatArray]
+"""Centres (k, 3) and radii (k,)."""
 
 ROUNDING = 1e-9
 """Relative: far above the rounding error of a few dozen operations, far below any length that matters."""
@@ -44,14 +47,15 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
     Args:
         travel: Largest absolute position of each joint, in order of q; used for prismatic ones.
     """
-    clouds: dict[int, list[Ball]] = {}
+    clouds: dict[int, list[Balls]] = {}
     for body, shape, pose in shapes:
-        clouds.setdefault(body, []).extend(_hull(shape, pose))
+        clouds.setdefault(body, []).append(_hull(shape, pose))
     out = [0.0] * len(travel)
     for joint in bodies[1:]:
         if joint.prismatic:
             out[joint.q_index] = max(out[joint.q_index], abs(joint.multiplier))
-    for last, cloud in clouds.items():
+    for last, hulls in clouds.items():
+        cloud = (np.concatenate([points for points, _ in hulls]), np.concatenate([radii for _, radii in hulls]))
         moved = [0.0] * len(travel)
         chain = chain_to_base(bodies, last)[::-1]
         for k, at in enumerate(chain):
@@ -62,7 +66,7 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
     return out
 
 
-def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[float], cloud: Sequence[Ball]) -> float:
+def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[float], cloud: Balls) -> float:
     """Bound for the points of the last body of ``chain`` about the axis of its first."""
     about: Vector | None = vector(bodies[chain[0]].axis.tolist())
     pivot: Vector = (0.0, 0.0, 0.0)
@@ -74,14 +78,15 @@ def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[flo
         else:
             axis = turned(vector(body.axis.tolist()), body.placement)
             onto = _nearest(vector(body.placement[:3, 3].tolist()), axis, pivot, about)
-            total += _across(minus(onto, pivot), about)
+            total += float(_across(np.array([minus(onto, pivot)]), about)[0])
             pivot = onto
             if about is not None and not _is_parallel(axis, about):
                 about = None
         back = body.placement[:3, :3].T
         about = None if about is None else turned(about, back)
         pivot = turned(minus(pivot, vector(body.placement[:3, 3].tolist())), back)
-    return total + max(_across(minus(point, pivot), about) + radius for point, radius in cloud)
+    points, radii = cloud
+    return total + float((_across(points - pivot, about) + radii).max())
 
 
 def _nearest(origin: Vector, axis: Vector, pivot: Vector, about: Vector | None) -> Vector:
@@ -97,17 +102,22 @@ def _nearest(origin: Vector, axis: Vector, pivot: Vector, about: Vector | None) 
     return (origin[0] + t * axis[0], origin[1] + t * axis[1], origin[2] + t * axis[2])
 
 
-def _across(offset: Vector, about: Vector | None) -> float:
-    """Length of a vector, or of its part perpendicular to ``about``.
+def _across(offsets: FloatArray, about: Vector | None) -> FloatArray:
+    """Lengths (k,) of vectors (k, 3), or of their parts perpendicular to ``about``.
 
     ``about`` may differ from the true axis by the angle that counts as parallel, which changes that part by at most the
     angle times the length; adding this keeps the result an upper bound.
     """
-    length = math.sqrt(dot(offset, offset))
+    length = _lengths(offsets)
     if about is None:
         return length
-    part = _reject(offset, about)
-    return min(length, math.sqrt(dot(part, part)) + TILT * length)
+    parts = offsets - along(offsets, np.array(about))[:, None] * about
+    return np.minimum(length, _lengths(parts) + TILT * length)
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    x, y, z = vectors.T
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _is_parallel(a: Vector, b: Vector, below: float = PARALLEL) -> bool:
@@ -116,29 +126,28 @@ def _is_parallel(a: Vector, b: Vector, below: float = PARALLEL) -> bool:
     return dot(cross, cross) < below
 
 
-def _hull(shape: Shape, pose: Pose) -> list[Ball]:
+def _hull(shape: Shape, pose: Pose) -> Balls:
     """Balls whose convex hull contains the shape, in body coordinates."""
-    R, p = pose.rotation.tolist(), pose.position
-    return [
-        ((p[0] + dot(R[0], v), p[1] + dot(R[1], v), p[2] + dot(R[2], v)), radius) for v, radius in _local_hull(shape)
-    ]
+    points, radius = _local_hull(shape)
+    return along(points, pose.rotation).T + pose.position, np.full(len(points), radius)
 
 
-def _local_hull(shape: Shape) -> list[Ball]:
+def _local_hull(shape: Shape) -> tuple[FloatArray, float]:
+    """Centres (k, 3) of such balls in the shape's own frame, and their radius."""
     if isinstance(shape, Box):
         x, y, z = shape.half
-        return [((sx * x, sy * y, sz * z), 0.0) for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]
+        return np.array([(sx * x, sy * y, sz * z) for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]), 0.0
     if isinstance(shape, Sphere):
-        return [((0.0, 0.0, 0.0), shape.radius)]
+        return np.zeros((1, 3)), shape.radius
     if isinstance(shape, Capsule):
-        return [((0.0, 0.0, end * shape.length / 2), shape.radius) for end in (-1, 1)]
+        return np.array([(0.0, 0.0, end * shape.length / 2) for end in (-1, 1)]), shape.radius
     if isinstance(shape, Cylinder):
         corner = shape.radius / math.cos(math.pi / RIM_SIDES)
         angles = [2.0 * math.pi * k / RIM_SIDES for k in range(RIM_SIDES)]
         rim = [(corner * math.cos(angle), corner * math.sin(angle)) for angle in angles]
-        return [((x, y, end * shape.length / 2), 0.0) for x, y in rim for end in (-1, 1)]
+        return np.array([(x, y, end * shape.length / 2) for x, y in rim for end in (-1, 1)]), 0.0
     if isinstance(shape, Mesh):
-        return [(vector(vertex), 0.0) for vertex in shape.vertices.tolist()]
+        return shape.vertices, 0.0
     raise BrokenInvariant(f"no hull is known for {type(shape).__name__}")
 
 
