@@ -47,7 +47,6 @@ DIRECTIONS = 100
 
 THINNEST = 1e-6
 """Metres: anything thinner is flat up to rounding, and collision libraries are undefined below this gap."""
-EPSILON = float(np.finfo(np.float64).eps)
 
 ROUNDING = 1e-9
 """Relative to the size of a mesh: far above what rounding may cut off its hull (1e-15), far below what matters."""
@@ -94,10 +93,14 @@ class Mesh:
     def _become(self, points: FloatArray, most: int) -> None:
         """Be the hull of points (n, 3), each once, sorted."""
         corners, faces, normals = _hull(points, most)
-        offsets = _farthest(corners, normals)
-        if float((offsets + _farthest(corners, -normals)).min()) < THINNEST:
+        offsets = _farthest(corners, normals, (corners[faces[:, 0]] * normals).sum(axis=-1))
+        few = corners[np.concatenate([corners.argmin(axis=0), corners.argmax(axis=0)])]
+        depths = -along(few, normals).min(axis=-1)
+        thin = offsets + depths < THINNEST  # as far as a few corners can tell
+        if thin.any() and float((offsets[thin] + _farthest(corners, -normals[thin], depths[thin])).min()) < THINNEST:
             raise _flat(points)
-        _require_inside(points, normals, offsets)
+        if len(corners) < len(points):
+            _require_inside(points, normals, offsets)
         vertices, normals, offsets = map(read_only, (corners, normals, offsets))
         set_fields(self, vertices=vertices, faces=frozen(faces), normals=normals, offsets=offsets)
 
@@ -376,24 +379,28 @@ def _require_inside(points: FloatArray, normals: FloatArray, offsets: FloatArray
             raise _flat(points)
 
 
-def _farthest(points: FloatArray, directions: FloatArray) -> FloatArray:
+def _farthest(points: FloatArray, directions: FloatArray, reached: FloatArray) -> FloatArray:
     """The largest component of points (n, 3) along each unit vector of (k, 3), (k,), with the bits of ``along``.
 
-    A matrix product, several times as fast but with other last bits on another processor, says which points can be it.
+    A matrix product in single precision, many times as fast, says which points can be it.
+
+    Args:
+        reached: The component of one of the points, (k,), better a large one.
     """
-    largest, slack = [], _uncertainty(points)
+    largest = np.empty(len(directions))
+    rough_points, rough_directions = points.T.astype(np.float32), directions.astype(np.float32)
+    least = (reached - _uncertainty(points, np.float32)).astype(np.float32)
     for rows in blocks(len(directions), len(points)):
-        rough = directions[rows] @ points.T
-        row, point = np.divmod(np.flatnonzero(rough >= rough.max(axis=-1, keepdims=True) - slack), len(points))
+        row, point = np.divmod(np.flatnonzero(rough_directions[rows] @ rough_points >= least[rows, None]), len(points))
         d, p = directions[rows][row], points[point]
         exact = d[:, 0] * p[:, 0] + d[:, 1] * p[:, 1] + d[:, 2] * p[:, 2]
-        largest.append(np.maximum.reduceat(exact, np.searchsorted(row, np.arange(len(rough)))))
-    return np.concatenate(largest)
+        largest[rows] = np.maximum.reduceat(exact, np.searchsorted(row, np.arange(len(least[rows]))))
+    return largest
 
 
-def _uncertainty(points: FloatArray) -> float:
+def _uncertainty(points: FloatArray, kind: type[np.floating[Any]] = np.float64) -> float:
     """What two ways to compute a component of a point along a unit vector differ by at most, with some to spare."""
-    return 64.0 * EPSILON * float(np.abs(points).max())
+    return 64.0 * float(np.finfo(kind).eps) * float(np.abs(points).max())
 
 
 def _to_segments(points: FloatArray, start: FloatArray, edge: FloatArray) -> FloatArray:
