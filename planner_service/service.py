@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
+from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion
+from planner_service.certify.gripper import GripperCertifier
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.collision.budget import Cancelled
@@ -100,6 +101,7 @@ class PlannerService:
         self._planning = self._new_checker()
         self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
         self._certifier = Prepared(self._new_certifier, quick=self._planning.quick)
+        self._gripper_certifier = Prepared(self._new_gripper_certifier, quick=self._planning.quick)
         self._windows: dict[Robot, tuple[CollisionChecker, Prepared[Certifier]]] = {}
         self._process = os.getpid()
 
@@ -157,12 +159,15 @@ class PlannerService:
 
     def changed(self, *, gripper: float | None = None, scene: Scene | None = None) -> PlannerService:
         """A service with the same settings whose gripper stands ``gripper`` metres open, or whose scene is another."""
-        return PlannerService(
+        other = PlannerService(
             self.robot if gripper is None else self.robot.with_gripper(gripper),
             self.scene if scene is None else scene,
             edge_step=self._edge_step,
             allowed=self._allowed,
         )
+        if scene is None:
+            other._gripper_certifier = self._gripper_certifier  # which is of all widths
+        return other
 
     def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None, trace: bool = False) -> PlanResult:
         """A timed path from the start to a goal, or the reason why there is none.
@@ -382,6 +387,9 @@ class PlannerService:
     def _new_certifier(self, robot: Robot | None = None) -> Certifier:
         return Certifier(self.robot if robot is None else robot, self.scene, allowed=self._allowed)
 
+    def _new_gripper_certifier(self) -> GripperCertifier:
+        return GripperCertifier(self.robot, self.scene, allowed=self._allowed)
+
     def certify(
         self,
         path: JointPath | ArrayLike,
@@ -442,10 +450,9 @@ class PlannerService:
             Cancelled: by ``cancel``.
         """
         self._require_own_process()
-        robot, scene, allowed, charge = self.robot, self.scene, self._allowed, _polling(cancel)
-        return certify_gripper(
-            robot, scene, q, (start, end), allowed=allowed, touching=touching, reason=reason, charge=charge
-        )
+        charge = _polling(cancel)
+        certifier = self._gripper_certifier.get()
+        return certifier.certify(q, (start, end), touching=touching, reason=reason, charge=charge)
 
     def follow(
         self,

@@ -333,6 +333,7 @@ class Certifier:
 
     Args:
         allowed: Pairs of links or objects that may touch, beside those that the robot and held objects allow.
+        still: Joints that stand still on every curve. What nothing but these moves against each other is not judged.
 
     Attributes:
         robot: Its motions are proven.
@@ -346,12 +347,15 @@ class Certifier:
         InvalidRequest: a pair names a link and an object at once, or something else than a Robot or a Scene is given.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), still: Sequence[str] = ()
+    ) -> None:
         self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
         shaped = {item.link for item in robot.shapes}
-        self.listed = ProofPairs(robot, scene, self._allowed)
+        self._still = [robot.joint_names.index(name) for name in still]
+        self.listed = ProofPairs(robot, scene, self._allowed, self._still)
         self._contacts = (
             *(contact for contact in robot.allowed_contacts if shaped.issuperset(contact.links)),
             *(AllowedContact(pair, CARRIED_TOGETHER) for pair in self.listed.held_together(scene)),
@@ -424,6 +428,7 @@ class Certifier:
             UnknownName: As ``certify``.
         """
         self._check_limits("waypoints", curve.waypoints)  # a blend stays in the triangle of its corner
+        self._check_still(curve.waypoints)
         self._check_exempt(curve.length, stretches)
         judged = checked_part or (0.0, curve.length)
         kept = prove_kept(self.robot, curve, constraints, part=judged, charge=charge) if constraints else ()
@@ -466,6 +471,8 @@ class Certifier:
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         terms = (padding + MARGIN, padding - MARGIN)
         judged = self.prover.edge(q1, q2, *terms)
+        if self._still:
+            self._check_still(np.array([q1, q2]))
         if judged.verdict is None:
             judged = self.prover.edge(self._configuration("q1", q1), self._configuration("q2", q2), *terms)
             if judged.verdict is None:
@@ -590,6 +597,11 @@ class Certifier:
             expected = f"{self.robot.joint_names[joint]} in {range_text(lower[joint], upper[joint], value)}"
             where = f"{name}[{joint}]" if name in ("q1", "q2") else f"{name}[{row}][{joint}]"
             raise InvalidRequest(where, value, expected)
+
+    def _check_still(self, rows: FloatArray) -> None:
+        for joint in self._still:
+            if np.any(rows[:, joint] != rows[0, joint]):
+                raise InvalidRequest("path", self.robot.joint_names[joint], "a joint that stands still")
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
         for interval in exempt:

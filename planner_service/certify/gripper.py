@@ -1,7 +1,7 @@
 """The proof of a gripper that opens or closes while the arm stands still.
 
-This is the motion of a robot of one joint: the arm is locked where it stands, the fingers are its only moving bodies,
-and s is how far they have moved: by half of what the width changes, or, if they turn, by an angle of their leader.
+This is the motion of a robot with one more joint, which moves the fingers, while all others stand still; s is how far
+they have moved: by half of what the width changes, or, if they turn, by an angle of their leader.
 """
 
 from __future__ import annotations
@@ -9,25 +9,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify.certifier import LIMIT_SLACK, Certificate, Certifier, ExemptInterval, Refusal, Trail
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.errors import InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.gripper import Gripper
-from planner_service.robot.locking import lock_joints
 from planner_service.robot.model import AllowedContact, JointLimits, Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["GripperMotion", "certify_gripper"]
+__all__ = ["GripperCertifier", "GripperMotion", "certify_gripper"]
 
 FINGERS = "gripper"
-"""The one remaining joint."""
+"""The joint that moves the fingers."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,54 @@ class GripperMotion:
         return f"{motion}: {refusal.a} x {refusal.b} are not proven apart at a width of {width * 1e3:.1f} mm"
 
 
+class GripperCertifier:
+    """Proves motions of the gripper of one robot, however far it is open now, in one scene.
+
+    Args:
+        allowed: Pairs of links or objects that may touch anyway.
+
+    Raises:
+        InvalidRequest: the robot has no gripper.
+        UnknownName: a pair names nothing that is there.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = ()) -> None:
+        self._robot, gripper = instance("robot", robot, Robot, "a Robot"), robot.gripper
+        if gripper is None:
+            raise InvalidRequest("robot", robot.name, "a robot with a gripper")
+        self._gripper = gripper
+        self._certifier = Certifier(_with_fingers(robot.unopened), scene, allowed=allowed, still=robot.joint_names)
+
+    def certify(
+        self,
+        q: ArrayLike,
+        widths: tuple[float, float],
+        *,
+        touching: Sequence[tuple[str, str]] = (),
+        reason: str = "",
+        charge: Callable[[int], None] | None = None,
+        trail: Trail | None = None,
+    ) -> GripperMotion:
+        """See ``certify_gripper``.
+
+        Raises:
+            InvalidRequest: q is outside the joint limits, or a width outside the gripper's range.
+            UnknownName: a pair names nothing that is there.
+        """
+        began, gripper, stands = time.perf_counter(), self._gripper, _within(self._robot, q)
+        expected = f"a gap between the finger pads in [{gripper.lower:g}, {gripper.upper:g}] m"
+        given = items("widths", widths, object, expected, 2)
+        if len(given) != 2:
+            raise InvalidRequest("widths", widths, "one before and one after")
+        start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in given)
+        path = JointPath(np.array([[*stands.tolist(), gripper.position(width)] for width in (start, end)]))
+        pairs = pairs_of_names("touching", touching)
+        exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
+        certificate = self._certifier.certify(path, exempt=exempt, charge=charge, trail=trail)
+        travel = None if gripper.kind == "parallel" else path.length
+        return GripperMotion(start, end, certificate, time.perf_counter() - began, travel)
+
+
 def certify_gripper(
     robot: Robot,
     scene: Scene,
@@ -95,22 +142,8 @@ def certify_gripper(
         InvalidRequest: the robot has no gripper, q is outside its joint limits, or a width outside the gripper's range.
         UnknownName: a pair names nothing that is there.
     """
-    began, gripper = time.perf_counter(), instance("robot", robot, Robot, "a Robot").gripper
-    if gripper is None:
-        raise InvalidRequest("robot", robot.name, "a robot with a gripper")
-    stands = _within(robot, q)
-    expected = f"a gap between the finger pads in [{gripper.lower:g}, {gripper.upper:g}] m"
-    given = items("widths", widths, object, expected, 2)
-    if len(given) != 2:
-        raise InvalidRequest("widths", widths, "one before and one after")
-    start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in given)
-    path = JointPath(np.array([[gripper.position(start)], [gripper.position(end)]]))
-    pairs = pairs_of_names("touching", touching)
-    exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
-    certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed)
-    certificate = certifier.certify(path, exempt=exempt, charge=charge, trail=trail)
-    travel = None if gripper.kind == "parallel" else path.length
-    return GripperMotion(start, end, certificate, time.perf_counter() - began, travel)
+    certifier = GripperCertifier(robot, scene, allowed=allowed)
+    return certifier.certify(q, widths, touching=touching, reason=reason, charge=charge, trail=trail)
 
 
 def _within(robot: Robot, q: ArrayLike) -> FloatArray:
@@ -125,11 +158,15 @@ def _within(robot: Robot, q: ArrayLike) -> FloatArray:
     return np.asarray(inside)
 
 
-def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
-    """The robot locked at q, its fingers being moved by one more joint.
+@lru_cache(maxsize=16)
+def _with_fingers(robot: Robot) -> Robot:
+    """The robot, its fingers being moved by one more joint.
 
     A finger and what else is on the body that carries it slide in each other, and are not judged, as ever.
     """
+    gripper = robot.gripper
+    if gripper is None:
+        raise BrokenInvariant("a robot without a gripper has no fingers to move")
     moving, fingers = gripper.finger_bodies(len(robot.bodies), robot.n)
     rest = [item for item in robot.shapes if item.link not in gripper.links]
     guides = [
@@ -144,7 +181,7 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         item.name: np.append(getattr(robot.limits, item.name), extent.get(item.name, 1.0))
         for item in fields(JointLimits)
     }
-    sliding = replace(
+    return replace(
         robot,
         joint_names=(*robot.joint_names, FINGERS),
         limits=JointLimits(**limits),
@@ -154,8 +191,6 @@ def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
         allowed_contacts=(*robot.allowed_contacts, *guides),
         gripper=None,
         retreats=(),
-        link_frames=(),
         continuous=(*robot.continuous, False) if robot.continuous else (),
         dynamics=None,
     )
-    return lock_joints(sliding, dict(zip(robot.joint_names, q.tolist(), strict=True)))

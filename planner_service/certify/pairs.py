@@ -143,6 +143,7 @@ class ProofPairs:
     An obstacle is judged against everything that a joint moves; two pieces of the robot if they are on different
     bodies; a held object also against the body that holds it. Not judged: pieces of one owner, two held objects, whose
     relative pose cannot change, contacts that the robot allows, a held object and its touch links, and ``allowed``.
+    Where some entries of q stand ``still``, bodies count as one that only these move against each other.
 
     Pieces of an obstacle of many are bundled, and so is a crowd of obstacles of few that nothing may touch: a pair with
     a bundle is apart if all its children are.
@@ -163,7 +164,13 @@ class ProofPairs:
         InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]], still: Sequence[int] = ()
+    ) -> None:
+        self._moving_with: list[int] = []  # for each body the one that it moves with
+        for number, body in enumerate(robot.bodies):
+            own = body.parent < 0 or body.q_index not in still
+            self._moving_with.append(number if own else self._moving_with[body.parent])
         tool = _frame(robot.tool_placement)
         riding = list(_links_of(robot))
         for a in scene.attached:
@@ -366,7 +373,8 @@ class ProofPairs:
             yield run, [o for o in (*runs[k + 1 :], *self._obstacles) if self._must_part(a, self._pieces[o.start])]
 
     def _must_part(self, a: Piece, b: Piece) -> bool:
-        if not (a.body > 0 if b.body == FIXED else a.body != b.body or a.held != b.held):
+        first, second = self._moving_with[a.body], FIXED if b.body == FIXED else self._moving_with[b.body]
+        if not (first > 0 if second == FIXED else first != second or a.held != b.held):
             return False
         return a.owner != b.owner and (a.owner, b.owner) not in self._may_touch
 

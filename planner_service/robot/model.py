@@ -434,7 +434,13 @@ class Robot:
             raise InvalidRequest("width", width, f"no width: robot {self.name!r} has no gripper")
         lower, upper = self.gripper.lower, self.gripper.upper
         width = number("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m", lower, upper)
-        return _opened(getattr(self, "_unopened", self), float(width))
+        return _opened(self.unopened, float(width))
+
+    @property
+    def unopened(self) -> Robot:
+        """The robot of which ``with_gripper`` made this one, which is the same for all widths; itself if it did not."""
+        made_of: Robot = vars(self).get("_unopened", self)
+        return made_of
 
     def opened_like(self, other: Robot) -> Robot:
         """This robot with its gripper as far open as another's; itself if one has none, or its own does not go there.

@@ -324,3 +324,17 @@ def test_an_exempt_stretch_may_end_a_rounding_beyond_the_path() -> None:
     pairs = (("forearm", "lesson_disc"),)
     length = JointPath(LESSON).length
     assert certify(PLANAR, DISCS, LESSON, exempt=[ExemptInterval(0.0, length + 1e-12, pairs, "")]).certified
+
+
+def test_a_joint_that_was_said_to_stand_still_is_not_moved_and_what_it_alone_moves_is_not_judged() -> None:
+    first, second = PLANAR.joint_names
+    still = Certifier(PLANAR, ball_beyond(-0.01), still=[first])  # which link 2 meets only if link 1 turns
+    assert still.certify([[-0.5, 0.0], [-0.5, 0.2]]).certified
+    assert not Certifier(PLANAR, ball_beyond(-0.01)).certify(SWEEP).certified
+    for judge in (still.certify, lambda path: still.certify_edge(*np.array(path))):
+        with pytest.raises(InvalidRequest, match=f"path: got '{first}'; expected a joint that stands still"):
+            judge(SWEEP.tolist())
+    wall = Scene((Obstacle("wall", Box((0.05, 0.05, 0.05)), Pose((0.5, 0.0, 0.0))),))  # on link 1
+    touching = [[0.0, 0.0], [0.0, 0.2]]
+    assert Certifier(PLANAR, wall, still=[first]).certify(touching).certified
+    assert refused_pair(Certifier(PLANAR, wall, still=[second]).certify([[0.0, 0.0], [0.1, 0.0]]))

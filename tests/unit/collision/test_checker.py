@@ -12,13 +12,15 @@ import pytest
 
 from auditor.checker import IndependentChecker
 from planner_service.collision import CollisionChecker, MotionStep
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
+from planner_service.planning.request import PlanRequest
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene
+from planner_service.service import PlannerService
 from tests.support.optional import present
 
 NANO = 1.1e-9  # clearances and depths are whole nanometres, rounded to the safe side
@@ -304,3 +306,23 @@ def test_the_independent_checker_samples_a_motion_as_densely_as_it_promises(dura
     assert fastest > 0.008 or duration < 1.0
     assert (second.reach * np.abs(np.diff(q(times[-1]), axis=0))).sum(axis=1).max() <= 0.01
     assert (times[-1][0], times[-1][-1]) == (0.0, duration)
+
+
+def test_a_variant_that_allows_more_is_the_checker_that_was_made_so() -> None:
+    robot, scene = load_robot("wxai"), load_scene("bin")
+    pairs = [("finger_left", "blue_block"), ("link_6", "bin_floor"), ("finger_right", "blue_block")]
+    few = CollisionChecker(robot, scene, allowed=pairs[:1])
+    more, made = few.variant(allowed=pairs, padding=0.01), CollisionChecker(robot, scene, allowed=pairs, padding=0.01)
+    assert more.pair_count == made.pair_count < few.pair_count
+    assert [more.pair_names(k) for k in range(more.pair_count)] == [made.pair_names(k) for k in range(made.pair_count)]
+    fewer = more.variant(allowed=pairs[1:])
+    assert fewer.pair_count == CollisionChecker(robot, scene, allowed=pairs[1:]).pair_count
+    with pytest.raises(UnknownName, match="'blue_blok'"):
+        few.variant(allowed=[*pairs, ("link_6", "blue_blok")])
+
+
+def test_a_services_own_checker_counts_nothing_of_its_plans() -> None:
+    service = PlannerService("wxai", "bin")
+    service.checker.variant(padding=0.01).state_is_free(service.robot.home)
+    service.plan(PlanRequest(service.robot.home, service.robot.home))
+    assert service.checker.counts.states == 1

@@ -145,6 +145,13 @@ def test_opening_the_gripper_moves_each_pad_by_half_the_width(wxai: Robot) -> No
     assert inner_faces(wxai) == inner_faces(wxai.with_gripper(0.08)), "open when loaded"
 
 
+def test_a_gripper_of_one_width_is_one_robot_from_wherever_it_is_opened(wxai: Robot) -> None:
+    wide = wxai.with_gripper(0.06)
+    assert wxai.with_gripper(0.02).with_gripper(0.06) is wide
+    assert wide.unopened is wxai.unopened
+    assert wide.hash != wxai.hash
+
+
 @pytest.mark.parametrize("width", [-0.001, 0.081, math.nan, "wide"])
 def test_a_width_outside_the_range_is_refused(wxai: Robot, width: Any) -> None:
     with pytest.raises(InvalidRequest, match=r"width: got .* expected a gap between the finger pads in \[0, 0.08\] m"):
