@@ -80,6 +80,9 @@ LOOKED_AT, BLOCKERS = 100, 4
 FAR = 0.3
 """Metres between the tool frame and what moves with it that are more than a long tool."""
 
+UNITS_OF = {"velocity": "rad/s or m/s", "effort": "Nm or N"}
+TOML = ".toml"
+
 MAX_NAMES = 8
 """Names in one line."""
 
@@ -190,7 +193,7 @@ def check_robot(
         xacro_args=checked_xacro_args({} if xacro_args is None else xacro_args),
         gripper=None if gripper is None else items("gripper", gripper, str, "names of joints"),
     )
-    is_toml = file.suffix.lower() == ".toml"
+    is_toml = file.suffix.lower() == TOML
     if is_toml:
         read = _read_toml(file, folders, chosen)
     else:
@@ -211,7 +214,7 @@ def check_robot(
         ),
         *(Finding(FindingKind.LIMITS, text, joints=_named(text, urdf)[1]) for text in urdf.unused_limits),
         *_not_understood(urdf, read.srdf),
-        *_unstated(urdf, velocity=not is_toml),
+        *_unstated(urdf, file),
         *_furniture(urdf, robot),
         *_motionless(urdf),
         *read.findings,
@@ -406,27 +409,21 @@ def _link_findings(
         yield Finding(FindingKind.SIMPLIFIED, text, advice, about)
 
 
-def _unstated(urdf: Urdf, *, velocity: bool) -> Iterator[Finding]:
-    """Efforts that are 0 or missing, and velocities, unless a robot.toml states these."""
+def _unstated(urdf: Urdf, file: Path) -> Iterator[Finding]:
+    """Efforts that are 0 or missing, and velocities, which a robot.toml states."""
     movable = [joint for joint in urdf.joints if joint.kind != "fixed" and joint.mimic is None]
-    for kind, silent, meaning, unit in (
-        (
-            FindingKind.VELOCITY,
-            [j for j in movable if velocity and j.velocity == 0.0],
-            "a slow one is assumed",
-            "rad/s or m/s",
-        ),
-        (
-            FindingKind.EFFORT,
-            [j for j in movable if j.effort == 0.0],
-            "what the motors can do is unknown",
-            "Nm or N",
-        ),
+    velocity, effort = (f'write <limit {kind}="..."/>, in {unit}' for kind, unit in UNITS_OF.items())
+    if is_mjcf(file):
+        velocity = "MJCF has none; import-robot writes a robot.toml, in which they can be set"
+        effort = 'write actuatorfrcrange="..." of the joint, in Nm or N'
+    for kind, meaning, advice in (
+        (FindingKind.VELOCITY, "a slow one is assumed", velocity),
+        (FindingKind.EFFORT, "what the motors can do is unknown", effort),
     ):
-        if silent:
+        silent = [joint for joint in movable if getattr(joint, kind.value) == 0.0]
+        if silent and (kind is FindingKind.EFFORT or file.suffix.lower() != TOML):
             names = tuple(joint.name for joint in silent)
             text = f"no {kind.value} of {_listed(names)}: {meaning}"
-            advice = f'write <limit {kind.value}="..."/>, in {unit}'
             yield Finding(kind, text, advice, tuple(joint.child for joint in silent), names)
 
 

@@ -21,12 +21,13 @@ from planner_service.files.xml_reader import MAX_XML_BYTES, Malformed, parse_xml
 from planner_service.geometry.around import around_ellipsoid
 from planner_service.geometry.arrays import FloatArray, Vector, rpy_of, vector
 from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.elements.table import unlisted_words, words_of
 from planner_service.robot.inertia import tensor_numbers
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.srdf import Srdf
-from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink
+from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Visual
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, MAX_ELEMENTS, MAX_OFFSET
 
 __all__ = ["JointPlaces", "inspect_mjcf", "joint_places", "read_mjcf"]
@@ -37,12 +38,21 @@ MEMORY = 8_000_000_000
 JOINTS = ("free", "ball", "slide", "hinge")
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 """mujoco's types of joints and geoms, by number (mjtJoint, mjtGeom)."""
+UNSEEN = ("plane", "hfield", "sdf")
+"""Those that are no part of a robot."""
 KINDS = {"hinge": "revolute", "slide": "prismatic"}
 INSTEAD = {
     "free": "take it out: the robot stands on its base",
     "ball": "write three hinges instead, or take it out if it stands still",
 }
 """What to do about joints of several degrees of freedom, which have no limits."""
+FREE = (
+    "its joints are then planned for as if nothing coupled them, and --lock joint=value (locked_joints) holds one still"
+)
+LOOP = f"a closed loop of bodies; expected a tree: take it out of <equality>; {FREE}"
+TENDON = "tendons couple joints; write <joint joint1=... joint2=...> instead, or take it out of <equality>"
+LOOPS = {"tendon": f"{TENDON}; {FREE}"}
+"""What to do about equalities that are not of two joints."""
 Quaternion = tuple[float, float, float, float]
 
 PLACES = ("meshdir", "texturedir", "assetdir")
@@ -67,21 +77,27 @@ def read_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf]:
         InvalidFile: with every problem of the file; ball and free joints are among them, with what to do instead.
         MissingDependency: mujoco is not installed.
     """
-    urdf, srdf, problems = inspect_mjcf(path, folders)
+    urdf, srdf, problems = _inspected(path, folders, looks=False)
     if problems:
         raise InvalidFile(path, problems)
     return urdf, srdf
 
 
 def inspect_mjcf(path: Path, folders: Sequence[Path]) -> tuple[Urdf, Srdf, Sequence[str]]:
-    """What ``read_mjcf`` would give, and its problems; each has left a stand-in value.
+    """What ``read_mjcf`` would give, visuals included, and its problems; each has left a stand-in value.
+
+    Visuals are the geoms that collide with nothing and are not hidden.
 
     Raises:
         InvalidFile: mujoco cannot compile the file.
         MissingDependency: as of ``read_mjcf``.
     """
+    return _inspected(path, folders, looks=True)
+
+
+def _inspected(path: Path, folders: Sequence[Path], *, looks: bool) -> tuple[Urdf, Srdf, Sequence[str]]:
     root = _whole(path, folders)
-    reader = _Reader(_compiled(path, folders), [*unlisted_words(root, words_of("mjcf")).told])
+    reader = _Reader(_compiled(path, folders, looks=looks), [*unlisted_words(root, words_of("mjcf")).told])
     return reader.urdf, reader.srdf, reader.problems
 
 
@@ -89,6 +105,7 @@ ENTRIES = {
     "bodies": ("body", 2),
     "joints": ("joint", 3),
     "geoms": ("geom", 4),
+    "seen": ("geom", 4),
     "sites": ("site", 2),
     "meshes": ("mesh", 0),
     "follows": ("equality", 0),
@@ -127,14 +144,14 @@ def joint_places(path: Path, folders: Sequence[Path]) -> JointPlaces:
     return JointPlaces(tuple(told["qpos"]), told["velocities"], places)
 
 
-def _compiled(path: Path, folders: Sequence[Path]) -> dict[str, Any]:
+def _compiled(path: Path, folders: Sequence[Path], *, looks: bool = False) -> dict[str, Any]:
     """What ``mjcf_child`` reports about a file."""
     _require_inside(path, folders)
     if find_spec("mujoco") is None:
         raise MissingDependency("mujoco", "mjcf")
     script = Path(__file__).with_name("mjcf_child.py")
     try:
-        job = {"file": str(path.resolve())}
+        job = {"file": str(path.resolve()), "looks": looks}
         told: dict[str, Any] = json.loads(run_confined(script, job, seconds=SECONDS, memory=MEMORY, bare=True))
         problem = told.get("problem")
     except ScriptFailed as error:
@@ -149,7 +166,7 @@ def _compiled(path: Path, folders: Sequence[Path]) -> dict[str, Any]:
 def _beyond(told: Mapping[str, Any]) -> Iterator[str]:
     """What of a model has a number that is not finite, or is too far away: mujoco takes both."""
     for key, (kind, place) in ENTRIES.items():
-        for row in told[key]:
+        for row in told.get(key, ()):
             where = " ".join([kind, *(repr(each) for each in row if isinstance(each, str))])
             if not _is_finite(row):
                 yield f"{where}: not finite; expected finite numbers"
@@ -226,14 +243,14 @@ class _Reader:
     """Turns the report of ``mjcf_child`` into links and joints, and collects problems and notes."""
 
     def __init__(self, told: dict[str, Any], notes: list[str]) -> None:
-        self.problems = [f"{loop}: a closed loop of bodies; expected a tree" for loop in told["loops"]]
+        self.problems = [f"{kind} {name!r}: {LOOPS.get(kind, LOOP)}" for kind, name in told["loops"]]
         self.notes = notes
         self.told = told
         self.names = [body[0] for body in told["bodies"]]
         mimics = self.mimics()
         links, joints = [], []
         for index, (name, parent, at, quat, *inertial) in enumerate(told["bodies"]):
-            links.append(UrdfLink(name, self.shapes(index), _inertial(*inertial)))
+            links.append(UrdfLink(name, self.shapes(index), _inertial(*inertial), tuple(self.visuals(index))))
             if index:
                 chain = [(k, joint) for k, joint in enumerate(told["joints"]) if joint[1] == index]
                 made = self.joints(name, self.names[parent], Pose(at, quat).matrix, chain, mimics)
@@ -319,16 +336,20 @@ class _Reader:
                 found.append(UrdfCollision(shape, *_origin(Pose(at, quat).matrix)))
         return tuple(found)
 
+    def visuals(self, body: int) -> Iterator[Visual]:
+        """What a body looks like, as far as it was asked for."""
+        for _, of, number, size, at, quat, mesh in self.told.get("seen", ()):
+            kind = GEOMS[number]
+            if of != body or kind in UNSEEN:
+                continue
+            if kind == "mesh":
+                vertices, faces = np.array(self.told["meshes"][mesh]), np.array(self.told["faces"][mesh], dtype=np.intp)
+                yield Visual(Surface(vertices, faces), Pose(at, quat))
+            else:
+                appearance = around_ellipsoid(size)[0] if kind == "ellipsoid" else _solid(kind, *size)
+                yield Visual(appearance, Pose(at, quat))
+
     def shape(self, name: str, kind: str, size: list[float], mesh: int) -> Shape | None:
-        a, b, c = size
-        if kind == "box":
-            return Box((2.0 * a, 2.0 * b, 2.0 * c))
-        if kind == "sphere":
-            return Sphere(a)
-        if kind == "capsule":
-            return Capsule(a, 2.0 * b)
-        if kind == "cylinder":
-            return Cylinder(a, 2.0 * b)
         if kind == "mesh":
             return Mesh(np.array(self.told["meshes"][mesh]))
         if kind == "ellipsoid":
@@ -336,7 +357,16 @@ class _Reader:
             larger = f"up to {growth * 1e3:.2g} mm larger"
             self.notes.append(f"geom {name!r}: an ellipsoid is checked as a polytope around it, {larger}")
             return around
-        return None
+        return None if kind in UNSEEN else _solid(kind, *size)
+
+
+def _solid(kind: str, a: float, b: float, c: float) -> Shape:
+    """A box, sphere, capsule or cylinder of mujoco's sizes."""
+    if kind == "box":
+        return Box((2.0 * a, 2.0 * b, 2.0 * c))
+    if kind == "sphere":
+        return Sphere(a)
+    return Capsule(a, 2.0 * b) if kind == "capsule" else Cylinder(a, 2.0 * b)
 
 
 def _fixed(name: str, parent: str, T: FloatArray) -> UrdfJoint:

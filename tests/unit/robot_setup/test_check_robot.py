@@ -242,6 +242,59 @@ def test_of_several_srdfs_the_message_says_how_to_choose(folder: Path) -> None:
             file.unlink(missing_ok=True)
 
 
+# ---- MJCF
+
+MJCF = """<mujoco model="m"><compiler angle="radian"/>{assets}<worldbody>
+<body name="base"><geom type="box" size=".05 .05 .05"/>
+<body name="upper" pos="0 0 .1"><joint name="shoulder" axis="0 1 0" range="-2 2" actuatorfrcrange="-9 9"/>
+<geom type="capsule" size=".02" fromto="0 0 .03 0 0 .2"/>{upper}
+<body name="hand" pos="0 0 .25"><joint name="wrist" axis="0 1 0" range="-2 2" actuatorfrcrange="-9 9"/>
+<geom type="box" size=".03 .02 .02"/>{hand}<site name="tcp" pos="0 0 .05"/></body></body></body></worldbody>{tail}
+</mujoco>"""
+SEEN_ONLY = '<geom type="sphere" size=".03" pos="0 0 .1" contype="0" conaffinity="0" {}/>'
+SEEN_BODY = '<body name="lamp" pos="0 0 .1"><geom type="sphere" size=".01" contype="0" conaffinity="0"/></body>'
+PALMS = "".join(
+    f'<body name="{name}" pos="0 {at} .05"><joint name="{name}" type="slide" axis="0 {way} 0" range="-.04 .04" '
+    'actuatorfrcrange="-9 9"/><geom type="box" size=".01 .01 .02"/></body>'
+    for name, at, way in (("left_finger", 0.01, 1), ("right_finger", -0.01, -1))
+)
+TENDONS = """<tendon><fixed name="t1"><joint joint="shoulder" coef="1"/></fixed><fixed name="t2"><joint joint="wrist"
+ coef="1"/></fixed></tendon><equality><tendon name="couple" tendon1="t1" tendon2="t2"/></equality>"""
+OF_MJCF: dict[str, tuple[dict[str, str], dict[FindingKind, str]]] = {
+    "a good one": ({}, {}),
+    "geoms that collide with nothing": (
+        {"upper": SEEN_ONLY.format("")},
+        {K.OVERHANG: "link 'upper': what it looks like extends 10.0 mm beyond"},
+    ),
+    "hidden geoms": ({"upper": SEEN_ONLY.format('group="3"'), "hand": SEEN_ONLY.format('rgba="1 1 1 0"')}, {}),
+    "a body that is never checked": ({"hand": SEEN_BODY}, {K.VISUAL_ONLY: "link 'lamp': it has visual elements alone"}),
+    "fingers that cross": (
+        {"hand": PALMS},
+        {K.FINGERS: "fingers pass through each other: right_finger x left_finger"},
+    ),
+    "home in collision": (
+        {"hand": '<geom type="box" size=".03 .02 .02" pos="0 0 -.32"/>'},
+        {K.HOME: "home collides with itself: hand x base (at most"},
+    ),
+    "couplings by tendons": ({"tail": TENDONS}, {K.REFUSED: "tendon 'couple': tendons couple joints; write <joint"}),
+}
+
+
+@pytest.mark.parametrize("name", OF_MJCF)
+def test_mjcf_is_checked_as_a_urdf_is(tmp_path: Path, name: str) -> None:
+    parts, expected = OF_MJCF[name]
+    blank = dict.fromkeys(("assets", "upper", "hand", "tail"), "")
+    (tmp_path / "m.xml").write_text(MJCF.format(**blank | parts))
+    told = {f.kind: str(f) for f in check_robot(tmp_path / "m.xml").findings}
+    advice = told.pop(K.VELOCITY)
+    assert advice.endswith("MJCF has none; import-robot writes a robot.toml, in which they can be set")
+    told = {kind: text for kind, text in told.items() if kind is not K.NOT_UNDERSTOOD}
+    assert told.keys() == expected.keys(), told
+    assert all(text in told[kind] for kind, text in expected.items()), told
+    done = run("robot", "check", tmp_path / "m.xml", "--png", tmp_path / "m.png")
+    assert (done.exit_code, (tmp_path / "m.png").exists()) == (int(K.REFUSED in expected), True)
+
+
 # ---- robots that have a name or a robot.toml
 
 
