@@ -12,7 +12,7 @@ from typing import Any
 
 from planner_service.concurrency.library_import import loaded
 from planner_service.planning.result import save_plan
-from planner_service.presentation.page import OpenPage, show_page
+from planner_service.presentation.page import OpenPage, recording_bytes, show_page
 from planner_service.roadmap.roadmap import Roadmap, load_roadmap, save_roadmap
 from planner_service.robot.model import Robot, group_of, lock_joints, robot_from_urdf
 
@@ -25,6 +25,14 @@ def _show_page(*shown: Any, **where: Any) -> OpenPage:
     from planner_service.view import show
 
     return show(*shown, **where)
+
+
+@recording_bytes.by
+def _recording_bytes(form: str, *shown: Any, dt: float) -> bytes:
+    """Of formats of export that show robot and scene."""
+    from planner_service.view import mcap_recording, rerun_recording
+
+    return (rerun_recording.rerun_bytes if form == "rrd" else mcap_recording.mcap_bytes)(*shown, dt=dt)
 
 
 @save_plan.by

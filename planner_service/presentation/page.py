@@ -6,7 +6,7 @@ from typing import Protocol
 
 from planner_service.provided import Provided
 
-__all__ = ["OpenPage", "Showable", "show_page"]
+__all__ = ["OpenPage", "Showable", "recording_bytes", "show_page"]
 
 
 class OpenPage(Protocol):
@@ -36,3 +36,6 @@ class Showable(Protocol):
 
 show_page: Provided[..., OpenPage] = Provided()
 """Shows something of a world on a page of its own."""
+
+recording_bytes: Provided[..., bytes] = Provided()
+"""Makes a recording, "rrd" or "mcap", of a service's motions, every dt seconds."""

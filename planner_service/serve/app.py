@@ -17,14 +17,17 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route
 
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
+from planner_service.records.exports.formats import FORMATS, How
 from planner_service.records.http.bodies import EditsBody, SceneBody
 from planner_service.records.http.replies import (
     ANSWERS,
     VERBS,
     AcceptedReply,
     JobsReply,
+    MessageReply,
     RobotReply,
     RunsReply,
+    SampledReply,
     SceneReply,
     ScenesReply,
     StoredReply,
@@ -32,6 +35,7 @@ from planner_service.records.http.replies import (
 )
 from planner_service.serve.documentation import (
     SECURITY,
+    Handler,
     Operation,
     described,
     documentation_page,
@@ -56,6 +60,7 @@ MAX_ENDING = 1.0
 
 PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,;])", re.IGNORECASE)
 ETAG = re.compile(r'"([1-9]\d{0,14})"')
+DECIMAL = re.compile(r"[0-9]{0,9}(\.[0-9]{0,18})?(e-?[0-9]{1,3})?")
 KEY = re.compile(r"[\x21-\x7e]{1,255}")
 
 
@@ -70,7 +75,7 @@ def create_app(server: PlanningServer) -> Starlette:
         finally:
             await server.stop()
 
-    addresses = [(each.method, each.path, each.handler) for each in OPERATIONS]
+    addresses: list[tuple[str, str, Handler]] = [(o.method, o.path, partial(_heeded, o)) for o in OPERATIONS]
     addresses += [("GET", "/openapi.json", get_openapi), ("GET", "/docs", get_docs)]
     routes = [Route(path, partial(handler, server), methods=[method]) for method, path, handler in addresses]
     for route in routes:
@@ -114,6 +119,31 @@ async def _http_error(request: Request, error: Exception) -> Response:
     if error.status_code == 405:
         return _problem(Problem("method-not-allowed", f"{request.method} is not for this address"), error.headers)
     return _problem(Problem("not-found" if error.status_code == 404 else "malformed", str(error.detail)))
+
+
+async def _heeded(operation: Operation, server: PlanningServer, request: Request) -> Response:
+    """The answer of an operation, once it is known to take all that the address asks."""
+    known = [each["name"] for each in operation.parameters if each["in"] == "query"]
+    for name in request.query_params:
+        if name not in known:
+            expected = ", ".join(known) if known else "nothing after a ?"
+            raise Refused("malformed", f"query: got {name!r:.100}; this address takes {expected}")
+    media = [kind for status, each in operation.replies.items() if status < 300 for kind in each.get("content", ())]
+    if media and not any(_accepts(request, kind) for kind in media):
+        accepted = request.headers.get("accept", "")
+        raise Refused("not-acceptable", f"Accept: got {accepted!r:.100}; expected {', '.join(dict.fromkeys(media))}")
+    return await operation.handler(server, request)
+
+
+def _accepts(request: Request, media: str) -> bool:
+    """Whether a client takes a media type; all if it does not say."""
+    ranges = request.headers.get("accept", "*/*").lower().split(",")
+    for each in ranges:
+        kind, *parameters = (part.strip() for part in each.split(";"))
+        refused = any(re.fullmatch(r"q\s*=\s*0(\.0{0,3})?", parameter) for parameter in parameters)
+        if kind in ("*/*", media, media.partition("/")[0] + "/*"):
+            return not refused
+    return False
 
 
 # Work.
@@ -201,6 +231,11 @@ IS_NEW = header("If-None-Match", "* for a new scene only")
 VERSION = query("version", {"type": "integer", "minimum": 1})
 PAGE = (query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}), query("after", {"type": "string"}))
 FINISHED = query("finished", {"type": "string", "enum": ["remove", "keep"]})
+NEGOTIATED = ("json", "csv", "npy")
+"""Formats that are looked at first where only Accept says which."""
+
+TRAJECTORY = reply("The motions", SampledReply, MessageReply)
+TRAJECTORY["content"] |= {each.media: {} for each in FORMATS.values() if each.media != JSON}
 DONE = {204: {"description": "Successful Response"}}
 CHANGED, UNCHANGED = {200: reply("Changed", StoredReply)}, (400, 404, 412, 413, 415, 422, 429, 503)
 
@@ -230,6 +265,32 @@ async def get_plan(server: PlanningServer, request: Request) -> Response:
     plan = request.path_params["plan"]
     await asyncio.to_thread(server.store.job, plan)
     return await _response(server, request, plan, _seconds_to_wait(request), cancel=False)
+
+
+@operation(
+    "GET /plans/{plan}/trajectory",
+    "Get the motions of a plan or a task, ready to run",
+    {200: TRAJECTORY},
+    (400, 404, 406, 409, 422, 503),
+    query("format", {"type": "string", "enum": list(FORMATS)}, "Else the first that Accept allows"),
+    query("dt", {"type": "number", "exclusiveMinimum": 0, "default": How.dt}, "Seconds between points"),
+    query("tolerance", {"type": "number", "default": How.tolerance}, "Radians between the curve and joint moves"),
+    query("segment", {"type": "string"}, "One motion of a task: its number from 0, or its name"),
+)
+async def get_trajectory(server: PlanningServer, request: Request) -> Response:
+    """Points in time with the gripper's events, messages of ROS, programs of controllers, or recordings.
+
+    The header ``Deviation`` says what is kept of the proven curve, and how far it can be from what is drawn between.
+    """
+    asked = request.query_params
+    form = asked.get("format")
+    if form is None:
+        form = next((name for name in (*NEGOTIATED, *FORMATS) if _accepts(request, FORMATS[name].media)), "json")
+    elif form in FORMATS and not _accepts(request, FORMATS[form].media):
+        raise Refused("not-acceptable", f"Accept: format {form} is {FORMATS[form].media}")
+    how = How(_decimal(request, "dt", How.dt), _decimal(request, "tolerance", How.tolerance))
+    content, deviation = await server.trajectory(request.path_params["plan"], form, how, asked.get("segment"))
+    return Response(content, media_type=FORMATS[form].media, headers={"Deviation": deviation})
 
 
 @operation(
@@ -287,6 +348,15 @@ def _whole(request: Request, name: str, usual: int, most: int) -> int:
     if not re.fullmatch("[0-9]{1,15}", text) or not 1 <= int(text) <= most:
         raise Refused("malformed", f"{name}: got {text!r:.100}; expected a whole number from 1 to {most:,}")
     return int(text)
+
+
+def _decimal(request: Request, name: str, usual: float) -> float:
+    text = request.query_params.get(name)
+    if text is None:
+        return usual
+    if not DECIMAL.fullmatch(text):
+        raise Refused("malformed", f"{name}: got {text!r:.100}; expected a number")
+    return float(text)
 
 
 def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
@@ -441,7 +511,7 @@ def _asked(kind: str, verb: Verb) -> Operation:
 
 OPERATIONS: tuple[Operation, ...] = (
     *(_asked(kind, verb) for kind, verb in VERBS.items()),
-    *(list_plans, get_plan, get_events, view_plan, delete_plan),
+    *(list_plans, get_plan, get_trajectory, get_events, view_plan, delete_plan),
     *(list_scenes, get_scene, put_scene, edit_scene, delete_scene, get_roadmap, delete_roadmap),
     *(get_robot, get_health, get_ready, get_metrics),
 )

@@ -22,7 +22,17 @@ from planner_service.records.http.replies import ANSWERS, OTHERS, VERBS, Problem
 from planner_service.serve.problems import PROBLEM_JSON
 from planner_service.serve.server import PlanningServer
 
-__all__ = ["SECURITY", "Operation", "described", "documentation_page", "header", "operation", "query", "reply"]
+__all__ = [
+    "SECURITY",
+    "Handler",
+    "Operation",
+    "described",
+    "documentation_page",
+    "header",
+    "operation",
+    "query",
+    "reply",
+]
 
 DESCRIPTION = "Motion planning for a robot arm: every returned plan is proven, every collision check is counted."
 
@@ -124,9 +134,9 @@ def header(name: str, description: str) -> dict[str, Any]:
     return _parameter(name, "header", {"type": "string"}) | {"description": description}
 
 
-def query(name: str, schema: Mapping[str, Any]) -> dict[str, Any]:
+def query(name: str, schema: Mapping[str, Any], description: str = "") -> dict[str, Any]:
     """A parameter that an address may have."""
-    return _parameter(name, "query", schema)
+    return _parameter(name, "query", schema) | ({"description": description} if description else {})
 
 
 @cache

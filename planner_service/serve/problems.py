@@ -27,6 +27,7 @@ TITLES: Mapping[str, tuple[int, str]] = {
     "cross-origin": (403, "Pages of other origins may not use this server"),
     "not-found": (404, "There is no such thing"),
     "method-not-allowed": (405, "The method is not one of this address"),
+    "not-acceptable": (406, "There is no such representation"),
     "deadline-passed": (408, "The deadline passed"),
     "in-use": (409, "It is in use, or not finished"),
     "cancelled": (410, "The request was cancelled"),

@@ -28,6 +28,7 @@ from planner_service.files.schema import read_record
 from planner_service.parallel.pool import Backend, Raised
 from planner_service.planning.request import World
 from planner_service.presentation.page import OpenPage, show_page
+from planner_service.records.exports.formats import How, Saved, exported, kept, one_motion
 from planner_service.records.http.bodies import AfterTask, Body, EditsBody, SceneBody, SceneVersion, read_body
 from planner_service.records.http.replies import VERBS, RobotReply
 from planner_service.records.plan_file import SavedPlan, plan_or_task
@@ -514,11 +515,21 @@ class PlanningServer:
             raise Refused("in-use", "it is not finished")
         return await asyncio.to_thread(self._shown_page, answer.content)
 
+    async def trajectory(self, job: str, form: str, how: How, segment: str | None) -> tuple[str | bytes, str]:
+        """The motions of a plan or a task in a format, or one of them, and what that keeps of the proven curves.
+
+        Raises:
+            UnknownName: There is no such job, motion or format.
+            InvalidRequest: as of ``exported``.
+            Refused: It has no motions.
+        """
+        answer = await self.answer(job)
+        if answer is None:
+            raise Refused("in-use", "it is not finished")
+        return await asyncio.to_thread(_exported, answer.content, form, how, segment)
+
     def _shown_page(self, content: bytes) -> str:
-        try:
-            saved = plan_or_task("plan", content)
-        except InvalidFile:
-            raise Refused("in-use", "it is no plan and no task") from None
+        saved = _motions_of(content)
         while len(self._pages) >= MAX_PAGES:
             self._pages.popleft().close()
         shown = saved.result if isinstance(saved, SavedPlan) else saved
@@ -592,3 +603,20 @@ async def _told(job: Job) -> AsyncIterator[bytes]:
 
 def _event(name: str, data: Mapping[str, Any]) -> bytes:
     return f"event: {name}\ndata: {json.dumps(data)}\n\n".encode("ascii")
+
+
+def _motions_of(content: bytes) -> Saved:
+    """The plan or the task that an answer is."""
+    try:
+        return plan_or_task("plan", content)
+    except InvalidFile:
+        raise Refused("in-use", "it is no plan and no task") from None
+
+
+def _exported(content: bytes, form: str, how: How, segment: str | None) -> tuple[str | bytes, str]:
+    saved = _motions_of(content)
+    if saved.failure is not None:
+        raise Refused("in-use", f"it has no motions: {saved.failure}")
+    if segment is not None:
+        saved = one_motion(saved, segment)
+    return exported(saved, form, how), kept(saved, form, how)

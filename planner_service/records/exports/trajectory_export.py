@@ -7,7 +7,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
@@ -27,11 +27,13 @@ __all__ = [
     "MESSAGE_BEGINNING",
     "csv_text",
     "display_trajectory",
+    "follow_goal",
     "joint_trajectory",
     "on_one_clock",
     "robot_trajectory",
     "sampled",
     "task_csv_text",
+    "task_messages",
     "task_trajectories",
     "write_csv",
     "yaml_text",
@@ -45,10 +47,10 @@ CSV_BEGINNING = re.compile(rb't,(?:motion,gripper_width,)?"?q_[^\n]*,"?qd_[^\n]*
 MESSAGE_BEGINNING = re.compile(
     b"|".join(
         [
-            rb'\s*\{\s*(?:"joint_trajectory":\s*\{\s*)?' + _STAMP + rb'\s*"joint_names"',
+            rb'\s*\{\s*(?:"(?:joint_)?trajectory":\s*\{\s*)?' + _STAMP + rb'\s*"joint_names"',
             rb'\s*\{\s*"motions":\s*\[\s*\{\s*"name":[^\n]*\s*"begin":',
             rb'\s*\{\s*"model_id":[^\n]*\s*"trajectory":\s*\[',
-            rb"(?:joint_trajectory:\n +)?" + _YAML_STAMP + rb"joint_names:",
+            rb"(?:(?:joint_)?trajectory:\n +)?" + _YAML_STAMP + rb"joint_names:",
             rb"motions:\n- name:[^\n]*\n" + _MORE_LINES + rb"  begin:",
             rb"model_id:[^\n]*\n" + _MORE_LINES + rb"trajectory:\n- joint_trajectory:",
         ]
@@ -104,6 +106,23 @@ def robot_trajectory(
     return {
         "joint_trajectory": joint_trajectory(motion, joint_names, dt, frame_id=frame_id),
         "multi_dof_joint_trajectory": {"header": _header(frame_id), "joint_names": [], "points": []},
+    }
+
+
+def follow_goal(
+    motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float, *, frame_id: str = ""
+) -> dict[str, Any]:
+    """The same in the shape of ROS 2's control_msgs/action/FollowJointTrajectory goal, with a controller's tolerances.
+
+    Raises:
+        InvalidRequest, PlanningFailed: as of ``joint_trajectory``.
+    """
+    return {
+        "trajectory": joint_trajectory(motion, joint_names, dt, frame_id=frame_id),
+        "multi_dof_trajectory": {"header": _header(frame_id), "joint_names": [], "points": []},
+        **{name: [] for name in ("path_tolerance", "component_path_tolerance")},
+        **{name: [] for name in ("goal_tolerance", "component_goal_tolerance")},
+        "goal_time_tolerance": _time(0),
     }
 
 
@@ -203,7 +222,13 @@ def task_trajectories(
         InvalidRequest: as of ``joint_trajectory``, there is no motion, or one does not begin where the last one ends.
         PlanningFailed: a motion without a plan.
     """
-    message = robot_trajectory if moveit else joint_trajectory
+    return task_messages(segments, joint_names, dt, robot_trajectory if moveit else joint_trajectory)
+
+
+def task_messages(
+    segments: Sequence[Segment], joint_names: Sequence[str], dt: float, message: Callable[..., dict[str, Any]]
+) -> dict[str, Any]:
+    """``task_trajectories`` with messages of another kind, made like a ``joint_trajectory``."""
     return {
         "motions": [
             {

@@ -54,12 +54,14 @@ __all__ = [
     "ExplainReply",
     "JobsReply",
     "LineSections",
+    "MessageReply",
     "ProblemReply",
     "ProofReply",
     "ReplannedRecord",
     "RoadmapReply",
     "RobotReply",
     "RunsReply",
+    "SampledReply",
     "SceneReply",
     "ScenesReply",
     "StoredReply",
@@ -368,6 +370,60 @@ class JobsReply(Record):
     next: str | None
 
 
+class MotionSamples(Record):
+    """A motion in time: seconds from its own beginning, and rows of one number for each joint."""
+
+    name: Text
+    begin: Annotated[float, Field(description="Seconds of motion before it")]
+    duration: Annotated[float, Field(description="Seconds")]
+    t: Annotated[list[float], Field(description="Seconds, the first 0, the last the duration")]
+    positions: Annotated[list[list[float]], Field(description="rad, or m of a joint that slides")]
+    velocities: Annotated[list[list[float]], Field(description="rad/s, or m/s")]
+    accelerations: Annotated[list[list[float]], Field(description="rad/s^2, or m/s^2")]
+
+
+class GripperEvent(GrownRecord):
+    """What the gripper does while the arm stands before a motion."""
+
+    at: Annotated[float, Field(description="Seconds of motion before it")]
+    before: Annotated[str, Field(description="The name of the motion that follows")]
+    width: Annotated[float | None, Field(description="Metres between the fingers")] = None
+    suction: Annotated[bool | None, Field(description="Whether it sucks from now on")] = None
+
+
+class DeviationReply(Record):
+    """Bounds of how far a joint can be from the proven curve, in rad (or m), by what is drawn between points."""
+
+    linear: float
+    cubic: float
+    quintic: float
+
+
+class SampledReply(Record):
+    """Motions ready to run, format json."""
+
+    robot: Text
+    joint_names: list[str]
+    units: Annotated[list[Literal["rad", "m"]], Field(description="Of each joint")]
+    dt: Annotated[float, Field(description="Seconds between points")]
+    deviation: DeviationReply
+    motions: list[MotionSamples]
+    events: list[GripperEvent]
+
+
+class MessageReply(BaseModel):
+    """Motions in the shape of a message of ROS, or as actions of LeRobot; which members there are depends on it."""
+
+    motions: list[dict[str, JsonValue]] | None = None
+    header: dict[str, JsonValue] | None = None
+    joint_names: list[str] | None = None
+    points: list[dict[str, JsonValue]] | None = None
+    trajectory: JsonValue = None
+    joint_trajectory: dict[str, JsonValue] | None = None
+    actions: list[dict[str, float]] | None = None
+    fps: float | None = None
+
+
 class RunsReply(Record):
     """That the server runs, or is ready."""
 
@@ -389,7 +445,7 @@ class ProblemReply(BaseModel):
 
 
 OTHERS: tuple[type[BaseModel], ...] = (
-    *(AcceptedReply, JobsReply, RunsReply, ProblemReply),
+    *(AcceptedReply, JobsReply, RunsReply, ProblemReply, SampledReply, MessageReply),
     *(RobotReply, SceneReply, ScenesReply, StoredReply),
     *(LineSections, ReplannedRecord),
 )

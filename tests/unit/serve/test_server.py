@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -16,8 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
+from planner_service.records.exports.formats import How, exported
+from planner_service.records.plan_file import load_plan
 from tests.support.optional import present
 
 pytestmark = pytest.mark.slow
@@ -188,6 +192,57 @@ def test_stages_are_told_in_their_order_also_to_those_who_come_late(server: Serv
     text = server.client.get("/metrics").text
     assert 'planner_service_ended_total{kind="plans",reason="OK"}' in text
     assert 'planner_service_checks_total{what="states"}' in text
+
+
+# Motions ready to run.
+
+
+def test_a_motion_comes_in_the_format_that_is_asked_for_or_accepted(server: Server, tmp_path: Path) -> None:
+    planned = server.post("plans", PLAN)
+    address = planned.headers["content-location"] + "/trajectory"
+    (tmp_path / "plan.json").write_bytes(planned.content)
+    saved = load_plan(tmp_path / "plan.json")
+    samples = saved.result.unwrap()[1].sample(0.05)
+    motion = server.client.get(address, params={"dt": 0.05}).json()["motions"][0]
+    assert motion["positions"] == samples.q.tolist()
+    array = server.client.get(address, params={"dt": 0.05}, headers={"Accept": "application/x-npy"})
+    np.testing.assert_array_equal(np.load(io.BytesIO(array.content))[:, 1:7], samples.q)
+    assert "within" in array.headers["deviation"]
+    table = server.client.get(address, headers={"Accept": "text/csv, application/json;q=0"})
+    assert table.text == exported(saved, "csv", How())
+    for form in ("joint-trajectory", "follow-joint-trajectory", "urscript-servoj", "lerobot"):
+        answer = server.client.get(address, params={"format": form, "dt": 0.05, "segment": 0})
+        assert answer.text == exported(saved, form, How(dt=0.05)), form
+
+
+@pytest.mark.parametrize(
+    ("query", "accept", "status", "says"),
+    [
+        ("?format=krl&dtt=1", "*/*", 400, "dtt"),
+        ("?dt=fast", "*/*", 400, "dt: got 'fast'"),
+        ("?dt=1e-9", "*/*", 422, "at least"),
+        ("?format=mujoco", "*/*", 422, "MJCF"),
+        ("?format=gcode", "*/*", 404, "gcode"),
+        ("?segment=descend", "*/*", 404, "segment"),
+        ("?format=csv", "application/json", 406, "text/csv"),
+        ("", "image/png", 406, "image/png"),
+        ("", "application/json;q=0", 406, "Accept"),
+    ],
+)
+def test_a_motion_that_cannot_be_had_so_is_a_problem(
+    server: Server, query: str, accept: str, status: int, says: str
+) -> None:
+    address = server.post("plans", PLAN).headers["content-location"] + "/trajectory"
+    answer = server.client.get(address + query, headers={"Accept": accept})
+    assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
+    assert says in answer.json()["detail"]
+
+
+def test_what_an_address_does_not_take_is_refused(server: Server) -> None:
+    for address in ("/robot?version=2", "/scenes?limit=1", "/plans?limit=1&page=2"):
+        assert server.client.get(address).status_code == 400, address
+    assert server.client.get("/robot", headers={"Accept": "text/html"}).status_code == 406
+    assert server.client.post("/plans?wait=1", json=PLAN).status_code == 400
 
 
 # Queue, deadlines, cancellation.

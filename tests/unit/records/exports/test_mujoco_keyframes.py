@@ -78,4 +78,4 @@ def test_export_writes_keyframes_for_a_model_and_asks_for_it(motion: PlanResult,
     for wrong in (("--format", "mujoco"), ("--format", "csv", "--model", model)):
         refused = run(*arguments, *wrong)
         assert refused.exit_code == 2
-        assert "expected an MJCF file with --format mujoco, and none with another format" in refused.stderr
+        assert "expected an MJCF file with format mujoco, and none with another format" in refused.stderr
