@@ -37,7 +37,7 @@ class Clearances:
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot = robot
         self._riders = parts.riding
-        self._solids = Solids.of(parts.shapes)
+        self._solids = parts.solids
         n = parts.riding
         T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
         T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planner_service.collision.bounds import Solids, centres_of, doubt_of
+from planner_service.collision.bounds import centres_of, doubt_of
 from planner_service.collision.edge_sampling import EdgeStep, FinestStep, JointStep, MotionStep, coarse_segments_of
 from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray, read_only
@@ -45,7 +45,7 @@ def build_kernel(robot: Robot, parts: Parts, variant: str = "", *, margin: float
         variant: One of ``instruction_sets()`` or ``FCL``; the fastest if empty.
         margin: Metres by which a pair must be proven apart, ``doubt_of`` small solids apart.
     """
-    solids = Solids.of(parts.shapes)
+    solids = parts.solids
     runs = np.array(parts.runs, dtype=np.int64).reshape(-1, 2) - parts.riding
     rows = np.column_stack([solids.half, solids.ball, solids.disc, solids.hulls])
     hulls = [np.ascontiguousarray(corners.T) for corners in solids.corners]

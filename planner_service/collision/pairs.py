@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Collection, Hashable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import cast
 
 import numpy as np
 
+from planner_service.collision.bounds import Solids
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, IntArray, product, read_only
 from planner_service.geometry.composite import Composite, Solid
@@ -80,7 +81,7 @@ class Parts:
         InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
+    def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Collection[tuple[str, str]]) -> None:
         self.labels = Names(robot, scene)
         riding = list(_links_of(robot))
         tool = Pose.from_matrix(robot.tool_placement)
@@ -111,10 +112,11 @@ class Parts:
     def padded(self, padding: float) -> Parts:
         """The same pieces and pairs with another padding."""
         other = copy(self)
+        vars(other).pop("solids", None)
         other.shapes = self._grown(padding)
         return other
 
-    def allowing(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> Parts:
+    def allowing(self, robot: Robot, scene: Scene, allowed: Collection[tuple[str, str]]) -> Parts:
         """The same pieces where more pairs of owners may touch: ``allowed``, those before among them.
 
         Raises:
@@ -131,22 +133,27 @@ class Parts:
         other.names = _PairNames(other)
         return other
 
+    @cached_property
+    def solids(self) -> Solids:
+        """The shapes, as they are with the padding."""
+        return Solids.of(self.shapes)
+
     def _grown(self, padding: float) -> tuple[Shape, ...]:
         if not padding:
             return tuple(part.shape for part in self.parts)
         return tuple(_grown_by(cast(Hashable, part.shape), padding / 2) for part in self.parts)
 
     def _allowed_pairs(
-        self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]
+        self, robot: Robot, scene: Scene, allowed: Collection[tuple[str, str]]
     ) -> frozenset[frozenset[Owner]]:
-        known = {self.labels.of(part.owner): part.owner for part in self.parts}
-        pairs = [frozenset(Owner(Kind.LINK, link) for link in contact.links) for contact in robot.allowed_contacts]
+        pairs = list[frozenset[Owner]]()
         links = {item.link for item in robot.shapes}
         for attached in scene.attached:
             for link in attached.touch_links:
                 if link not in links:
                     raise UnknownName("touch link", link, links)
                 pairs.append(frozenset((Owner(Kind.OBJECT, attached.name), Owner(Kind.LINK, link))))
+        known = {self.labels.of(part.owner): part.owner for part in self.parts} if allowed else {}
         for pair in allowed:
             for name in pair:
                 if name in self.labels.twice:
@@ -155,7 +162,7 @@ class Parts:
                 if name not in known:
                     raise UnknownName("link or object", name, known)
             pairs.append(frozenset(known[name] for name in pair))
-        return frozenset(pairs)
+        return _contacts_of(robot).union(pairs)
 
     def _must_part(self, a: Part, b: Part) -> bool:
         """Whether a piece that rides must stay apart from another of another owner, unless that contact is allowed."""
@@ -215,6 +222,12 @@ class _PairNames(dict[int, tuple[str, str]]):
 def _links_of(robot: Robot) -> tuple[Part, ...]:
     """The pieces of a robot's own links: they are the same in every scene."""
     return tuple(Part(Owner(Kind.LINK, s.link), s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes)
+
+
+@lru_cache(maxsize=16)
+def _contacts_of(robot: Robot) -> frozenset[frozenset[Owner]]:
+    """The links that may touch, likewise."""
+    return frozenset(frozenset(Owner(Kind.LINK, link) for link in c.links) for c in robot.allowed_contacts)
 
 
 @lru_cache(maxsize=1024)

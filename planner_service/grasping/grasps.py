@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, cross
+from planner_service.geometry.arrays import FloatArray, cross, cross_of
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.geometry.validation import instance, items, number
 from planner_service.robot.gripper import Gripper
@@ -122,7 +122,11 @@ def _faces(target: Obstacle) -> Iterator[tuple[FloatArray, FloatArray, float]]:
 def _taking(gripper: Gripper, approach: FloatArray, closing: FloatArray) -> FloatArray:
     """The rotation (3, 3) of the tool whose axes of approach and closing point so in the world."""
     x, y = np.array(gripper.approach), np.array(gripper.closing)
-    axes = ((approach, x), (closing, y), (cross(approach, closing), cross(x, y)))
+    third = (
+        np.array(cross_of(*pair))
+        for pair in ((approach.tolist(), closing.tolist()), (gripper.approach, gripper.closing))
+    )
+    axes = ((approach, x), (closing, y), tuple(third))
     return np.asarray(sum(world[:, None] * tool for world, tool in axes))  # what each axis of the tool becomes
 
 

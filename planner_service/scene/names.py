@@ -15,6 +15,7 @@ class Kind(Enum):
     """What a name stands for; the value distinguishes it in print."""
 
     LINK, OBJECT = KIND_SUFFIXES
+    __hash__ = object.__hash__  # compiled, unlike that of Enum: owners are looked up all the time
 
 
 class Owner(NamedTuple):

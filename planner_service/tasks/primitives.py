@@ -90,7 +90,9 @@ def picked(
     if handling.support == target:
         raise InvalidRequest("support", target, "what the object stands on, not the object itself")
     task = _Task(service, q, handling, f"pick {target}")
-    return task.result([_grasping(service, obstacle, grasp, handling) for grasp in grasps])
+    touch = _Touch(_touching(service, _fingers(service), target), None, _gripper(service).touching(target, "take"))
+    lifting = _standing(service, target, handling)
+    return task.result([_grasping(service, obstacle, grasp, handling, touch, lifting) for grasp in grasps])
 
 
 def place(
@@ -170,24 +172,28 @@ class _Contact:
         return self.services()
 
 
-def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: Handling) -> _Contact:
-    fingers, gripper = _fingers(service), _gripper(service)
+def _grasping(
+    service: PlannerService,
+    target: Obstacle,
+    grasp: Pose,
+    handling: Handling,
+    touch: _Touch,
+    lifting: tuple[_Touch, ...],
+) -> _Contact:
+    gripper = _gripper(service)
     width = width_across(target, grasp, gripper)
     opening = _opening(service, width, handling)
-    pairs = _touching(service, fingers, target.name)
 
     def services() -> tuple[PlannerService, PlannerService]:
         kept = () if handling.upright is None else (kept_upright(grasp, handling.upright),)
         pose = grasp.inverse() @ target.pose
-        held = Attached(target.name, target.shape, pose, touch_links=fingers, constraints=kept)
+        held = Attached(target.name, target.shape, pose, touch_links=_fingers(service), constraints=kept)
         scene = service.scene.without(target.name).with_attached(held)
         return service.changed(gripper=opening), service.changed(gripper=width, scene=scene)
 
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
-        return grasp_objection(target, grasp, gripper) or unwanted(checker, q, pairs)
+        return grasp_objection(target, grasp, gripper) or unwanted(checker, q, touch.pairs)
 
-    touch = _Touch(pairs, None, gripper.touching(target.name, "take"))
-    lifting = _standing(service, target.name, handling)
     return _Contact(grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"))
 
 
