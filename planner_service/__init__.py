@@ -9,6 +9,8 @@
     print(result.counts, result.trajectory.duration)
 """
 
+from typing import TYPE_CHECKING
+
 import planner_service.conveniences  # noqa: F401  provides what methods of values call
 from planner_service.certify import (
     Certificate,
@@ -30,11 +32,9 @@ from planner_service.errors import (
     PlanningFailed,
     UnknownName,
 )
-from planner_service.files.package_data import RELEASE
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.grasping.grasps import top_grasps
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import Optimise
@@ -56,11 +56,14 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene, scene_names
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import pick, place
-from planner_service.tasks.tool_motions import move_linear
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
-__version__ = RELEASE
+if TYPE_CHECKING:
+    from planner_service.grasping.grasps import top_grasps
+    from planner_service.tasks.primitives import pick, place
+    from planner_service.tasks.tool_motions import move_linear
+
+    __version__: str
 
 __all__ = [
     "PRM",
@@ -124,3 +127,23 @@ __all__ = [
     "scene_names",
     "top_grasps",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """A name of what no plan needs, imported with its first use."""
+    if name == "__version__":
+        from planner_service.files.release import RELEASE
+
+        return RELEASE
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from planner_service.grasping.grasps import top_grasps
+    from planner_service.tasks.primitives import pick, place
+    from planner_service.tasks.tool_motions import move_linear
+
+    globals().update(top_grasps=top_grasps, pick=pick, place=place, move_linear=move_linear)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

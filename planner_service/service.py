@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import NoneType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,16 +27,12 @@ from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints
-from planner_service.decomposition.no_path import NoPath, OpenWay, divide
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
-from planner_service.infeasibility.reached import how_far
-from planner_service.infeasibility.remedies import SEARCHED, Clock, Explanation, find_remedies
 from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.pose_goal import PoseGoal
-from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
@@ -48,8 +44,6 @@ from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.presentation.page import OpenPage, Showable, show_page
 from planner_service.presentation.progress import bar
-from planner_service.replanning.replan import replan
-from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.robot.inertia import Payload
 from planner_service.robot.model import Robot, joint_vector
@@ -61,6 +55,12 @@ from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND, shortcut
 from planner_service.timing.laws import Trapezoidal
 from planner_service.timing.torque_limits import TorqueLimits
+
+if TYPE_CHECKING:
+    from planner_service.decomposition.no_path import OpenWay
+    from planner_service.infeasibility.remedies import Clock, Explanation
+    from planner_service.parallel import Engine
+    from planner_service.replanning.result import Replanned
 
 __all__ = ["PlannerService"]
 
@@ -215,6 +215,8 @@ class PlannerService:
             InvalidRequest: As ``plan``, or a number is none from 1 to 1,000, or ``time_limit`` none from 0 to 86,400.
             Cancelled: by ``cancel``.
         """
+        from planner_service.infeasibility.remedies import Clock
+
         plans, remedies = whole("plans", plans, 1, 1000), whole("remedies", remedies, 1, 1000)
         clock = Clock(None if time_limit is None else number("time_limit", time_limit, "seconds", 0.0, 86_400.0))
         instance("request", request, PlanRequest, "a PlanRequest")
@@ -230,6 +232,10 @@ class PlannerService:
         cancel: CancelToken | None,
     ) -> Explanation:
         """See ``explain``; ``most`` are the plans that may be tried, and the remedies that are looked for."""
+        from planner_service.decomposition.no_path import NoPath, OpenWay, divide
+        from planner_service.infeasibility.reached import how_far
+        from planner_service.infeasibility.remedies import SEARCHED, Explanation, find_remedies
+
         charge = _polling(cancel)
         traced = self.plan(clock.hurried(request), trace=True, cancel=cancel)
         charge(0)
@@ -371,6 +377,8 @@ class PlannerService:
         if scene is not None:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
+        from planner_service.replanning.replan import replan
+
         checker, certifier = self._window(_later(previous, at_time, latency))
         replanned = replan(
             previous,
@@ -639,6 +647,8 @@ def _polling(cancel: CancelToken | None) -> Callable[[int], None]:
 
 def _later(previous: PlanResult | Replanned, at_time: float, latency: float) -> FloatArray | None:
     """Where a motion has a robot once ``replan`` has returned; None if that is to be refused."""
+    from planner_service.replanning.result import Replanned
+
     result = previous.result if isinstance(previous, Replanned) else previous
     trajectory = result.trajectory if isinstance(result, PlanResult) else None
     if trajectory is None:

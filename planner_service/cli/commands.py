@@ -28,7 +28,7 @@ from planner_service.cli.run import run
 from planner_service.cli.serve import serve
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
-from planner_service.files.package_data import RELEASE
+from planner_service.files.release import RELEASE
 from planner_service.parallel.named import engine_named
 from planner_service.planning.request import Pace, PlanRequest, torques_of
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from planner_service.collision.clearance import NOT_FINITE
 from planner_service.collision.edge_sampling import SampledEdge
-from planner_service.collision.fcl import FclObjects
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
+from planner_service.concurrency.library_import import loaded
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 
 if TYPE_CHECKING:
+    from planner_service.collision.fcl import FclObjects
     from planner_service.native import _core
 
 __all__ = [
@@ -93,7 +94,12 @@ class NarrowPhase:
 
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot, self.parts = robot, parts
-        self.fcl = FclObjects(tuple(parts.shapes), [part.T for part in parts.parts], {})
+
+    @cached_property
+    def fcl(self) -> FclObjects:
+        """What FCL is asked with: the library is loaded with the first question, as many plans ask none."""
+        parts = self.parts
+        return loaded(_fcl_objects)(tuple(parts.shapes), [part.T for part in parts.parts], {})
 
     @cached_property
     def _local(self) -> list[tuple[int, tuple[float, ...]]]:
@@ -124,6 +130,12 @@ class NarrowPhase:
                     self.fcl.place(part, *_compose(poses[body], local))
             if self.fcl.collide(i, j):
                 yield pair
+
+
+def _fcl_objects() -> type[FclObjects]:
+    from planner_service.collision.fcl import FclObjects
+
+    return FclObjects
 
 
 class FclBackend:

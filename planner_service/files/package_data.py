@@ -1,14 +1,10 @@
-"""What comes with the package: the folders of its robots and scenes, and its version."""
+"""What comes with the package: the folders of its robots and scenes."""
 
 from __future__ import annotations
 
-import importlib.metadata
 from pathlib import Path
 
-__all__ = ["RELEASE", "data_folder"]
-
-RELEASE = importlib.metadata.version("planner-service")
-"""Of the package, such as "0.3.0"."""
+__all__ = ["data_folder"]
 
 
 def data_folder(kind: str) -> Path:

@@ -22,7 +22,6 @@ from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints import Constraint
-from planner_service.decomposition.no_path import NoPath
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set, projector_of
 from planner_service.path.joint_path import JointPath
@@ -49,6 +48,7 @@ from planner_service.timing.segments import SpeedLimit
 from planner_service.timing.torque_limits import TorqueLimits
 
 if TYPE_CHECKING:
+    from planner_service.decomposition.no_path import NoPath
     from planner_service.native import _core
 
 T = TypeVar("T")

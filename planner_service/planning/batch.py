@@ -7,15 +7,18 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import chain, islice
+from typing import TYPE_CHECKING
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.validation import items
-from planner_service.parallel import Answers, Engine, Lost, Processes
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage
 from planner_service.presentation.progress import bar
 from planner_service.roadmap import Roadmap
 from planner_service.search.planners import RRTConnect
+
+if TYPE_CHECKING:
+    from planner_service.parallel import Answers, Engine, Lost
 
 __all__ = ["GRACE", "Batch", "Interrupted"]
 
@@ -107,6 +110,8 @@ class Batch:
         taken: Callable[[PlanRequest], object] = lambda _: None,
     ) -> Answers[PlanResult]:
         """The answers as they come. All requests of a sequence are checked now; of an iterator only the first."""
+        from planner_service.parallel import Processes
+
         checked = (self._checked(index, request) for index, request in enumerate(_iterated(requests)))
         first = list(checked if isinstance(requests, Sequence) else islice(checked, 1))
         places: dict[int, int] = {}
@@ -153,6 +158,8 @@ def _limit(item: Item) -> float | None:
 
 
 def _result(answer: PlanResult | Lost) -> PlanResult:
+    from planner_service.parallel import Lost
+
     if isinstance(answer, Lost):
         late = f"{answer.detail}, {GRACE:g} s after its time limit; whether a path exists is unknown"
         reason, detail = (Reason.TIMED_OUT, late) if answer.over_limit else (Reason.WORKER_LOST, answer.detail)

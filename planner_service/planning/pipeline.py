@@ -13,7 +13,6 @@ from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.values import Constraint
-from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.kinematics.constraint_set import constraint_set
@@ -279,7 +278,7 @@ def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _
     padding_before, trouble = accounting.padding, accounting.end_trouble
     try:
         with context.checker.limited(deadline=deadline):
-            _refute(context, ends, min(MOST_BOXES, (tries.states + states) // STATES_A_BOX))
+            _refute(context, ends, (tries.states + states) // STATES_A_BOX)
             for number, (part, motion_step) in enumerate(NARROWER, start=FIRST_NARROW):
                 padding = part * context.request.padding
                 if padding > 0.0 and states > 0 and ledger.room() != 0:
@@ -300,7 +299,7 @@ def _otherwise(context: PlanContext, ends: Ends, tries: Tries, states: int) -> _
 
 
 def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
-    """Look for a proof that no path exists, within so many boxes.
+    """Look for a proof that no path exists, within so many boxes and no more than ``MOST_BOXES``.
 
     Raises:
         NoPlan: There is one.
@@ -309,6 +308,9 @@ def _refute(context: PlanContext, ends: Ends, boxes: int) -> None:
     goals = ends.all_of(context.goals, checker.robot)
     if goals is None or ends.departure is not None or boxes == 0:  # of a way out a wall is no objection
         return
+    from planner_service.decomposition.no_path import MOST_BOXES, NoPath, divide
+
+    boxes = min(MOST_BOXES, boxes)
     with accounting.during(Stage.NO_PATH) as entry:
         entry.note = "stopped"
         proof = divide(

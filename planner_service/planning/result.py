@@ -7,13 +7,12 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.certify.certifier import proof_text
 from planner_service.collision import CheckCounts, Contact
 from planner_service.constraints import Constraint
-from planner_service.decomposition.no_path import NoPath
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
 from planner_service.geometry.arrays import FloatArray, as_sent
 from planner_service.geometry.validation import copied_in
@@ -29,6 +28,9 @@ from planner_service.roadmap import Roadmap
 from planner_service.robot.model import length_unit
 from planner_service.search.trace import Trace
 from planner_service.timing.limit_check import ORDERS
+
+if TYPE_CHECKING:
+    from planner_service.decomposition.no_path import NoPath
 
 __all__ = [
     "Failure",

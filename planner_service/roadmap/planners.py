@@ -15,7 +15,6 @@ import numpy as np
 from planner_service.concurrency.polling import waited
 from planner_service.geometry.arrays import IntArray
 from planner_service.roadmap.roadmap import Roadmap, RoadmapSearchResult
-from planner_service.search import ompl
 from planner_service.search.planners import Settings
 from planner_service.search.problem import SearchProblem, Space, require_seed
 
@@ -43,6 +42,8 @@ class _Grown(Settings):
             InvalidRequest: ``seed`` is not a whole number of at least 0. What the oracle and ``poll`` raise passes
                 through.
         """
+        from planner_service.search import ompl  # 0.05 s
+
         require_seed(seed)
         size = (self.milestones, self.max_checks)
         grown = ompl.grow(space, type(self).__name__, self.for_ompl, size=size, seed=seed, progress=progress)

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from planner_service.geometry.validation import number, whole
 from planner_service.native.loading import load_core
-from planner_service.search import ompl
 from planner_service.search.problem import SearchProblem, SearchResult, compiled
+
+if TYPE_CHECKING:
+    from planner_service.search import ompl
 
 __all__ = [
     "AORRTC",
@@ -91,6 +93,8 @@ class _Search(Settings):
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """See ``Planner``."""
+        from planner_service.search import ompl  # 0.05 s
+
         return ompl.solve(problem, type(self).__name__, self.for_ompl, checks=getattr(self, "checks", None))
 
 
@@ -131,6 +135,8 @@ class _Batch(Settings):
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """See ``Planner``."""
+        from planner_service.search import ompl
+
         return ompl.solve_in_batches(problem, type(self).__name__, self.samples)
 
 

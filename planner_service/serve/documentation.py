@@ -16,7 +16,7 @@ from pydantic.json_schema import models_json_schema
 from starlette.requests import Request
 from starlette.responses import Response
 
-from planner_service.files.package_data import RELEASE
+from planner_service.files.release import RELEASE
 from planner_service.records.http.bodies import EditsBody, SceneBody
 from planner_service.records.http.replies import ANSWERS, OTHERS, VERBS, ProblemReply
 from planner_service.serve.problems import PROBLEM_JSON

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.validation import instance, items
-from planner_service.parallel import Engine, Sequential
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
 from planner_service.service import PlannerService
+
+if TYPE_CHECKING:
+    from planner_service.parallel import Engine
 
 __all__ = ["best_of_seeds", "plan_seeds"]
 
@@ -55,6 +58,8 @@ def plan_seeds(
     if not given:
         raise InvalidRequest("seeds", seeds, "at least one, in a list")
     requests = [replace(request, seed=seed) for seed in given]  # type: ignore[arg-type]
+    from planner_service.parallel import Sequential
+
     return tuple(service.plan_many(requests, engine=Sequential() if engine is None else engine, progress=False))
 
 
