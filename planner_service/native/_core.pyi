@@ -253,6 +253,7 @@ class BalancedSearch:
         oracle: Oracle,
         lower: Sequence[float],
         upper: Sequence[float],
+        weights: Sequence[float],
         range: float,
         seed: int,
         projector: Projector | None = None,

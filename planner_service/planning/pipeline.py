@@ -48,8 +48,8 @@ from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["plan", "require_plannable"]
 
-PAUSES = (search_stage.FIRST_TRIES, 6, 8, 10)
-"""Tries before which a search pauses for other things: after 40,000 states, 100,000, 340,000 and 1.3 million."""
+PAUSES = (search_stage.FIRST_TRIES, 4, 6, 10)
+"""Tries before which a search pauses for other things: after 40,000 states, 120,000, 280,000 and 1.2 million."""
 
 STATES_A_BOX = 5
 """States that a search may check in the time of one box of the proof that there is no path, about."""

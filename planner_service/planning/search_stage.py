@@ -1,7 +1,7 @@
 """Searching for a path, with retries, and shortening it: what happens when no straight line is free.
 
-How long a search takes has a long tail, which a fresh start cuts off; one that would end well is over long before. So
-the first tries are short. What they leave may be hard: from then on each try gets twice what the one before it had.
+What a search leaves after many states may be hard, or it began badly. So each try of our own search gets twice what the
+one before it had, and between them another planner, which fails elsewhere, gets a third of that.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ RETRY_PADDING, MIN_RETRY_PADDING = 0.003, 0.0005
 requested. Edges are then sampled as closely: between two samples nothing comes nearer than half the padding."""
 
 ROOMIER_STATES = 40_000
-"""States that a search may check for a path with more padding than a line that is free keeps: four short tries."""
+"""States that a search may check for a path with more padding than a line that is free keeps: the first two tries."""
 
 MAX_WAYS = 16
 """Free lines away from an end that are tried for one on which only what is close comes closer than the padding."""
 
-FIRST_TRIES, FIRST_STATES = 4, 10_000
-"""Tries before they become longer, and the states of each; a fourth of the states where there are few."""
+FIRST_TRIES, FIRST_STATES = 2, 40_000
+"""Tries before they become longer, and the states of both; all of the states where there are fewer."""
 
 
 @dataclass(frozen=True)
@@ -479,15 +479,17 @@ def fresh_tries(states: int, retries: int | None, patience: int) -> Iterator[int
 
     Args:
         states: What all of them may check.
-        retries: ``PlanRequest.retries``; if given, all tries have equal parts.
+        retries: ``PlanRequest.retries``; if given, all tries have equal parts, else every second one has
+            a third of the one before it.
         patience: States that each try is to have at least.
     """
     if retries is not None:
         yield from repeat(max(1, states // (retries + 1), patience), retries + 1)
         return
-    first = max(1, min(FIRST_STATES, states // FIRST_TRIES), patience)
-    for attempt in count():
-        yield first << max(0, attempt - FIRST_TRIES + 1)
+    short = min(FIRST_STATES, states) // 4
+    for turn in count():
+        yield max(1, (short << turn) * 3, patience)
+        yield max(1, short << turn, patience)
 
 
 def fresh_seed(seed: int, attempt: int) -> int:

@@ -290,7 +290,9 @@ class Detours:
                 entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
                 self._accounting.attempt(entry.note)
                 seed = fresh_seed(request.seed, attempt + tries * turn)
-                problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
+                problem = SearchProblem(
+                    start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll, self._checker.reach
+                )
                 try:
                     with self._checker.limited(states=share):
                         points = searcher.search(problem).waypoints

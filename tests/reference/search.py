@@ -8,18 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from planner_service.collision.edge_sampling import Known
-from planner_service.geometry.arrays import joint_distance
 from planner_service.native._core import Projector
+from planner_service.search.planners import metric
 from planner_service.search.problem import Configuration, SearchProblem, of_tuples
 from tests.reference.projector import LEAST_STRIDE
 
 __all__ = ["ReferenceSearch"]
 
-START_RADIUS, LEAST_RADIUS, ALPHA = 0.3, 0.075, 1e-4
-"""Of a node that could not be extended: how near samples must be at first and at the least, as shares of the longest
-distance in the space; and how fast that changes with each step that is not free, or is."""
+RADIUS = 0.2
+"""How near samples must be to a blocked node, as a share of the longest distance in the space."""
 
-MAX_LEFT_OUT = 1000
+MOST_MOVING = 7.0
+"""Joints of more that a step moves, on average."""
+
+MAX_LEFT_OUT = 30
 """Samples left out in a row for being too far away, after which the next is used wherever it is."""
 
 MAX_REFUTED = 8
@@ -45,10 +47,11 @@ class ReferenceSearch:
         self._coarse = hasattr(problem.oracle, "edge_is_free_coarse")
         self._poll, self._longest = problem.poll, longest
         self._lower, self._upper = problem.lower.tolist(), problem.upper.tolist()
-        extent = joint_distance(self._lower, self._upper)
-        self._start_radius, self._least_radius = START_RADIUS * extent, LEAST_RADIUS * extent
+        self._weights = metric(problem)
+        self._radius = RADIUS * self._distance(self._lower, self._upper)
+        self._moving = MOST_MOVING / len(self._lower)
         self._generator = _Generator(seed)
-        self._start, self._goal = _Tree(len(self._lower)), _Tree(len(self._lower))
+        self._start, self._goal = _Tree(self._weights), _Tree(self._weights)
         self._refuted = self._left_out = self._idle = 0
         self._projector, self._stride = problem.projector, longest
 
@@ -95,23 +98,35 @@ class ReferenceSearch:
             low + (high - low) * self._generator.uniform() for low, high in zip(self._lower, self._upper, strict=True)
         )
         nearest, distance = tree.nearest(drawn)
-        if distance > tree.radii[nearest] and self._left_out < MAX_LEFT_OUT:
+        if self._moving < 1.0:
+            drawn = self._some_held(drawn, tree.nodes[nearest])
+            distance = self._distance(tree.nodes[nearest], drawn)
+        if tree.blocked[nearest] and distance > self._radius and self._left_out < MAX_LEFT_OUT:
             self._left_out += 1
             return -1
         self._left_out = 0
-        node, radius = nearest, tree.radii[nearest]
+        node = nearest
         if self._projector is not None:
             node = self._walked(self._projector, tree, nearest, drawn, self._longest, target_is_node=False)
         else:
             fresh = self._step(tree.nodes[nearest], drawn, distance, self._longest)
             if self._step_is_free(tree.nodes[nearest], fresh, Known.START):
                 node = tree.add(fresh, nearest, confirmed=not self._coarse)
-        if node == nearest:
-            less = max(radius * (1.0 - ALPHA), self._least_radius)
-            tree.radii[nearest] = self._start_radius if math.isinf(radius) else less
-            return -1
-        tree.radii[nearest] *= 1.0 + ALPHA
-        return node
+        if node != nearest:
+            return node
+        tree.blocked[nearest] = True
+        return -1
+
+    def _some_held(self, drawn: Configuration, q: Configuration) -> Configuration:
+        """What was drawn, with the values of q in some joints, each by the same chance; none if it were all."""
+        moves = [self._generator.uniform() < self._moving for _ in drawn]
+        return tuple(x if m else at for x, at, m in zip(drawn, q, moves, strict=True)) if any(moves) else drawn
+
+    def _distance(self, a: Sequence[float], b: Sequence[float]) -> float:
+        squared = 0.0
+        for w, x, y in zip(self._weights, a, b, strict=True):
+            squared += w * ((y - x) * (y - x))
+        return math.sqrt(squared)
 
     def _connected(self, tree: _Tree, target: Configuration) -> int:
         """The node by which a tree reached the target, growing towards it step by step; -1 if it did not."""
@@ -125,7 +140,7 @@ class ReferenceSearch:
             if not self._step_is_free(tree.nodes[node], fresh, known):
                 return -1
             node = tree.add(fresh, node, confirmed=not self._coarse)
-            distance = joint_distance(fresh, target)
+            distance = self._distance(fresh, target)
         return node
 
     def _walked(
@@ -137,7 +152,7 @@ class ReferenceSearch:
         while gone < most:
             self._poll()
             near = tree.nodes[node]
-            distance = joint_distance(near, target)
+            distance = self._distance(near, target)
             if not distance > 0.0:
                 break
             step = min(stride, distance)
@@ -153,7 +168,7 @@ class ReferenceSearch:
             self._idle = 0
             if not self._step_is_free(near, kept, Known.BOTH if arrives else Known.START):
                 break
-            gone += joint_distance(near, kept)
+            gone += self._distance(near, kept)
             node = tree.add(kept, node, confirmed=not self._coarse)
             self._stride = step
             stride = min(2.0 * step, self._longest)
@@ -193,18 +208,19 @@ class _Tree:
     Attributes:
         nodes: The configurations in the order in which they came.
         parents: Of each node; -1 for a root.
-        radii: How far from each node samples may be that it is extended towards.
+        blocked: Whether a step from the node was not free.
         confirmed: Whether all samples of the edge from the parent were judged.
         cut_off: Whether the node is no longer part of the tree.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, weights: Sequence[float]) -> None:
+        self._weights = weights
         self.nodes: list[Configuration] = []
         self.parents: list[int] = []
-        self.radii: list[float] = []
+        self.blocked: list[bool] = []
         self.confirmed: list[bool] = []
         self.cut_off: list[bool] = []
-        self._points = np.full((64, n), _FAR_AWAY)
+        self._points = np.full((64, len(weights)), _FAR_AWAY)
 
     def add(self, q: Configuration, parent: int, *, confirmed: bool) -> int:
         """Add a node; returns its number."""
@@ -214,7 +230,7 @@ class _Tree:
         self._points[count] = q
         self.nodes.append(q)
         self.parents.append(parent)
-        self.radii.append(math.inf)
+        self.blocked.append(False)
         self.confirmed.append(confirmed)
         self.cut_off.append(False)
         return count
@@ -222,8 +238,8 @@ class _Tree:
     def nearest(self, q: Configuration) -> tuple[int, float]:
         """The node nearest to q, of several the first, and its distance."""
         squares = np.zeros(len(self.nodes))
-        for column, value in zip(self._points[: len(self.nodes)].T, q, strict=True):
-            squares = squares + (value - column) * (value - column)
+        for column, value, weight in zip(self._points[: len(self.nodes)].T, q, self._weights, strict=True):
+            squares = squares + weight * ((value - column) * (value - column))
         node = int(np.argmin(squares))
         return node, math.sqrt(squares[node])
 

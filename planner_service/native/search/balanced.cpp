@@ -7,19 +7,18 @@ namespace search {
 
 namespace {
 
-// Of a node that could not be extended: how near samples must be at first and at the least, as shares of the longest
-// distance in the space; and how fast that changes with each step that is not free, or is.
-constexpr double START_RADIUS = 0.3, LEAST_RADIUS = 0.075, ALPHA = 1e-4;
-constexpr int MAX_LEFT_OUT = 1000;  // samples left out in a row for being too far away, after which the next is used
+constexpr double RADIUS = 0.2;  // how near samples must be to a blocked node, as a share of the longest distance
+constexpr double MOST_MOVING = 7.0;  // joints of more that a step moves, on average
+constexpr int MAX_LEFT_OUT = 30;  // samples left out in a row for being too far away, after which the next is used
 constexpr int MAX_REFUTED = 8;  // paths with an edge that was not free after all, after which no edge is glanced at
 constexpr int MAX_IDLE = 2000;  // steps in a row of which constraints left nothing, after which the search gives up
 
 }  // namespace
 
 BalancedSearch::BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed)
-    : oracle_(oracle), space_(std::move(space)), range_(range), start_radius_(START_RADIUS * space_.extent()),
-      least_radius_(LEAST_RADIUS * space_.extent()), generator_(seed), start_(space_), goal_(space_), stride_(range), coarse_(oracle.glances()),
-      near_(space_.dof()), drawn_(space_.dof()), fresh_(space_.dof()) {}
+    : oracle_(oracle), space_(std::move(space)), range_(range), radius_(RADIUS * space_.extent()),
+      moving_(MOST_MOVING / static_cast<double>(space_.dof())), generator_(seed), start_(space_), goal_(space_), stride_(range),
+      coarse_(oracle.glances()), near_(space_.dof()), drawn_(space_.dof()), fresh_(space_.dof()) {}
 
 std::vector<Configuration> BalancedSearch::run(const Configuration& start, const std::vector<Configuration>& goals) {
     start_.add(start, -1, true);
@@ -48,8 +47,13 @@ int BalancedSearch::extended(Tree& tree) {
     space_.draw(generator_, drawn_);
     double squared = 0.0;
     const int nearest = tree.nearest(drawn_, squared);
+    tree.get(nearest, near_);
+    if (moving_ < 1.0) {
+        hold_some(near_);
+        squared = space_.squared_distance(near_.data(), drawn_.data());
+    }
     const double distance = std::sqrt(squared);
-    if (distance > tree.radius(nearest) && left_out_ < MAX_LEFT_OUT) {
+    if (tree.blocked(nearest) && distance > radius_ && left_out_ < MAX_LEFT_OUT) {
         ++left_out_;
         return -1;
     }
@@ -59,17 +63,24 @@ int BalancedSearch::extended(Tree& tree) {
         node = walked(tree, nearest, Configuration(drawn_), range_, false);
         tree.get(node, fresh_);
     } else {
-        tree.get(nearest, near_);
         space_.step(near_, drawn_, distance, range_, fresh_);
         if (step_is_free(near_, fresh_, START)) node = tree.add(fresh_, nearest, !coarse_);
     }
-    double& radius = tree.radius(nearest);
-    if (node == nearest) {
-        radius = radius == NO_RADIUS ? start_radius_ : std::max(radius * (1.0 - ALPHA), least_radius_);
-        return -1;
+    if (node != nearest) return node;
+    tree.block(nearest);
+    return -1;
+}
+
+// Gives some joints of what was drawn, each by the same chance, the values that they have at q; none if it were all.
+void BalancedSearch::hold_some(const Configuration& q) {
+    Configuration held(q);
+    bool moves = false;
+    for (std::size_t k = 0; k < held.size(); ++k) {
+        if (!(generator_.uniform() < moving_)) continue;
+        held[k] = drawn_[k];
+        moves = true;
     }
-    radius *= 1.0 + ALPHA;
-    return node;
+    if (moves) drawn_ = held;
 }
 
 // The node by which a tree reached the target, growing towards it step by step; -1 if it did not.

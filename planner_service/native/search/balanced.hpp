@@ -27,6 +27,7 @@ class BalancedSearch {
     int extended(Tree& tree);
     int connected(Tree& tree, const Configuration& target);
     int walked(Tree& tree, int node, const Configuration& target, double most, bool target_is_node);
+    void hold_some(const Configuration& q);
     bool step_is_free(const Configuration& from, const Configuration& to, Known known);
     bool confirmed(Tree& tree, int node);
     bool confirm(Tree& tree, int node);
@@ -35,7 +36,7 @@ class BalancedSearch {
 
     Oracle& oracle_;
     Space space_;
-    double range_, start_radius_, least_radius_;
+    double range_, radius_, moving_;
     Generator generator_;
     Tree start_, goal_;
     int refuted_ = 0;      // paths with an edge that was not free after all

@@ -124,12 +124,14 @@ void bind(nb::module_& m) {
     nb::class_<BalancedSearch>(m, "BalancedSearch")
         .def(
             "__init__",
-            [](BalancedSearch* self, Oracle& oracle, const Configuration& lower, const Configuration& upper, double range,
-               std::uint64_t seed, constraints::Projector* projector) {
-                new (self) BalancedSearch(oracle, Space(lower, upper, projector), range, seed);
+            [](BalancedSearch* self, Oracle& oracle, const Configuration& lower, const Configuration& upper,
+               const Configuration& weights, double range, std::uint64_t seed, constraints::Projector* projector) {
+                if (upper.size() != lower.size() || weights.size() != lower.size())
+                    throw std::invalid_argument("a lower and an upper bound and a weight for each joint");
+                new (self) BalancedSearch(oracle, Space(lower, upper, weights, projector), range, seed);
             },
-            nb::arg("oracle"), nb::arg("lower"), nb::arg("upper"), nb::arg("range"), nb::arg("seed"),
-            nb::arg("projector") = nb::none(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 7>())
+            nb::arg("oracle"), nb::arg("lower"), nb::arg("upper"), nb::arg("weights"), nb::arg("range"),
+            nb::arg("seed"), nb::arg("projector") = nb::none(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 8>())
         .def("run", &BalancedSearch::run, nb::call_guard<nb::gil_scoped_release>())
         .def("grown", [](const BalancedSearch& self) {
             auto grown = self.grown();

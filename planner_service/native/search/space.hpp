@@ -14,11 +14,13 @@ namespace search {
 
 class Space {
   public:
-    // ``projector``: what keeps constraints, if there are any; it stays where it is as long as this exists.
-    Space(Configuration lower, Configuration upper, constraints::Projector* projector = nullptr)
-        : lower_(std::move(lower)), upper_(std::move(upper)), projector_(projector) {}
+    // ``weights``: of the squared difference of each joint in a squared distance. ``projector``: what keeps constraints,
+    // if there are any; it stays where it is as long as this exists.
+    Space(Configuration lower, Configuration upper, Configuration weights, constraints::Projector* projector = nullptr)
+        : lower_(std::move(lower)), upper_(std::move(upper)), weights_(std::move(weights)), projector_(projector) {}
 
     std::size_t dof() const { return lower_.size(); }
+    double weight(std::size_t joint) const { return weights_[joint]; }
     // What keeps constraints; null without any.
     constraints::Projector* projector() const { return projector_; }
 
@@ -32,7 +34,7 @@ class Space {
     // Summed in joint order, without fused operations: equal bits on every processor.
     double squared_distance(const double* a, const double* b) const {
         double total = 0.0;
-        for (std::size_t k = 0; k < dof(); ++k) total += (b[k] - a[k]) * (b[k] - a[k]);
+        for (std::size_t k = 0; k < dof(); ++k) total += weights_[k] * ((b[k] - a[k]) * (b[k] - a[k]));
         return total;
     }
 
@@ -47,7 +49,7 @@ class Space {
     }
 
   private:
-    Configuration lower_, upper_;
+    Configuration lower_, upper_, weights_;
     constraints::Projector* projector_;
 };
 

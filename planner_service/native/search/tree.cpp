@@ -25,7 +25,7 @@ int Tree::add(const Configuration& q, int parent, bool confirmed) {
     parents_.push_back(parent);
     confirmed_.push_back(confirmed ? 1 : 0);
     cut_off_.push_back(0);
-    radii_.push_back(NO_RADIUS);
+    blocked_.push_back(0);
     return size() - 1;
 }
 
@@ -40,7 +40,8 @@ int Tree::nearest(const Configuration& q, double& squared) const {
         double distances[SIDE_BY_SIDE] = {};
         for (std::size_t k = 0; k < dof_; ++k) {
             const double* values = column(k) + first;
-            for (std::size_t i = 0; i < SIDE_BY_SIDE; ++i) distances[i] += (q[k] - values[i]) * (q[k] - values[i]);
+            const double weight = space_.weight(k);
+            for (std::size_t i = 0; i < SIDE_BY_SIDE; ++i) distances[i] += weight * ((q[k] - values[i]) * (q[k] - values[i]));
         }
         double least = distances[0];
         for (std::size_t i = 1; i < SIDE_BY_SIDE; ++i) least = distances[i] < least ? distances[i] : least;

@@ -9,19 +9,18 @@
 
 namespace search {
 
-constexpr double NO_RADIUS = std::numeric_limits<double>::infinity();
-
 class Tree {
   public:
-    explicit Tree(const Space& space) : dof_(space.dof()) { widen(64); }
+    explicit Tree(const Space& space) : space_(space), dof_(space.dof()) { widen(64); }
 
     // Nodes ever added, those that were cut off too.
     int size() const { return static_cast<int>(parents_.size()); }
     int parent(int node) const { return parents_[index(node)]; }
     bool cut_off(int node) const { return cut_off_[index(node)] != 0; }
 
-    // How far from the node samples may be that it is extended towards.
-    double& radius(int node) { return radii_[index(node)]; }
+    // Whether a step from the node was not free.
+    bool blocked(int node) const { return blocked_[index(node)] != 0; }
+    void block(int node) { blocked_[index(node)] = 1; }
     // Whether all samples of the edge from the parent were judged.
     bool confirmed(int node) const { return confirmed_[index(node)] != 0; }
     void confirm(int node) { confirmed_[index(node)] = 1; }
@@ -39,11 +38,11 @@ class Tree {
     double* column(std::size_t joint) { return values_.data() + joint * capacity_; }
     void widen(std::size_t capacity);
 
+    const Space& space_;
     std::size_t dof_, capacity_ = 0;
     std::vector<double> values_;  // all values of the first joint, then of the second, ...; far away where no node is
-    std::vector<double> radii_;
     std::vector<int> parents_;
-    std::vector<std::uint8_t> confirmed_, cut_off_;
+    std::vector<std::uint8_t> blocked_, confirmed_, cut_off_;
 };
 
 }  // namespace search

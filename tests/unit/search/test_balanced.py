@@ -45,7 +45,8 @@ def ends(robot: Robot, scene: Scene, seed: int) -> FloatArray:
 def problem(checker: CollisionChecker, points: FloatArray, seed: int = 0, **more: Any) -> SearchProblem:
     limits = checker.robot.limits
     oracle = SearchOracle(checker, points[:1], points[1:])
-    return SearchProblem(points[0], points[1:], limits.lower, limits.upper, oracle, seed, checker.ledger.poll, **more)
+    bounds, poll = (limits.lower, limits.upper), checker.ledger.poll
+    return SearchProblem(points[0], points[1:], *bounds, oracle, seed, poll, checker.reach, **more)
 
 
 def outcome(checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000) -> tuple[Any, ...]:
@@ -65,7 +66,7 @@ def outcome(checker: CollisionChecker, points: FloatArray, seed: int, states: in
 def reference(checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000) -> tuple[Any, ...]:
     """The same of the search in Python, which asks the checker edge by edge."""
     limits, oracle = checker.robot.limits, ReferenceOracle(checker)
-    asked = SearchProblem(points[0], points[1:], limits.lower, limits.upper, oracle, seed)
+    asked = SearchProblem(points[0], points[1:], limits.lower, limits.upper, oracle, seed, reach=checker.reach)
     run = ReferenceSearch(asked, BalancedRRTConnect().range, seed)
     path: Any = None
     try:

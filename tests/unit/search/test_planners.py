@@ -239,7 +239,7 @@ def test_interrupted_searches_do_not_crash_the_process_even_while_their_exceptio
     assert int(done.stdout) > 100
 
 
-@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+@pytest.mark.parametrize("planner", [BalancedRRTConnect(range=1.0), RRTConnect()], ids=lambda planner: planner.name)
 def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free(planner: Planner) -> None:
     refuted = 0
     for seed in range(5):
