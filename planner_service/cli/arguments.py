@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -21,9 +22,6 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.task_result import Handling
-from planner_service.records import plan_file
-from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
-from planner_service.records.recertify import recertify
 from planner_service.roadmap.verdicts import Terms
 from planner_service.robot.inertia import Dynamics, Payload
 from planner_service.robot.model import Robot, joint_vector, robot_names
@@ -31,9 +29,10 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.timing.laws import Timing, ToppRa
-from planner_service.view.still import motion_plot
-from planner_service.view.still import pictures as still
+from planner_service.timing.laws import TIMINGS, Timing, ToppRa
+
+if TYPE_CHECKING:
+    from planner_service.records.plan_file import SavedPlan, SavedTask
 
 __all__ = [
     "configuration",
@@ -59,15 +58,6 @@ __all__ = [
 T = TypeVar("T")
 
 _POSE = "pose:"
-
-_FILE_KINDS = {
-    "--out": plan_file.OURS,
-    "--evidence": plan_file.OURS,
-    "--plan": plan_file.OURS,
-    "--plot": motion_plot.OURS,
-    "--png": still.OURS,
-}
-"""The beginning of the files that each option may overwrite."""
 
 
 def configuration(option: str, text: str, robot: Robot) -> FloatArray:
@@ -264,10 +254,21 @@ def require_outputs(files: Mapping[str, str | None]) -> None:
         if file is not None:
             if option == "--png" and not file.lower().endswith(".png"):
                 raise InvalidRequest(option, file, "a name that ends in .png")
-            require_writable(file, _FILE_KINDS[option])
+            require_writable(file, _beginning_of(option))
             other = taken.setdefault(os.path.realpath(file), option)
             if other != option:
                 raise InvalidRequest(option, file, f"a different file from {other}")
+
+
+def _beginning_of(option: str) -> re.Pattern[bytes]:
+    """The beginning of the files that an option may overwrite."""
+    if option == "--png":
+        from planner_service.view.still.pictures import OURS
+    elif option == "--plot":
+        from planner_service.view.still.motion_plot import OURS
+    else:
+        from planner_service.records.plan_file import OURS
+    return OURS
 
 
 def from_file(saved: SavedPlan | SavedTask) -> str:
@@ -283,6 +284,8 @@ def reopened(
     Raises:
         InvalidRequest: there is no such robot or scene.
     """
+    from planner_service.records.plan_file import SavedTask
+
     begin, notes = saved.begin, [from_file(saved)]
     notes += differences(begin.robot) if robot is None else []
     if robot is not None:
@@ -343,6 +346,9 @@ def require_proven(saved: SavedPlan | SavedTask, allow: Sequence[str] | None) ->
     Raises:
         NotProven: they are not.
     """
+    from planner_service.records.plan_file import SavedTask
+    from planner_service.records.recertify import recertify
+
     allowed = pairs_of_texts("--allow", allow or ())
     if isinstance(saved, SavedTask):
         planned = tuple(segment for segment in saved.segments if segment.result.ok)

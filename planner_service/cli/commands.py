@@ -9,52 +9,54 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from planner_service.certify import Certifier
-from planner_service.cli import arguments, listings, options
-from planner_service.cli.certify import certify
-from planner_service.cli.check_robot import robot_commands
-from planner_service.cli.episodes import episodes
+from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, ErrorLog, bad_input_exits, finish
-from planner_service.cli.export import export, join
-from planner_service.cli.import_report import import_record, import_table, to_check
 from planner_service.cli.options import argument, option
 from planner_service.cli.output import show, wrapped
-from planner_service.cli.roadmap.commands import roadmaps
-from planner_service.cli.run import run
-from planner_service.cli.serve import serve
-from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
-from planner_service.files.release import RELEASE
-from planner_service.parallel.named import engine_named
-from planner_service.planning.request import Pace, PlanRequest, torques_of
+from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, plan_lines, plan_rows
-from planner_service.planning.task_result import task_lines, task_rows
 from planner_service.presentation.tables import CostTable, Table
-from planner_service.records.evidence import save_plan
-from planner_service.records.exports.explanation import ReachedRecord
-from planner_service.records.exports.no_path_file import save_no_path
-from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.records.problems import read_problems
-from planner_service.records.result import result_record
 from planner_service.robot.model import length_unit, robot_blocks
-from planner_service.robot_setup.import_robot import Source, import_robot
-from planner_service.robot_setup.kernel_check import Health, examine
 from planner_service.robot_setup.loading import robot_file
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import scene_blocks, scene_names
 from planner_service.service import PlannerService
-from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.view.still.motion_plot import write_plot
-from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
+
+if TYPE_CHECKING:
+    from planner_service.robot_setup.kernel_check import Health
 
 __all__ = ["app"]
 
+NAMES = (
+    *("robots", "scenes", "problems", "check", "plan", "explain", "pick-place", "view", "certify", "export", "join"),
+    *("run", "import-robot", "episodes", "serve", "doctor", "roadmap", "robot"),
+)
+"""All commands, in the order of the help."""
+
+
+class _Commands(TyperGroup):
+    """A group whose commands are here, or are imported as they are asked for: see ``_others``."""
+
+    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
+        """The command of a name; None if there is none."""
+        if cmd_name not in self.commands:
+            others: Any = typer.main.get_command(_others())
+            self.commands.update(others.commands)
+        return super().get_command(ctx, cmd_name)
+
+    def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
+        """The names of all commands."""
+        return list(NAMES)
+
 
 app = typer.Typer(
+    cls=_Commands,
     help="Motion planning for a robot arm on a table, with every collision check counted.",
     epilog="Exit codes: 0 planned or free, 1 no plan or in collision, 2 bad input, 130 interrupted, 70 internal error.",
     no_args_is_help=True,
@@ -117,10 +119,11 @@ def plan(
         )
         arguments.load_libraries(request, service.robot)
         result = service.plan(request)
-        saved = SavedPlan.of(result)
         if out is not None:
-            save_plan(saved, out)
+            result.save(out)
         if png is not None:
+            from planner_service.view.still.pictures import draw_plan
+
             draw_plan(service, request, result, png)
         lines = [*kept, *plan_lines(result)]
         if plot is not None and result.path is not None:
@@ -129,7 +132,13 @@ def plan(
             lines.append(f"note: there is no path to plot; {plot} is not written")
     title = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     table = CostTable(title, plan_rows(result), length_unit(service.robot))
-    finish(saved.document(), table, lines, result.failure, as_json=as_json)
+    finish(partial(_plan_document, result), table, lines, result.failure, as_json=as_json)
+
+
+def _plan_document(result: PlanResult) -> dict[str, Any]:
+    from planner_service.records.plan_file import SavedPlan
+
+    return SavedPlan.of(result).document()
 
 
 def explain(
@@ -155,6 +164,10 @@ def explain(
     Every change that is suggested was planned and gives a proven plan: an end moved out of a collision, the tool
     turned, a constraint relaxed, an object moved just far enough, or taken away.
     """
+    from planner_service.records.exports.explanation import ReachedRecord
+    from planner_service.records.exports.no_path_file import save_no_path
+    from planner_service.records.result import result_record
+
     with bad_input_exits():
         arguments.require_outputs({"--evidence": evidence})
         service = arguments.service_for(robot, scene)
@@ -179,7 +192,7 @@ def explain(
         "proven": explained.proven,
         "no_path": None if explained.no_path is None else str(explained.no_path),
         "reached": None if explained.reached is None else ReachedRecord.of(explained.reached).document(),
-        "way": None if explained.way is None else SavedPlan.of(explained.way).document(),
+        "way": None if explained.way is None else _plan_document(explained.way),
         "remedies": [remedy.text for remedy in explained.remedies],
         "plans": explained.plans,
         "complete": explained.complete,
@@ -213,6 +226,12 @@ def pick_place(
     as_json: options.AsJson = False,
 ) -> None:
     """Plan a pick-and-place from home and back to home, and print what each motion did and cost."""
+    from planner_service.planning.task_result import task_lines, task_rows
+    from planner_service.records.evidence import save_plan
+    from planner_service.records.plan_file import SavedTask
+    from planner_service.tasks.pick_place import plan_pick_place
+    from planner_service.view.still.pictures import draw_task
+
     with bad_input_exits():
         arguments.require_outputs({"--out": out, "--png": png})
         service = arguments.service_for(robot, scene)
@@ -256,6 +275,8 @@ def check(
         checker = CollisionChecker(arm, world)
         contacts, clearance = checker.contacts(values), checker.clearance(values)
         if png is not None:
+            from planner_service.view.still.pictures import draw_check
+
             draw_check(checker, values, png)
     bound = clearance if math.isfinite(clearance) else None
     touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
@@ -270,6 +291,8 @@ def check(
 
 def robots(name: RobotName = None, as_json: options.AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
+    from planner_service.cli import listings
+
     with bad_input_exits():
         models, missing = listings.shipped_robots() if name is None else ([name.load()], {})
     records = [listings.robot_record(robot) for robot in models]
@@ -284,6 +307,8 @@ def robots(name: RobotName = None, as_json: options.AsJson = False) -> None:
 
 def scenes(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
+    from planner_service.cli import listings
+
     with bad_input_exits():
         worlds = [load_scene(entry) for entry in ([name] if name is not None else scene_names())]
     records = [listings.scene_record(scene) for scene in worlds]
@@ -312,6 +337,9 @@ def problems(
     as_json: options.AsJson = False,
 ) -> None:
     """List the problems of a published set, or plan them with a robot."""
+    from planner_service.cli import listings
+    from planner_service.records.problems import read_problems
+
     with bad_input_exits():
         found = read_problems(file)
         chosen = found.problems if only is None else (found.problem(only),)
@@ -350,6 +378,8 @@ def doctor(
     as_json: options.AsJson = False,
 ) -> None:
     """Show which compiled code is in use, and compare it with its judges: checks, searches, proofs and timing."""
+    from planner_service.robot_setup.kernel_check import examine
+
     with bad_input_exits():
         health = examine(robot.load(), load_scene(scene), states=states, seed=seed)
     document = {**asdict(health), "agrees": health.agrees}
@@ -380,6 +410,10 @@ def import_robot_(
     Links may touch that are adjacent, that the SRDF disables, or that always overlap; all other pairs are checked. With
     --prove, pairs that can never touch are proven so over all joint values and need no checks.
     """
+    from planner_service.cli.import_report import import_record, import_table, to_check
+    from planner_service.parallel.named import engine_named
+    from planner_service.robot_setup.import_robot import Source, import_robot
+
     with bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
         srdf_file, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
@@ -402,6 +436,10 @@ def import_robot_(
 
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
     """Plot the clearance along the path, along the path before optimising if the optimum was kept, and torques."""
+    from planner_service.certify import Certifier
+    from planner_service.planning.request import Pace, torques_of
+    from planner_service.view.still.motion_plot import write_plot
+
     paths = {} if result.path is None else {"the path": result.path}
     if result.path is not None and request.polish is not None and result.polish is not None and result.polish.kept:
         before = service.plan(replace(request, polish=None)).path
@@ -431,6 +469,8 @@ def _health_lines(health: Health, where: str) -> list[str]:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
+        from planner_service.files.release import RELEASE
+
         typer.echo(f"planner-service {RELEASE}")
         raise typer.Exit
 
@@ -451,28 +491,49 @@ def _global_options(
         logger.setLevel(logging.DEBUG)
 
 
-def _add(command: Callable[..., None], short_help: str, example: str, *, name: str | None = None) -> None:
+def _add(group: typer.Typer, command: Callable[..., None], name: str, short_help: str, example: str) -> None:
     parameters = inspect.signature(command).parameters
     takes = "robot" if "robot" in parameters else "name" if command is robots else None
     whole = command if takes is None else options.taking_robot(command, takes)
-    app.command(name, short_help=short_help, epilog=options.example(example))(whole)
+    group.command(name, short_help=short_help, epilog=options.example(example))(whole)
 
 
-_add(robots, "List the robots, or show one.", "robots wxai")
-_add(scenes, "List the scenes, or show one.", "scenes bin")
-_add(problems, "List or plan a published problem set.", "problems problems.json --robot panda")
-_add(check, "Check one configuration for collisions.", "check --scene table --q ready")
-_add(plan, "Plan a motion to a goal.", "plan --scene table --start home --goal ready --out plan.json")
-_add(explain, "Say why there is no plan, and what helps.", "explain --scene bin --start home --goal ready")
-_add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray", name="pick-place")
-_add(view, "Show robot, scene and plan in the browser.", "view plan.json")
-_add(certify, "Prove a saved plan again.", "certify plan.json")
-_add(export, "Write a saved plan or task for other tools.", "export plan.json --format csv")
-_add(join, "Write saved tasks as one.", "join pick.json place.json --out task.json")
-_add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
-_add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
-_add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")
-_add(serve, "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
-_add(doctor, "Compare compiled code with its judges.", "doctor")
-app.add_typer(roadmaps, name="roadmap")
-app.add_typer(robot_commands, name="robot")
+_add(app, robots, "robots", "List the robots, or show one.", "robots wxai")
+_add(app, scenes, "scenes", "List the scenes, or show one.", "scenes bin")
+_add(app, problems, "problems", "List or plan a published problem set.", "problems problems.json --robot panda")
+_add(app, check, "check", "Check one configuration for collisions.", "check --scene table --q ready")
+_add(app, plan, "plan", "Plan a motion to a goal.", "plan --scene table --start home --goal ready --out plan.json")
+_add(
+    app,
+    explain,
+    "explain",
+    "Say why there is no plan, and what helps.",
+    "explain --scene bin --start home --goal ready",
+)
+_add(app, pick_place, "pick-place", "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray")
+_add(app, import_robot_, "import-robot", "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm")
+_add(app, doctor, "doctor", "Compare compiled code with its judges.", "doctor")
+
+
+def _others() -> typer.Typer:
+    """The commands that need more than planning does, from files of plans to servers; importing them takes 0.2 s."""
+    from planner_service.cli.certify import certify
+    from planner_service.cli.check_robot import robot_commands
+    from planner_service.cli.episodes import episodes
+    from planner_service.cli.export import export, join
+    from planner_service.cli.roadmap.commands import roadmaps
+    from planner_service.cli.run import run
+    from planner_service.cli.serve import serve
+    from planner_service.cli.view import view
+
+    others = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
+    _add(others, view, "view", "Show robot, scene and plan in the browser.", "view plan.json")
+    _add(others, certify, "certify", "Prove a saved plan again.", "certify plan.json")
+    _add(others, export, "export", "Write a saved plan or task for other tools.", "export plan.json --format csv")
+    _add(others, join, "join", "Write saved tasks as one.", "join pick.json place.json --out task.json")
+    _add(others, run, "run", "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
+    _add(others, episodes, "episodes", "Write a data set of planned motions.", "episodes --out motions --count 100")
+    _add(others, serve, "serve", "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
+    others.add_typer(roadmaps, name="roadmap")
+    others.add_typer(robot_commands, name="robot")
+    return others

@@ -5,11 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import typer
 
-from planner_service.cli.output import show, wrapped
+from planner_service.cli.output import Document, show, wrapped
 from planner_service.errors import InvalidRequest, MissingDependency, NotProven
 from planner_service.planning.result import Failure
 from planner_service.presentation.tables import Block, printable
@@ -54,7 +53,7 @@ class ErrorLog(logging.Handler):
 
 
 def finish(
-    document: dict[str, Any], table: Block | None, lines: Sequence[str], failure: Failure | None, *, as_json: bool
+    document: Document, table: Block | None, lines: Sequence[str], failure: Failure | None, *, as_json: bool
 ) -> None:
     """Print a JSON document, or a table with lines below it, and exit with 1 if there is no plan."""
     hidden = len(lines) - MAX_LINES

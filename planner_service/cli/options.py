@@ -16,10 +16,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.optimize import Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest
-from planner_service.records.plan_file import TIMINGS
 from planner_service.robot.model import Robot, robot_names
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.scene import scene_names
+from planner_service.timing.laws import TIMINGS
 
 
 def option(*texts: str, **more: Any) -> Any:

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -15,9 +15,12 @@ from rich.text import Text
 from planner_service.presentation import tables
 from planner_service.presentation.tables import WIDTH, Block, CostTable, printable
 
-__all__ = ["console", "emit", "json_text", "labelled", "render", "show", "wrapped"]
+__all__ = ["Document", "console", "emit", "json_text", "labelled", "render", "show", "wrapped"]
 
 LABEL_WIDTH = 14
+
+Document = dict[str, Any] | Callable[[], dict[str, Any]]
+"""A JSON document, or what makes it if it is wanted."""
 
 
 def console() -> Console:
@@ -59,9 +62,12 @@ def json_text(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
-def show(document: dict[str, Any], *blocks: Block, as_json: bool) -> None:
+def show(document: Document, *blocks: Block, as_json: bool) -> None:
     """Print a JSON document, or what says the same to people."""
-    emit(json_text(document) if as_json else render(*blocks))
+    if as_json:
+        emit(json_text(document() if callable(document) else document))
+    else:
+        emit(render(*blocks))
 
 
 def emit(text: str) -> None:

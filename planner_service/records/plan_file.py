@@ -37,7 +37,7 @@ from planner_service.planning.task_result import SAME_WIDTH, Segment, TaskResult
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.old_versions import command_of
-from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
+from planner_service.records.request import RequestRecord, TimingRecord
 from planner_service.records.result import (
     CountsRecord,
     FailureRecord,
@@ -55,7 +55,6 @@ __all__ = [
     "OURS",
     "PLAN_FORMAT",
     "TASK_FORMAT",
-    "TIMINGS",
     "VERSION",
     "SavedPlan",
     "SavedTask",

@@ -37,12 +37,9 @@ from planner_service.records.values import Constraints, PoseRecord
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.inertia import Payload
 from planner_service.robot.model import TURN, Robot, joint_vector
-from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
+from planner_service.timing.laws import TIMINGS
 
-__all__ = ["TIMINGS", "RequestRecord", "astray", "goal_kind", "goals_of"]
-
-TIMINGS: Mapping[str, type[Any]] = MappingProxyType({law.name: law for law in (ToppRa, Trapezoidal, SCurve)})
-"""Every timing law that can be made from its name alone, by that name."""
+__all__ = ["RequestRecord", "astray", "goal_kind", "goals_of"]
 
 REACHED = 1e-6
 """Metres and radians by which a plan may miss its ends, for rounding."""

@@ -12,12 +12,12 @@ bits, and does what compiled code leaves to it: a caller's own speed limits, jer
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Literal, Protocol
 
 import numpy as np
@@ -39,6 +39,7 @@ from planner_service.timing.toppra_backend import toppra_passes
 from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = [
+    "TIMINGS",
     "SCurve",
     "Timing",
     "TimingFailed",
@@ -267,6 +268,12 @@ class ToppRa:
         speed, acceleration = (min(section.limits[k] for section in sections) for k in range(2))
         phases = trapezoid(segment.length, speed, min(acceleration, most))
         return [phase._replace(position=segment.start + phase.position) for phase in phases]
+
+
+TIMINGS: Mapping[str, type[ToppRa | Trapezoidal | SCurve]] = MappingProxyType(
+    {law.name: law for law in (ToppRa, Trapezoidal, SCurve)}
+)
+"""Every timing law that can be made from its name alone, by that name."""
 
 
 def effective_limits(timing: Timing, limits: JointLimits) -> JointLimits:

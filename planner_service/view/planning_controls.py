@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from planner_service.planners import PLANNERS
-from planner_service.records.plan_file import TIMINGS
+from planner_service.timing.laws import TIMINGS
 from planner_service.view.state import Choice
 
 __all__ = ["PlanningControls"]

@@ -18,9 +18,9 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
 from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.presentation.page import Showable
-from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
+from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.service import PlannerService
-from planner_service.timing.laws import ToppRa
+from planner_service.timing.laws import TIMINGS, ToppRa
 from planner_service.view.collision_report import CollisionReport, CollisionReporter
 from planner_service.view.playback import Playback
 from planner_service.view.regions import Kept

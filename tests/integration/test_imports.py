@@ -20,12 +20,36 @@ MAX_LEVELS = 14
 MAX_FILES = 15
 MAX_ROOT_NAMES = 60
 
-SLOW = (
-    *("yourdfpy", "toppra", "trimesh", "viser", "scipy.optimize", "scipy.sparse", "piqp"),
-    *("matplotlib", "lxml", "rich", "typer", "PIL", "trossen_arm", "trossen_arm_sim", "mujoco", "ray"),
-    "pydantic",
-)
-"""Only imported when first used."""
+NEEDED = {
+    *(
+        "certify",
+        "collision",
+        "concurrency",
+        "constraints",
+        "conveniences",
+        "errors",
+        "files",
+        "geometry",
+        "kinematics",
+    ),
+    *("native", "optimize", "path", "planners", "planning", "presentation", "provided", "roadmap", "robot"),
+    *("robot_setup", "scene", "search", "service", "smoothing", "timing"),
+}
+"""Of the package, what a plan needs; all else is only imported when it is first used."""
+
+LIBRARIES, SUPPORT = {"coal", "numpy", "pinocchio", "pydantic", "rich", "typer"}, {"pydantic_core", "shellingham"}
+"""Of other libraries, what a command needs, to read a robot and to print; and what these bring."""
+
+SLOW = {"multiprocessing", "concurrent.futures", "asyncio", "sqlite3", "ssl", "http.client"}
+"""Of Python's own, what no plan needs."""
+
+COMMAND = """
+import io, contextlib
+from planner_service.cli import main
+sys.argv = ["planner-service", "plan", "--start", "home", "--goal", "ready", "--scene", "table"]
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main()
+"""
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
@@ -72,8 +96,38 @@ def test_no_import_hides_in_a_call() -> None:
     assert found == set()
 
 
-@pytest.mark.parametrize("module", ["planner_service", "planner_service.collision"])
-def test_importing_brings_nothing_that_is_slow(module: str) -> None:
-    ask = f"import sys, {module}; print(*(name for name in {SLOW!r} if name in sys.modules))"
+def loaded_by(code: str) -> set[str]:
+    """The modules that code brings beside those of a bare Python."""
+    ask = f"import sys\nbare = {{*sys.modules}}\n{code}\nprint(*({{*sys.modules}} - bare), sep='\\n')"
     done = subprocess.run([sys.executable, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.stdout.strip(), done.stderr, done.returncode) == ("", "", 0)
+    assert (done.stderr, done.returncode) == ("", 0)
+    return set(done.stdout.splitlines())
+
+
+def other_libraries(modules: set[str]) -> set[str]:
+    """The libraries among modules, without what has only types in it or is private."""
+    roots = {module.partition(".")[0] for module in modules} - {"planner_service"} - set(sys.stdlib_module_names)
+    return {root for root in roots if not root.startswith(("_", "annotated_", "typing_"))}
+
+
+@pytest.mark.parametrize(
+    ("code", "packages", "libraries"),
+    [
+        ("import planner_service", NEEDED, {"numpy"}),
+        ("import planner_service.collision", NEEDED, {"numpy"}),
+        (COMMAND, NEEDED | {"cli"}, LIBRARIES | SUPPORT),
+    ],
+    ids=["package", "subpackage", "command"],
+)
+def test_what_a_plan_does_not_need_is_not_imported(code: str, packages: set[str], libraries: set[str]) -> None:
+    modules = loaded_by(code)
+    ours = {module.split(".")[1] for module in modules if module.startswith("planner_service.")}
+    assert (ours - packages, other_libraries(modules) - libraries, modules & SLOW) == (set(), set(), set())
+
+
+def test_names_that_are_imported_late_are_those_of_their_modules() -> None:
+    names = ("move_linear", "pick", "place", "top_grasps")
+    assert all(getattr(planner_service, name).__name__ == name for name in names)
+    assert set(planner_service.__all__) <= set(dir(planner_service))
+    with pytest.raises(AttributeError, match="no attribute 'grasp'"):
+        _ = planner_service.grasp
