@@ -68,7 +68,7 @@ def _row(one: ForeignRobot) -> Row:
         return row | {"last": (done.stderr.strip().splitlines() or ["no word"])[-1][:SHOWN]}
     told = json.loads(done.stdout)
     row["findings"] = [{"kind": each["kind"], "text": each["text"]} for each in told["findings"]]
-    if any(each["kind"] in _JUDGES for each in told["findings"]):
+    if told["ok"] and any(each["kind"] in _JUDGES for each in told["findings"]):
         with TemporaryDirectory() as place:
             document = Path(place, "check.json")
             document.write_text(done.stdout, "utf-8")
@@ -137,17 +137,19 @@ class _Judges:
     def home(self, finding: Mapping[str, Any]) -> str:
         """The first pair touches; pieces of meshes may be a millimetre larger than these."""
         pair = set(re.findall(r"(\S+) x (\S+) \(at most", finding["text"])[0])
-        gap = self._gap(pair, {**self.told["home"], **self.told["locked_joints"]})
+        gap = self._gap(
+            pair, {**self.told["home"], **self.told["locked_joints"]}, opened=self.robot.gripper is not None
+        )
         return "" if gap <= ALLOWED else f"these are {1e3 * gap:.2f} mm apart"
 
-    def _gap(self, pair: set[str], at: Mapping[str, float]) -> float:
-        """Metres between two links where joints are so, others at home."""
+    def _gap(self, pair: set[str], at: Mapping[str, float], *, opened: bool = False) -> float:
+        """Metres between two links where joints are so, others at home; fingers are joints, or stand open."""
         from planner_service import load_robot
 
-        free = load_robot(self.source, gripper=(), cut_meshes=False)
-        home = dict(zip(free.joint_names, free.home.tolist(), strict=True))
-        q = np.clip([at.get(name, home[name]) for name in free.joint_names], *free.bounds)
-        gaps = self._checker(free, allowed_contacts=[]).gaps(q)
+        robot = self.robot if opened else load_robot(self.source, gripper=(), cut_meshes=False)
+        home = dict(zip(robot.joint_names, robot.home.tolist(), strict=True))
+        q = np.clip([at.get(name, home[name]) for name in robot.joint_names], *robot.bounds)
+        gaps = self._checker(robot, allowed_contacts=[]).gaps(q)
         return min((gap for links, gap in gaps.items() if set(links) == pair), default=np.inf)
 
     def blocked(self, finding: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import MAX_XML_BYTES, Malformed, parse_xml
 
-__all__ = ["listed_folders", "packages_around", "packages_below"]
+__all__ = ["file_called", "listed_folders", "packages_around", "packages_below"]
 
 PACKAGE = "package.xml"
 """The file that makes a folder a ROS package, and names it."""
@@ -68,6 +68,22 @@ def listed_folders(folders: Sequence[Path]) -> str:
     """Folders in one line, of many the first."""
     more = f" and {len(folders) - NAMED} more" if len(folders) > NAMED else ""
     return f"{', '.join(map(str, folders[:NAMED]))}{more}"
+
+
+def file_called(name: str, folders: Sequence[Path]) -> Path | None:
+    """A file of that name in folders or below, upper and lower case being one; the nearest, and None if there is none.
+
+    Nothing is looked at that only a symbolic link leads to.
+    """
+    found, left = list[Path](), MAX_FOLDERS
+    for folder in folders:
+        for place, inner, names in os.walk(folder):
+            inner[:] = sorted(each for each in inner if each[0] != ".")
+            found += [Path(place, each) for each in names if each.lower() == name.lower()]
+            left -= 1
+            if left < 0:
+                break
+    return min(found, key=lambda file: (len(file.parts), file), default=None)
 
 
 def _crawled(folder: Path, depth: int) -> Iterator[Path]:

@@ -38,6 +38,8 @@ MAX_CELLS = 500_000
 LEAST_CELL = 1e-4
 """Metres; a finer resolution than a tenth of a millimetre is a unit mistake."""
 
+MOST_COLUMNS = 16
+"""Numbers of a point: its place, colour, normal and a few more; more are an image."""
 RESOLUTION = 0.01
 """Metres; of a cloud for which none is given."""
 
@@ -232,13 +234,15 @@ class PointCloud:
         expected = f"finite points (n, 3), at most {MAX_LENGTH:g} m from 0 along each axis"
         points = scan.points
         if points.ndim != 2 or points.shape[1:] != (3,) or len(points) == 0:
-            message = f"points: got an array of shape {points.shape}; expected {expected}"
+            message = f"points: got an array of shape {points.shape}; expected {expected}{_as_rows(points.shape)}"
             raise InvalidRequest("points", points, expected, message=message)
         with np.errstate(over="ignore", invalid="ignore"):
             points = points * scale
         bad = np.flatnonzero(~(np.abs(points) <= MAX_LENGTH).all(axis=1))
         if len(bad):
             hint = "; are they in millimetres (scale 0.001), or do they count from an origin far away?"
+            if np.isnan(points[bad[0]]).any():
+                hint = "; keep points[~np.isnan(points).any(axis=1)]"
             row = scan.points[bad[0]].tolist()
             raise InvalidRequest(
                 f"points[{bad[0]}]", row, expected, message=f"points[{bad[0]}]: got {row}; expected {expected}{hint}"
@@ -394,6 +398,15 @@ def extent(solid: Solid) -> FloatArray:
     """Sizes along x, y and z, in metres, of a solid in its own frame, (3,)."""
     axes = np.eye(3)
     return np.diagonal(solid.support(axes) - solid.support(-axes)).copy()
+
+
+def _as_rows(shape: tuple[int, ...]) -> str:
+    """What makes points of an array of another shape that seems to have them; empty if it does not."""
+    if len(shape) == 2 and shape[0] == 3:
+        return "; keep points.T"
+    if len(shape) == 2 and 3 < shape[1] <= MOST_COLUMNS:
+        return "; if x, y and z are the first columns, keep points[:, :3]"
+    return "; keep points.reshape(-1, 3)" if len(shape) > 2 and shape[-1] == 3 else ""
 
 
 def _checked_cell(field_name: str, value: object) -> float:

@@ -11,7 +11,7 @@ from typing import TypeVar
 from urllib.parse import unquote
 
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.ros_packages import listed_folders, packages_below
+from planner_service.files.ros_packages import file_called, listed_folders, packages_below
 from planner_service.geometry.arrays import FloatArray, IntArray, frozen
 from planner_service.geometry.composite import HeightField, PointCloud
 from planner_service.geometry.decomposition import pieces_of_file
@@ -148,8 +148,17 @@ class MeshLoader:
         if file is not None:
             return file
         what = "does not exist in" if inside else "lies outside"
-        step = "name more with package_dirs (--package-dir)"
+        step = self._written(filename) or "name more with package_dirs (--package-dir)"
         raise _refused(filename, f"{what} the folders that may be read ({listed_folders(self._folders)}); {step}")
+
+    def _written(self, filename: str) -> str | None:
+        """How a file is written that lies elsewhere in the folders, and has the name that was meant."""
+        file = file_called(Path(unquote(filename)).name, self._folders)
+        if file is None:
+            return None
+        packages = ((name, file.relative_to(at)) for name, at in self._packages.items() if file.is_relative_to(at))
+        name, rest = min(packages, key=lambda each: len(each[1].parts), default=("", file))
+        return f"write {f'package://{name}/{rest}' if name else file}"
 
     def _candidates(self, filename: str) -> Iterator[Path]:
         filename = filename.removeprefix("file://") if filename.startswith("file://package://") else filename

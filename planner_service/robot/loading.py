@@ -165,7 +165,8 @@ def _disagreements(table: RobotTable, urdf: Urdf, fingers: Sequence[str], standi
 
 def _unjudged(urdf: Urdf) -> list[str]:
     shaped = any(link.collisions for link in urdf.links)
-    return [] if shaped else ["no link of the URDF has a collision shape, so nothing could ever collide"]
+    step = "give links collision elements, or import it with --visual-as-collision"
+    return [] if shaped else [f"no link of the URDF has a collision shape, so nothing could ever collide; {step}"]
 
 
 def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], others: Sequence[str]) -> list[str]:

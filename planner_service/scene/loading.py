@@ -45,6 +45,13 @@ READERS: Mapping[str, Callable[[Path], Scene]] = {
 }
 """Who reads a file, by its suffix in any case."""
 
+STEPS = {
+    (".gltf",): "export it as .glb, one file with all it needs",
+    (".csv", ".txt", ".asc", ".pts"): "points in lines that begin with x, y and z are called .xyz",
+    (".3mf", ".step", ".stp", ".iges", ".igs", ".usd", ".usda", ".usdc", ".usdz", ".fbx"): "export it as .stl or .glb",
+}
+"""What to do about files of other suffixes."""
+
 
 def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     """The scene that comes with the package under that name, or the one in a file.
@@ -72,9 +79,9 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
             raise UnknownName("scene", name_or_path, scene_names())
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InvalidFile(
-            path, [f"suffix {path.suffix!r}; expected a scene, one of {', '.join(filter(None, READERS))}"]
-        )
+        step = next((f"; {step}" for suffixes, step in STEPS.items() if path.suffix.lower() in suffixes), "")
+        expected = f"expected a scene, one of {', '.join(filter(None, READERS))}{step}"
+        raise InvalidFile(path, [f"suffix {path.suffix!r}; {expected}"])
     return reader(path)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import tell_notes
 from planner_service.geometry.composite import RESOLUTION, Compound, PointCloud, Solid, extent
 from planner_service.geometry.decomposition import pieces_of_mesh
@@ -36,7 +36,7 @@ def read_solid_scene(path: Path) -> Scene:
     mesh = path.suffix.lower() in MESH_SUFFIXES and (path.suffix.lower() != ".ply" or has_faces(path))
     notes: list[str] = []
     try:
-        solid: Solid = Mesh.from_file(path) if mesh else PointCloud.from_file(path)
+        solid = _solid(path, mesh)
         size = extent(solid)
         if not SMALL <= float(size.max()) <= LARGE and path.suffix.lower() not in TREES:
             factor = 0.001 if float(size.max()) > LARGE else 1000.0
@@ -47,9 +47,17 @@ def read_solid_scene(path: Path) -> Scene:
             solid = pieces[0] if len(pieces) == 1 else Compound.of_pieces(pieces)
         scene = Scene((Obstacle(path.stem, solid, Pose()),), name=path.stem)
     except InvalidFile as error:
-        raise InvalidFile(path, [*error.problems, f"to choose scale or place: {_instead(path, mesh, 0.001)}"]) from None
+        try:
+            _solid(path, mesh, 0.001)
+        except (InvalidFile, InvalidRequest):  # its size is not what is wrong
+            raise error from None
+        raise InvalidFile(path, [*error.problems, f"if it is in mm: {_instead(path, mesh, 0.001)}"]) from None
     tell_notes(path, notes)
     return scene
+
+
+def _solid(path: Path, mesh: bool, scale: float = 1.0) -> Solid:
+    return Mesh.from_file(path, (scale, scale, scale)) if mesh else PointCloud.from_file(path, scale=scale)
 
 
 def _instead(path: Path, mesh: bool, factor: float) -> str:

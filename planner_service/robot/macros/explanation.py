@@ -51,8 +51,14 @@ def explained(told: Mapping[str, Any], packages: Mapping[str, str], folder: Path
     if "expression" in told:
         expression = str(told["expression"])
         place = _place([f"${{{expression}}}", f"$(eval {expression})", expression], files, folder)
-        return f"{place}{told['problem']}, in {expression!r}"
-    return str(told["problem"])
+        return f"{place}{told['problem']}, in {expression!r}{_step(str(told['problem']))}"
+    return f"{told['problem']}{_step(str(told['problem']))}"
+
+
+def _step(problem: str) -> str:
+    """What helps against something that xacro itself says."""
+    unseen = "no environment variable is seen here; expand the file where it is set, with xacro FILE -o FILE.urdf"
+    return f"; {unseen}" if "environment variable" in problem else ""
 
 
 def _argument(name: str, files: Files, packages: Mapping[str, str], folder: Path) -> str:

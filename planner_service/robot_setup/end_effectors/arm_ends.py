@@ -70,10 +70,11 @@ def fingers_of(urdf: Urdf, srdf: Srdf) -> tuple[UrdfJoint, ...]:
         roots = [root for root in _next_joints(urdf, wrist.child) if root not in found]
         below = {root.name: _moved_by(urdf, root) for root in roots}
         names = {joint.name for joints in below.values() for joint in joints}
-        of_hand = any(0 < len(moving & set(group)) == len(names & set(group)) for group in srdf.end_effectors)
+        hands = [set(group) for group in srdf.end_effectors if 0 < len(moving & set(group)) == len(names & set(group))]
         small = [root for root in roots if _is_small(urdf, root)]
         for root in roots:
             plain = root in small and not _has(f"{ARMS}|{LEGS}|{OTHERS}", *_names(below[root.name]))
+            of_hand = any(all(_is_of(hand, one) for one in below[root.name]) for hand in hands)
             of_palm = len(small) == len(roots) > 1 or of_hand
             if called.issuperset(one.name for one in below[root.name]) or (plain and of_palm):
                 found += below[root.name]
@@ -193,6 +194,11 @@ def _is_small(urdf: Urdf, root: UrdfJoint) -> bool:
         return all(reach(below, far + math.hypot(*below.xyz), count + _moves(below)) for below in ahead)
 
     return reach(root, 0.0, 1)
+
+
+def _is_of(hand: Collection[str], joint: UrdfJoint) -> bool:
+    """Whether a joint is one of a hand's, or follows one."""
+    return joint.name in hand or (joint.mimic is not None and joint.mimic.joint in hand)
 
 
 def _called_fingers(urdf: Urdf) -> set[str]:

@@ -143,16 +143,17 @@ def _about_fingers(
         palms.setdefault(_palm(urdf, one, loose), []).append(one.name)
     for names in palms.values():
         leaders = [name for name in names if name in locked]
+        tried = [one.name for one in loose if one.name in leaders and not one.continuous] or leaders
         more = f" and {len(leaders) - MOST} more" if len(leaders) > MOST else ""
         where = ", ".join(f"{name}={locked[name]:.4g}" for name in leaders[:MOST]) + more
         reason, ways = why, ["--gripper none (gripper=()) plans for them as for other joints"]
         try:
-            find_gripper(urdf, srdf, selection.tool_frame, leaders)
+            find_gripper(urdf, srdf, selection.tool_frame, tried)
         except NoGripper as problem:
             reason = str(problem)
         else:
-            joined = ",".join(leaders)
-            ways.insert(0, f"--gripper {joined} (gripper={leaders}) makes them one")
+            joined = ",".join(tried)
+            ways.insert(0, f"--gripper {joined} (gripper={tried}) makes them one")
         reason = reason or "another gripper was named"
         yield f"fingers that are no gripper stand still ({where}): {reason}; {', '.join(ways)}"
 

@@ -115,6 +115,7 @@ ASKS = set_to("k", "$(arg kind)") + set_to("reach", "${dict(big=0.5, small=0.3)[
 ASKS += "<xacro:if value=\"${k not in ['big', 'small']}\"><link/></xacro:if>"
 FROM_FILE = set_to("reach", "${xacro.load_yaml('$(find a)/config/$(arg size).yaml')['reach']}")
 WEDGE = "v 0 0 0\nv 0.05 0 0\nv 0 0.05 0\nv 0 0 0.2\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+MESHED = PLAIN.replace(BAR, '<collision><geometry><mesh filename="package://AT"/></geometry></collision>')
 OURS, THEIRS = "repo/a/urdf/arm.xacro", "repo/libs/b/urdf/bar.xacro"
 BESIDE = {"repo/a/package.xml": package("a"), "repo/libs/b/package.xml": package("bars"), THEIRS: MACRO}
 FOUND = {"a": "repo/a", "bars": "repo/libs/b"}
@@ -221,11 +222,47 @@ XACRO = {
         joints=1,
         packages={"none": "."},
     ),
+    "a folder beside, in no package": Case(
+        {"cell/arms/arm.xacro": used("../parts/bar.xacro", start=REACH), "cell/parts/bar.xacro": MACRO},
+        joints=1,
+        says=r"parts/bar\.xacro lies outside the folders that may be read, to which --package-dir .* adds",
+        step={"package_dirs": ["cell/parts"]},
+    ),
+    "an environment variable": Case(
+        {"arm.xacro": used("bar.xacro", start=set_to("reach", "$(env REACH)")), "bar.xacro": MACRO},
+        joints=1,
+        says=r"line 1: environment variable 'REACH' is not set.* no environment variable is seen here; expand the file",
+        step={"files": {"arm.xacro": used("bar.xacro", start=set_to("reach", "0.3"))}},
+    ),
+    "an environment variable with a default": Case(
+        {"arm.xacro": used("bar.xacro", start=set_to("reach", "$(optenv REACH 0.3)")), "bar.xacro": MACRO}, joints=1
+    ),
+    "macros in a name space": Case(
+        {
+            "arm.xacro": macros(
+                '<xacro:include filename="bar.xacro" ns="parts"/>',
+                '<xacro:parts.bar name="base"><origin xyz="0 0 0.1"/></xacro:parts.bar>',
+                '<xacro:parts.bar name="tip" length="0.2"><origin xyz="0 0 0.1"/></xacro:parts.bar>',
+                REACH,
+                JOINT,
+            ),
+            "bar.xacro": MACRO,
+        },
+        joints=1,
+    ),
+    "a mesh of a package whose name is misspelt": Case(
+        {
+            "repo/a/urdf/arm.urdf": MESHED.replace("AT", "barrs/meshes/bar.obj"),
+            "repo/.git/HEAD": "",
+            **BESIDE,
+            "repo/libs/b/meshes/Bar.obj": WEDGE,
+        },
+        says="barrs/meshes/bar.obj' does not exist in .*; write package://bars/meshes/Bar.obj",
+        step={"files": {"repo/a/urdf/arm.urdf": MESHED.replace("AT", "bars/meshes/Bar.obj")}},
+    ),
     "a mesh of a sibling package": Case(
         {
-            "repo/a/urdf/arm.urdf": PLAIN.replace(
-                BAR, '<collision><geometry><mesh filename="package://bars/meshes/bar.obj"/></geometry></collision>'
-            ),
+            "repo/a/urdf/arm.urdf": MESHED.replace("AT", "bars/meshes/bar.obj"),
             "repo/.git/HEAD": "",
             **BESIDE,
             "repo/libs/b/meshes/bar.obj": WEDGE,
@@ -255,6 +292,16 @@ def slides(right: str = "-1 0 0", name: str = "range") -> str:
     )
 
 
+HAND = f"""<mujoco model="hand"><worldbody><body name="palm"><geom type="box" size=".04 .03 .01"/>{slides()}
+<site name="grasp" pos="0 0 .1"/></body></worldbody></mujoco>"""
+ATTACHED = '<frame pos="0 0 .05" euler="0 0 1"><attach model="hand" body="palm" prefix="g_"/></frame>'
+DRIVEN = "".join(
+    f'<body name="{side}" pos="{x} 0 .02"><joint name="{side}_driver" axis="0 {turn} 0" range="0 .8"/>{PAD_GEOM}'
+    f'<body name="{side}_pad" pos="0 0 .06"><joint name="{side}_coupler" axis="0 {turn} 0" range="-1 1"/>{PAD_GEOM}'
+    "</body></body>"
+    for side, x, turn in (("left", 0.04, 1), ("right", -0.04, -1))
+)
+CONNECT = '<equality><connect body1="left_pad" body2="right_pad" anchor="0 0 .04"/></equality>'
 EQUAL = '<equality><joint joint1="left_finger" joint2="right_finger"/></equality>'
 MJCF = {
     "a gripper whose fingers an equality couples": Case(
@@ -277,6 +324,30 @@ MJCF = {
         says=r"fingers that are no gripper stand still \(jaw=0\): .*--gripper",
         step={"gripper": ["jaw"]},
         gripper=("jaw",),
+    ),
+    "a hand that is attached from another file": Case(
+        {
+            "m.xml": mjcf(ATTACHED, head='<asset><model name="hand" file="hand.xml"/></asset>'),
+            "hand.xml": HAND,
+        },
+        joints=2,
+        tool="g_grasp",
+        gripper=("g_left_finger", "g_right_finger"),
+    ),
+    "degrees, Euler angles, a reference and defaults": Case(
+        {
+            "m.xml": mjcf('<site name="ee" pos="0 0 .1" euler="10 20 30"/>', head='<compiler eulerseq="zyx"/>')
+            .replace('angle="radian"', 'angle="degree"')
+            .replace('range="-2 2"', 'range="-90 90" ref="10" pos=".01 0 .02"')
+        },
+        joints=2,
+        tool="ee",
+    ),
+    "fingers that a loop closes": Case(
+        {"m.xml": mjcf(DRIVEN, tail=CONNECT)},
+        joints=2,
+        says="connect 'equality_0': a closed loop of bodies; expected a tree: take it out of <equality>",
+        step={"files": {"m.xml": mjcf(DRIVEN)}},
     ),
     "a free base": Case(
         {"m.xml": mjcf().replace('<body name="base">', '<body name="base"><freejoint name="float"/>')},
@@ -337,6 +408,36 @@ THREE = "".join(
 )
 
 
+PADS = link("pad_l", FINGER) + link("pad_r", FINGER)
+COUPLED = (
+    PADS
+    + joint("grip_l", "prismatic wrist pad_l 0 0.03", axis="1 0 0", xyz="0.005 0 0.22")
+    + joint(
+        "grip_r",
+        "prismatic wrist pad_r 0 0.03",
+        axis="1 0 0",
+        xyz="-0.005 0 0.22",
+        rpy="0 0 3.14159265359",
+        more='<mimic joint="grip_l"/>',
+    )
+)
+DRIVE = (
+    link("motor")
+    + joint("gripper_motor", "revolute wrist motor 0 3", xyz="0 0 0.21")
+    + PADS
+    + "".join(
+        joint(
+            f"grip_{side}",
+            f"prismatic wrist pad_{side} 0 0.03",
+            axis=f"{way} 0 0",
+            xyz=f"{0.005 * way} 0 0.22",
+            more='<mimic joint="gripper_motor" multiplier="0.01"/>',
+        )
+        for side, way in (("l", 1), ("r", -1))
+    )
+)
+
+
 def jaw(wrist: str, kind: str = "revolute j_base fixed_jaw -3 3") -> str:
     """A hand that is called a jaw, turned by a joint, and the one jaw that moves on it."""
     moving = joint("j_jaw", "revolute fixed_jaw moving_jaw 0 1", axis="0 1 0", xyz="0.03 0 0")
@@ -379,6 +480,26 @@ URDF = {
     ),
     "fingers beside the horn of a motor": Case(
         {"r.urdf": urdf("r", BASE, arm(), VIPER)}, tool="ee_gripper_link", gripper=("left_finger", "right_finger")
+    ),
+    "fingers of which one mimics the other in a turned frame": Case(
+        {"r.urdf": urdf("r", BASE, arm(), COUPLED)}, gripper=("grip_l", "grip_r")
+    ),
+    "fingers that a motor drives": Case(
+        {"r.urdf": urdf("r", BASE, arm(), DRIVE)},
+        locked={"gripper_motor": 0.0},
+        says=r"stand still \(gripper_motor=0\): some of its joints slide, and some turn; --gripper none",
+    ),
+    "a hand in an SRDF leaves the wrist to the arm": Case(
+        {
+            "r.urdf": urdf(
+                "r", BASE, arm(), link("hand", PAD), joint("j4", "revolute wrist hand -2 2", xyz="0 0 0.22")
+            ).replace("</robot>", f"{fingers(palm='hand').replace('0 0.22', '0 0.01')}</robot>"),
+            "r.srdf": '<robot name="r"><group name="hand"><joint name="left_finger_joint"/>'
+            '<joint name="right_finger_joint"/></group>'
+            '<end_effector name="hand" group="hand" parent_link="hand"/></robot>',
+        },
+        joints=4,
+        gripper=("left_finger_joint", "right_finger_joint"),
     ),
     "fingers whose frames are turned": Case({"r.urdf": urdf("r", BASE, arm(), PIPER)}, gripper=("joint7", "joint8")),
     "a name beats a longer chain": Case(

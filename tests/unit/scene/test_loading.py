@@ -96,3 +96,34 @@ def test_a_size_of_another_unit_gets_the_scene_file_that_helps(
 def _scaled(line: str, factor: float) -> str:
     word, *numbers = line.split()
     return line if word == "f" else " ".join([word, *(str(factor * float(number)) for number in numbers)])
+
+
+ARRAYS: dict[str, tuple[Any, str]] = {
+    "points with colours": (np.hstack([CUBE, CUBE]), "points[:, :3]"),
+    "points as columns": (CUBE.T, "points.T"),
+    "a grid of points": (CUBE.reshape(2, 4, 3), "points.reshape(-1, 3)"),
+    "points that were not seen": (np.vstack([CUBE, [[np.nan] * 3]]), "points[~np.isnan(points).any(axis=1)]"),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_an_array_that_is_no_list_of_points_gets_the_line_that_makes_it_one(tmp_path: Path, name: str) -> None:
+    points, line = ARRAYS[name]
+    np.save(tmp_path / "a.npy", points)
+    with pytest.raises(InvalidFile) as refused:
+        load_scene(tmp_path / "a.npy")
+    assert str(refused.value).endswith(f"keep {line}"), "and no word of another scale, which would not help"
+    np.save(tmp_path / "a.npy", eval(line, {"points": points, "np": np}))
+    np.save(tmp_path / "b.npy", CUBE)
+    (one,), (other,) = (load_scene(tmp_path / file).obstacles for file in ("a.npy", "b.npy"))
+    assert one.shape == other.shape
+
+
+@pytest.mark.parametrize(("name", "step"), [("a.gltf", ".glb"), ("a.CSV", "called .xyz"), ("a.step", ".stl or .glb")])
+def test_a_suffix_that_is_not_read_gets_the_one_to_write(tmp_path: Path, name: str, step: str) -> None:
+    (tmp_path / name).write_text("0;0;0\n1;1;1\n")
+    with pytest.raises(InvalidFile, match=f"suffix .* expected a scene, one of .*{step}"):
+        load_scene(tmp_path / name)
+    if name == "a.CSV":
+        (tmp_path / name).rename(tmp_path / "a.xyz")
+        assert isinstance(load_scene(tmp_path / "a.xyz").obstacles[0].shape, PointCloud)
