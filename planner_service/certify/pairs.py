@@ -16,7 +16,7 @@ import numpy as np
 
 from planner_service.certify.separation import Solids, centre_of
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen
 from planner_service.geometry.composite import Composite, Pieces, Solid
 from planner_service.geometry.shapes import Box, Shape
 from planner_service.geometry.validation import MAX_LENGTH
@@ -118,6 +118,9 @@ Owner = tuple[str, str]
 """The kind, "link" or "object", and the name."""
 
 Frame = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+
+FEW_STANDING = 1_000
+"""Pieces of obstacles up to which the pairs of a scene are kept for the next."""
 
 MAX_PAIRS = 20_000_000
 """Of pieces; more take more memory than most have."""
@@ -334,49 +337,83 @@ class ProofPairs:
 
     def _listed(self) -> tuple[IntArray, IntArray]:
         """The pairs, and the children of each."""
-        first: list[IntArray] = [np.zeros(0, dtype=np.intp)]
-        second: list[IntArray] = [np.zeros(0, dtype=np.intp)]
-        total = 0
-        places: list[tuple[int, range, int]] = []
-        for run, partners in self._partners():
-            blocks = [np.zeros(0, dtype=np.intp), *(np.arange(other.start, other.stop) for other in partners)]
-            others = np.concatenate(blocks)
-            if total + len(run) * len(others) > MAX_PAIRS:
-                count = total + len(run) * len(others)
-                raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
-            first.append(np.arange(run.start, run.stop).repeat(len(others)))
-            second += [others] * len(run)
-            if self._trees:
-                ends = np.cumsum([len(blocks[0]), *map(len, partners)]).tolist()
-                for k, i in enumerate(run):
-                    begin = total + k * len(others)
-                    places += [(i, o, begin + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
-            total += len(run) * len(others)
+        kinds = tuple((piece.owner, piece.body, piece.held) for piece in self.riding)
+        standing = tuple((self._pieces[run.start].owner, len(run)) for run in self._obstacles)
+        few = sum(count for _, count in standing) <= FEW_STANDING
+        plain, begins = (_plain_pairs if few else _plain_pairs.__wrapped__)(
+            kinds, standing, frozenset(self._may_touch), tuple(self._moving_with)
+        )
+        if not self._trees:
+            return plain, np.zeros((len(plain), 2), dtype=np.intp)
+        first, second, total = [plain[:, 0]], [plain[:, 1]], len(plain)
         children: list[IntArray] = [np.zeros((total, 2), dtype=np.intp)]
-        for i, numbers, begin in places:
+        for i, obstacle, begin in begins:
+            numbers = self._obstacles[obstacle]
+            if numbers not in self._trees:
+                continue
             tree = self._trees[numbers]
             first.append(np.full(len(tree), i, dtype=np.intp))
             second.append(np.array([each.number for each in tree], dtype=np.intp))
             shift = {True: begin - numbers.start, False: total - tree[0].number}  # from pieces to pairs
-            begins = [each.first + shift[each.first < numbers.stop] for each in tree]
-            children.append(np.array([begins, [each.count for each in tree]], dtype=np.intp).T)
+            firsts = [each.first + shift[each.first < numbers.stop] for each in tree]
+            children.append(np.array([firsts, [each.count for each in tree]], dtype=np.intp).T)
             total += len(tree)
         return np.stack([np.concatenate(first), np.concatenate(second)], axis=1), np.concatenate(children)
 
-    def _partners(self) -> Iterator[tuple[range, list[range]]]:
-        """Riding pieces of one owner on one body, and what each of them must be apart from."""
-        kinds = [(piece.owner, piece.body, piece.held) for piece in self.riding]
-        starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
-        runs = [range(first, end) for first, end in zip(starts, [*starts[1:], len(kinds)], strict=False)]
-        for k, run in enumerate(runs):
-            a = self._pieces[run.start]
-            yield run, [o for o in (*runs[k + 1 :], *self._obstacles) if self._must_part(a, self._pieces[o.start])]
 
-    def _must_part(self, a: Piece, b: Piece) -> bool:
-        first, second = self._moving_with[a.body], FIXED if b.body == FIXED else self._moving_with[b.body]
-        if not (first > 0 if second == FIXED else first != second or a.held != b.held):
+_Kind = tuple[Owner, int, bool]
+"""Of a riding piece its owner, its body, and whether it is held."""
+
+
+@lru_cache(maxsize=32)
+def _plain_pairs(
+    riding: tuple[_Kind, ...],
+    standing: tuple[tuple[Owner, int], ...],
+    may_touch: frozenset[tuple[Owner, Owner]],
+    moving_with: tuple[int, ...],
+) -> tuple[IntArray, tuple[tuple[int, int, int], ...]]:
+    """The pairs of pieces that must stay apart, wherever these are: those of the scene before if only poses differ.
+
+    Args:
+        standing: Of each obstacle, in the order of the numbers of its pieces, its owner and how many these are.
+        moving_with: As of ``ProofPairs``.
+
+    Returns:
+        The pairs (p, 2), and for each riding piece and obstacle with pairs the numbers of both and of their first pair.
+    """
+    starts = [k for k, kind in enumerate(riding) if k == 0 or kind != riding[k - 1]]
+    runs = [range(first, end) for first, end in zip(starts, [*starts[1:], len(riding)], strict=False)]
+    obstacles, end = list[range](), len(riding)
+    for _, count in standing:
+        obstacles.append(range(end, end + count))
+        end += count
+    heads: list[_Kind] = [*(riding[run.start] for run in runs), *((owner, FIXED, False) for owner, _ in standing)]
+    others: list[range] = [*runs, *obstacles]
+
+    def must_part(a: _Kind, b: _Kind) -> bool:
+        first, second = moving_with[a[1]], FIXED if b[1] == FIXED else moving_with[b[1]]
+        if not (first > 0 if second == FIXED else first != second or a[2] != b[2]):
             return False
-        return a.owner != b.owner and (a.owner, b.owner) not in self._may_touch
+        return a[0] != b[0] and (a[0], b[0]) not in may_touch
+
+    firsts: list[IntArray] = [np.zeros(0, dtype=np.intp)]
+    seconds: list[IntArray] = [np.zeros(0, dtype=np.intp)]
+    begins, total = list[tuple[int, int, int]](), 0
+    for k, run in enumerate(runs):
+        partners = [j for j in range(k + 1, len(others)) if must_part(heads[k], heads[j])]
+        ends = np.cumsum([0, *(len(others[j]) for j in partners)]).tolist()
+        if total + len(run) * ends[-1] > MAX_PAIRS:
+            count = total + len(run) * ends[-1]
+            raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
+        blocks = (np.arange(others[j].start, others[j].stop) for j in partners)
+        numbers = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
+        firsts.append(np.arange(run.start, run.stop).repeat(ends[-1]))
+        seconds += [numbers] * len(run)
+        standing_ones = [(j - len(runs), begin) for j, begin in zip(partners, ends, strict=False) if j >= len(runs)]
+        for number, i in enumerate(run):
+            begins += [(i, obstacle, total + number * ends[-1] + begin) for obstacle, begin in standing_ones]
+        total += len(run) * ends[-1]
+    return frozen(np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1)), tuple(begins)
 
 
 def _gathered(pieces: Sequence[tuple[Shape, Frame]]) -> Pieces:

@@ -91,6 +91,14 @@ class Solids:
         half, ball, disc = (np.ascontiguousarray(part) for part in (table[:, :3], table[:, 3], table[:, 4]))
         return cls(half, ball, disc, hulls, tuple(corners))
 
+    def joined(self, others: Solids) -> Solids:
+        """These solids and then others."""
+        half, ball, disc = (
+            np.concatenate([getattr(self, name), getattr(others, name)]) for name in ("half", "ball", "disc")
+        )
+        hulls = np.where(others.hulls < 0, others.hulls, others.hulls + len(self.corners))
+        return Solids(half, ball, disc, np.concatenate([self.hulls, hulls]), self.corners + others.corners)
+
     def take(self, rows: IntArray | slice) -> Solids:
         """The solids at ``rows``."""
         return Solids(self.half[rows], self.ball[rows], self.disc[rows], self.hulls[rows], self.corners)

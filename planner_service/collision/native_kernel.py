@@ -111,5 +111,4 @@ def _places(parts: Parts) -> FloatArray:
     T, centre = parts.frames, centres_of(parts.shapes)
     R = T[:, :3, :3]
     t = T[:, :3, 3] + (R @ centre[..., None])[..., 0]
-    bodies = np.array([float(part.body) for part in parts.parts])
-    return np.column_stack([bodies, R.reshape(-1, 9), t])
+    return np.column_stack([parts.bodies, R.reshape(-1, 9), t])

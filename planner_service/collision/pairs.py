@@ -12,13 +12,13 @@ import numpy as np
 
 from planner_service.collision.bounds import Solids
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, IntArray, product, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, frozen, product, read_only
 from planner_service.geometry.composite import Composite, Solid
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import number
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Names, Owner
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Attached, Scene
 
 __all__ = ["Part", "Parts", "require_padding", "sorted_pairs"]
 
@@ -31,6 +31,9 @@ MAX_PADDING = 0.1
 MAX_PAIRS = 20_000_000
 """Ten clouds of 50,000 boxes around an arm of 40 pieces; more take more memory than most have."""
 
+
+FEW_STANDING = 1_000
+"""Pieces up to which the pairs of a scene are kept for the next."""
 
 MAX_ALLOWED = 1_000_000
 """Pairs that a caller may allow: more than any scene has, and an end to a sequence without one."""
@@ -71,6 +74,7 @@ class Parts:
         labels: What links and objects are called.
         carried: The pieces of carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
         frames: The pose of each piece in its body, or in the world, (parts, 4, 4).
+        bodies: The body of each, (parts,).
         runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
         crowds: Those of many.
         names: The labels of a pair's owners by its number: the link or carried object, then what it meets.
@@ -83,28 +87,22 @@ class Parts:
 
     def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Collection[tuple[str, str]]) -> None:
         self.labels = Names(robot, scene)
-        riding = list(_links_of(robot))
-        tool = Pose.from_matrix(robot.tool_placement)
-        held = [(a, tool @ a.pose) for a in scene.attached]
-        self.carried = tuple((robot.tool_body, *piece) for a, pose in held for piece in _posed(a.shape, pose))
-        riding += [
-            Part(Owner(Kind.OBJECT, a.name), robot.tool_body, shape, T, carried=True)
-            for a, pose in held
-            for shape, T in _placed(a.shape, pose)
-        ]
-        riding.sort(key=lambda part: -part.body)
+        self._riders = riders = _riders_of(robot, scene.attached)
+        self.carried = riders.carried
         standing: list[Part] = []
         runs = []
         for o in scene.obstacles:
-            first = len(riding) + len(standing)
+            first = len(riders.parts) + len(standing)
             standing += [Part(Owner(Kind.OBJECT, o.name), -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
-            runs.append((first, len(riding) + len(standing)))
-        self.parts = tuple(riding + standing)
-        self.frames = read_only(np.array([part.T for part in self.parts]).reshape(-1, 4, 4))
-        self.riding = len(riding)
+            runs.append((first, len(riders.parts) + len(standing)))
+        self.parts = (*riders.parts, *standing)
+        standing_frames = np.array([part.T for part in standing]).reshape(-1, 4, 4)
+        self.frames = read_only(np.concatenate([riders.frames, standing_frames]))
+        self.bodies = read_only(np.concatenate([riders.bodies, np.full(len(standing), -1.0)]))
+        self.riding = len(riders.parts)
         self.runs = tuple(runs)
         self.crowds = tuple(run for run in runs if run[1] - run[0] >= MANY)
-        self.shapes = self._grown(padding)
+        self._padding, self.shapes = padding, self._grown(padding)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
         self.pairs = self._pairs()
         self.names = _PairNames(self)
@@ -113,7 +111,7 @@ class Parts:
         """The same pieces and pairs with another padding."""
         other = copy(self)
         vars(other).pop("solids", None)
-        other.shapes = self._grown(padding)
+        other._padding, other.shapes = padding, other._grown(padding)
         return other
 
     def allowing(self, robot: Robot, scene: Scene, allowed: Collection[tuple[str, str]]) -> Parts:
@@ -136,12 +134,11 @@ class Parts:
     @cached_property
     def solids(self) -> Solids:
         """The shapes, as they are with the padding."""
-        return Solids.of(self.shapes)
+        return _grown_riders(self._riders, self._padding)[1].joined(Solids.of(self.shapes[self.riding :]))
 
     def _grown(self, padding: float) -> tuple[Shape, ...]:
-        if not padding:
-            return tuple(part.shape for part in self.parts)
-        return tuple(_grown_by(cast(Hashable, part.shape), padding / 2) for part in self.parts)
+        standing = (part.shape for part in self.parts[self.riding :])
+        return (*_grown_riders(self._riders, padding)[0], *(_grown_by(shape, padding) for shape in standing))
 
     def _allowed_pairs(
         self, robot: Robot, scene: Scene, allowed: Collection[tuple[str, str]]
@@ -164,45 +161,11 @@ class Parts:
             pairs.append(frozenset(known[name] for name in pair))
         return _contacts_of(robot).union(pairs)
 
-    def _must_part(self, a: Part, b: Part) -> bool:
-        """Whether a piece that rides must stay apart from another of another owner, unless that contact is allowed."""
-        if b.body < 0:
-            return a.moves
-        return a.body != b.body or a.carried != b.carried  # two that are carried cannot move against each other
-
     def _pairs(self) -> IntArray:
-        runs = [*self._riding_runs(), *self.runs]
-        riding = len(runs) - len(self.runs)
-        heads = [self.parts[first] for first, _ in runs]
-        numbers = [np.arange(*run) for run in runs]
-        owners: dict[Owner, int] = {}  # by number: owners themselves take long to look up
-        owner = [owners.setdefault(head.owner, len(owners)) for head in heads]
-        allowed = {tuple(sorted(owners[one] for one in pair)) for pair in self._allowed if pair <= owners.keys()}
-        none: IntArray = np.zeros(0, dtype=np.intp)
-        firsts, seconds = list[IntArray]((none,)), list[IntArray]((none,))
-        count = 0
-        for k, part in enumerate(heads[:riding]):
-            mine = owner[k]
-            judged = [
-                numbers[other]
-                for other in (*range(riding, len(runs)), *range(k + 1, riding))
-                if self._must_part(part, heads[other])
-                and owner[other] != mine
-                and (min(mine, owner[other]), max(mine, owner[other])) not in allowed
-            ]
-            count += len(numbers[k]) * sum(map(len, judged))
-            if count > MAX_PAIRS:
-                raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
-            others = np.concatenate([none, *judged])
-            firsts.append(numbers[k].repeat(len(others)))
-            seconds += [others] * len(numbers[k])
-        return np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1)
-
-    def _riding_runs(self) -> list[tuple[int, int]]:
-        """Numbers from and to which pieces of one owner that ride on one body go."""
-        kinds = [(part.owner, part.body, part.carried) for part in self.parts[: self.riding]]
-        starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
-        return list(zip(starts, [*starts[1:], self.riding], strict=False))
+        """The pairs: those of scenes before where the same pieces ride and as many stand, wherever these are."""
+        standing = tuple((self.parts[first].owner, last - first) for first, last in self.runs)
+        few = len(self.parts) - self.riding <= FEW_STANDING
+        return (_pairs_of if few else _pairs_of.__wrapped__)(self._riders, standing, self._allowed)
 
 
 class _PairNames(dict[int, tuple[str, str]]):
@@ -224,15 +187,103 @@ def _links_of(robot: Robot) -> tuple[Part, ...]:
     return tuple(Part(Owner(Kind.LINK, s.link), s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes)
 
 
+@dataclass(frozen=True, eq=False)
+class _Riders:
+    """The pieces that ride on a robot in the order in which they are numbered, with what ``Parts`` says of them."""
+
+    parts: tuple[Part, ...]
+    carried: tuple[tuple[int, Shape, Pose], ...]
+    frames: FloatArray
+    bodies: FloatArray
+
+    def runs(self) -> list[tuple[int, int]]:
+        """Numbers from and to which pieces of one owner that ride on one body go."""
+        kinds = [(part.owner, part.body, part.carried) for part in self.parts]
+        starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
+        return list(zip(starts, [*starts[1:], len(kinds)], strict=False))
+
+
+@lru_cache(maxsize=32)
+def _riders_of(robot: Robot, attached: tuple[Attached, ...]) -> _Riders:
+    """What rides is the same in every scene in which the robot carries the same."""
+    tool = Pose.from_matrix(robot.tool_placement)
+    held = [(a, tool @ a.pose) for a in attached]
+    riding = list(_links_of(robot))
+    riding += [
+        Part(Owner(Kind.OBJECT, a.name), robot.tool_body, shape, T, carried=True)
+        for a, pose in held
+        for shape, T in _placed(a.shape, pose)
+    ]
+    riding.sort(key=lambda part: -part.body)
+    frames = read_only(np.array([part.T for part in riding]).reshape(-1, 4, 4))
+    bodies = read_only([float(part.body) for part in riding])
+    carried = tuple((robot.tool_body, *piece) for a, pose in held for piece in _posed(a.shape, pose))
+    return _Riders(tuple(riding), carried, frames, bodies)
+
+
+@lru_cache(maxsize=32)
+def _pairs_of(
+    riders: _Riders, standing: tuple[tuple[Owner, int], ...], allowed: frozenset[frozenset[Owner]]
+) -> IntArray:
+    """See ``Parts.pairs``.
+
+    Args:
+        standing: Of each obstacle its owner and how many pieces it has.
+    """
+    runs = riders.runs()
+    riding, heads = len(runs), [riders.parts[first] for first, _ in runs]
+    for _, count in standing:
+        runs.append((runs[-1][1] if runs else 0, (runs[-1][1] if runs else 0) + count))
+    numbers = [np.arange(*run) for run in runs]
+    owners: dict[Owner, int] = {}  # by number: owners themselves take long to look up
+    every = (*(head.owner for head in heads), *(owner for owner, _ in standing))
+    owner = [owners.setdefault(each, len(owners)) for each in every]
+    touching = {tuple(sorted(owners[one] for one in pair)) for pair in allowed if pair <= owners.keys()}
+    none: IntArray = np.zeros(0, dtype=np.intp)
+    firsts, seconds = list[IntArray]((none,)), list[IntArray]((none,))
+    count = 0
+    for k, part in enumerate(heads):
+        mine = owner[k]
+        others = [
+            *(range(riding, len(runs)) if part.moves else ()),
+            # two that are carried cannot move against each other
+            *(j for j in range(k + 1, riding) if part.body != heads[j].body or part.carried != heads[j].carried),
+        ]
+        judged = [
+            numbers[other]
+            for other in others
+            if owner[other] != mine and (min(mine, owner[other]), max(mine, owner[other])) not in touching
+        ]
+        count += len(numbers[k]) * sum(map(len, judged))
+        if count > MAX_PAIRS:
+            raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
+        partners = np.concatenate([none, *judged])
+        firsts.append(numbers[k].repeat(len(partners)))
+        seconds += [partners] * len(numbers[k])
+    return frozen(np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1))
+
+
+@lru_cache(maxsize=128)
+def _grown_riders(riders: _Riders, padding: float) -> tuple[tuple[Shape, ...], Solids]:
+    """Their shapes with a padding, and these as solids."""
+    shapes = tuple(_grown_by(part.shape, padding) for part in riders.parts)
+    return shapes, Solids.of(shapes)
+
+
 @lru_cache(maxsize=16)
 def _contacts_of(robot: Robot) -> frozenset[frozenset[Owner]]:
     """The links that may touch, likewise."""
     return frozenset(frozenset(Owner(Kind.LINK, link) for link in c.links) for c in robot.allowed_contacts)
 
 
+def _grown_by(shape: Shape, padding: float) -> Shape:
+    """A shape with half of a padding."""
+    return _grown(cast(Hashable, shape), padding / 2) if padding else shape
+
+
 @lru_cache(maxsize=1024)
-def _grown_by(shape: Hashable, margin: float) -> Shape:
-    """A shape grown: most of a new scene's are those of the scene before."""
+def _grown(shape: Hashable, margin: float) -> Shape:
+    """Most shapes of a new scene are those of the scene before."""
     return cast(Shape, shape).grown(margin)
 
 
