@@ -56,7 +56,36 @@ def run(
         reports.append(meshes.run(seed=seed, robot=robot))
     if part in (None, "check"):
         reports.append(checks.run(robot=robot))
-    return merged("robots", reports)
+    summary = [] if part is not None else [Report("robots", (), (_summary(reports),))]
+    return merged("robots", [*summary, *reports])
+
+
+def _summary(reports: Sequence[Report]) -> Table:
+    """What matters most of each robot that is planned for, out of the rows of all parts."""
+    every = [row for report in reports for row in report.rows]
+    cut = {row["robot"]: row for row in every if "hull_blocked" in row}
+    lines = []
+    for row in (row for row in every if "right tools" in row or ("error" in row and "hull_blocked" not in row)):
+        met, judged = "first_s" in row, cut.get(row["robot"])
+        lines.append(
+            {
+                "robot": row["robot"],
+                "as published": "loads" if met else "refused",
+                "first plan": row["first"] if met else "-",
+                "tool": "-" if not met else f"{row['tool']}{'' if _tool_is_right(row) else ' (wrong)'}",
+                "known to be right": "yes" if met and row["right tools"] and _tool_is_right(row) else "-",
+                "hulls alone %": "-" if judged is None else f"{100 * judged['hull_blocked'] / judged['states']:.1f}",
+                "pieces alone %": "-" if judged is None else f"{100 * judged['piece_blocked'] / judged['states']:.1f}",
+                "missed touches of triangles": "-" if judged is None else judged["missed"],
+                "verdicts that differ": row.get("differ", "-"),
+            }
+        )
+    caption = (
+        "As published: the file as its package brings it. First plan: from home to a random configuration. Hulls and "
+        "pieces alone, missed: next to Coal on the triangles of the meshes, of arms whose links are meshes. Verdicts "
+        "that differ: from Coal's on the hulls, of random states."
+    )
+    return table_of("Robots out of packages, in one line each", lines, caption=caption)
 
 
 def _rows(chosen: Sequence[ForeignRobot], queries: int, states: int, seed: int) -> Iterator[Row]:

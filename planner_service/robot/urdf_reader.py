@@ -52,6 +52,8 @@ INSTEAD = {
     "floating": "write type fixed and plan for what it carries as it stands",
 }
 """What to do about joints of several degrees of freedom, which have no limits."""
+ACCELERATIONS = ("acceleration", "deceleration", "drake:acceleration")
+"""Attributes of a ``<limit>`` of which the smallest is the acceleration's; Drake's came before URDF 1.2."""
 UNIT = 1e-3
 """How far the length of an axis, or of a quaternion, may be from 1: it may be written with three digits."""
 VERSIONS = ("1.0", "1.1", "1.2")
@@ -405,13 +407,13 @@ class _Reader:
         if element is None or kind == "fixed":
             return (0.0, 0.0)
         found = {}
-        for key in ("acceleration", "deceleration", "jerk"):
+        for key in (*ACCELERATIONS, "jerk"):
             value = element.get(key, "").strip().lower()
             found[key] = 0.0 if value in ("inf", "+inf") else self.optional(element, key, f"{where} limit", 0.0)
             if found[key] < 0.0 or (key in element.attrib and found[key] == 0.0 and "inf" not in value):
                 self.problems.append(f"{where} limit: {key} {value}; expected a positive number")
                 found[key] = 0.0
-        stated = [found[key] for key in ("acceleration", "deceleration") if found[key]]
+        stated = [found[key] for key in ACCELERATIONS if found[key]]
         return (min(stated, default=0.0), found["jerk"])
 
     def mimic(self, joint: ElementTree.Element, where: str) -> Mimic | None:

@@ -133,6 +133,8 @@ def test_accelerations_and_jerks_that_are_stated_are_the_limits(tmp_path: Path) 
     stated = LIMIT.replace("/>", ' acceleration="4" deceleration="2" jerk="30"/>')
     limits = load_robot(written(tmp_path, changed(LIMIT, stated))).limits
     assert (limits.acceleration.tolist(), limits.jerk.tolist()) == ([2.0], [30.0])
+    drake = LIMIT.replace("/>", ' acceleration="4" drake:acceleration="2.5"/>')
+    assert load_robot(written(tmp_path, changed(LIMIT, drake))).limits.acceleration.tolist() == [2.5]
     unlimited = LIMIT.replace("/>", ' acceleration="inf"/>')
     assert load_robot(written(tmp_path, changed(LIMIT, unlimited))).limits.acceleration.tolist() == [3.141596]
 
