@@ -29,6 +29,7 @@ __all__ = [
     "pieces_of_file",
     "pieces_of_mesh",
     "pieces_of_surface",
+    "surface_of",
 ]
 
 MAX_PIECES = 64
@@ -40,7 +41,7 @@ MOST = 8
 TIGHT = 1.02
 """Volume of a hull relative to its mesh up to which the hull is as good as any pieces."""
 
-VERSION = 1
+VERSION = 2
 """Of the way to choose planes, in the keys of what is kept on disk: raise it when that changes."""
 
 
@@ -82,13 +83,18 @@ def concave_surface(mesh: Mesh) -> tuple[FloatArray, IntArray] | None:
 
     None if it does not, or if no file with triangles is known: the hull is then all there is.
     """
+    surface = surface_of(mesh)
+    return surface if surface is not None and hull_ratio(mesh, *surface) > TIGHT else None
+
+
+def surface_of(mesh: Mesh) -> tuple[FloatArray, IntArray] | None:
+    """The vertices and triangles of the file of a mesh, None if no file with triangles is known."""
     if mesh.source is None:
         return None
     try:
-        surface = read_triangles(mesh.source.path, mesh.source.scale)
+        return read_triangles(mesh.source.path, mesh.source.scale)
     except InvalidFile:  # vertices alone
         return None
-    return surface if hull_ratio(mesh, *surface) > TIGHT else None
 
 
 def pieces_of_surface(hull: Mesh, vertices: FloatArray, faces: IntArray, most: int = MOST) -> tuple[Mesh, ...]:

@@ -19,11 +19,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, along, blocks, cross
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 __all__ = ["Cut", "CutPlan", "parts_of", "plan_cuts", "signed_volume"]
 
@@ -39,10 +44,12 @@ OFFSETS, SHOULDERS = 12, 3
 LEVEL, BESIDE = 1e-3, 1e-4
 """Relative to the size of a mesh: triangles are at a right angle to a direction if they are no higher than the first;
 planes are tried that far on both sides, as what lies in a plane is in both of the parts."""
-RETRIED = 6
-"""Of these, how many are tried with all points, the most promising ones first."""
-POINTS = 400
-"""Of the surface of a part, about, with which planes are tried."""
+POINTS, FEW = 400, 100
+"""Of the surface of a part, about, with which planes are tried: first with few, then with more, at last with all."""
+PROMISING, RETRIED = 48, 6
+"""How many planes are tried with more points, and with all, the most promising ones."""
+MIXED = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+"""Odd numbers that look like drawn ones."""
 LINES = 24
 """Lines along the longest side of a mesh, on which its inside is looked for."""
 
@@ -110,6 +117,19 @@ class _Part:
     planes: tuple[tuple[int, float, float], ...] = ()
     inner: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     """Points inside the mesh, to try planes with."""
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Its inner points and the corners of its triangles, about each of them once: its hull is theirs."""
+        corners = np.ascontiguousarray(self.triangles.reshape(-1, 3))
+        bits = corners.view(np.uint64)
+        keys = ((bits ^ (bits >> 29)) * MIXED).sum(axis=1)  # of equal rows equal, and hardly of others
+        return np.concatenate([corners[np.unique(keys, return_index=True)[1]], self.inner])
+
+    @cached_property
+    def volume(self) -> float:
+        """Of the hull of its points."""
+        return _volume(self.points)
 
     def cut(self, direction: int, offset: float) -> tuple[_Part, _Part]:
         """What is below a plane, and what is above it; what is on it is in both."""
@@ -223,23 +243,21 @@ def plan_cuts(vertices: FloatArray, faces: IntArray, most: int) -> CutPlan:
     parts are joined whose common hull fills least, while that is less than ``GAIN`` or there are too many.
     """
     corners, size = vertices[faces], _size(vertices)
-    hull = _hull(corners.reshape(-1, 3))[0]
-    least = GAIN * hull
     parts = [_Part(corners, inner=_points_inside(corners, size))]
-    best = [_best_cut(parts[0], hull, size)]
+    least = GAIN * parts[0].volume
+    best = [_best_split(parts[0], least, size)]
     cuts: list[Cut] = []
     while len(parts) < SPARE * most:
-        k = max(range(len(parts)), key=lambda k: best[k][0])
-        gain, direction, offset = best[k]
-        if gain < least:
+        k = max(range(len(parts)), key=lambda k: best[k].gain)
+        split = best[k]
+        if split.gain < least:
             break
-        cuts.append(Cut(k, direction, offset))
-        parts[k], more = parts[k].cut(direction, offset)
+        cuts.append(Cut(k, split.direction, split.offset))
+        parts[k], more = split.sides
         parts.append(more)
-        best.append((0.0, 0, 0.0))
-        for j in (k, len(parts) - 1):
-            best[j] = _best_cut(parts[j], _volume_of(parts[j]), size)
-    groups = _joined([np.concatenate([part.triangles.reshape(-1, 3), part.inner]) for part in parts], most, least)
+        best[k] = _best_split(parts[k], least, size)
+        best.append(_best_split(more, least, size))
+    groups = _joined([part.points for part in parts], most, least)
     return CutPlan(tuple(cuts), tuple(groups))
 
 
@@ -262,25 +280,42 @@ def _joined(points: Sequence[FloatArray], most: int, least: float) -> list[tuple
     return groups
 
 
-def _best_cut(part: _Part, volume: float, size: float) -> tuple[float, int, float]:
-    """What the best cut of a part frees, its direction and its offset."""
+@dataclass(frozen=True, eq=False)
+class _Split:
+    """A plane through a part, what is below it and above, and how much smaller their hulls are together."""
+
+    gain: float
+    direction: int
+    offset: float
+    sides: tuple[_Part, _Part]
+
+
+def _best_split(part: _Part, least: float, size: float) -> _Split:
+    """The cut of a part that frees most; one that frees nothing if there is none, or if all of the part is less."""
+    best = _Split(0.0, 0, 0.0, (part, part))
+    if part.volume < least:
+        return best
+    thinned, step = _thinned(part)
+    few = _apart(thinned, math.sqrt(POINTS / FEW) * step)
     tried = []
-    points = _thinned(part)
     for direction in range(len(DIRECTIONS)):
-        heights = _along(points, direction)
-        order = np.argsort(heights, kind="stable")
+        heights = _along(thinned, direction)
         low, high = float(heights.min(initial=np.inf)), float(heights.max(initial=-np.inf))
         spread = [low + (high - low) * k / (OFFSETS + 1) for k in range(1, OFFSETS + 1)]
-        for offset in (*spread, *_shoulders(part, direction, size)):
-            here = int(np.searchsorted(heights[order], offset))
-            sides = [_hull(points[order[:here]])[0], _hull(points[order[here:]])[0]]
+        tried += [(direction, offset) for offset in (*spread, *_shoulders(part, direction, size))]
+    for points, left in ((few, PROMISING), (thinned, RETRIED)):
+        sums = list[tuple[float, int, float]]()
+        for direction, offset in tried:
+            lower = _along(points, direction) < offset
+            sides = [_volume(points[lower]), _volume(points[~lower])]
             if min(sides) > 0.0:
-                tried.append((sum(sides), direction, offset))
-    best = (0.0, 0, 0.0)
-    for _, direction, offset in sorted(tried)[:RETRIED]:
-        sides = [_volume_of(side) for side in part.cut(direction, offset)]
-        if min(sides) > 0.0 and volume - sum(sides) > best[0]:
-            best = (volume - sum(sides), direction, offset)
+                sums.append((sum(sides), direction, offset))
+        tried = [(direction, offset) for _, direction, offset in sorted(sums)[:left]]
+    for direction, offset in tried:
+        below, above = part.cut(direction, offset)
+        gain = part.volume - (below.volume + above.volume)
+        if min(below.volume, above.volume) > 0.0 and gain > best.gain:
+            best = _Split(gain, direction, offset, (below, above))
     return best
 
 
@@ -298,41 +333,56 @@ def _shoulders(part: _Part, direction: int, size: float) -> list[float]:
     return [middle + side * BESIDE * size for middle in middles for side in (-1.0, 1.0)]
 
 
-def _volume_of(part: _Part) -> float:
-    return _hull(np.concatenate([part.triangles.reshape(-1, 3), part.inner]))[0]
+def _volume(points: FloatArray) -> float:
+    """The volume of the hull of points, 0 if it is flat."""
+    hull = _hull_of(points)
+    return 0.0 if hull is None else float(hull.volume)
 
 
 def _hull(points: FloatArray) -> tuple[float, FloatArray]:
     """The volume of the hull of points, 0 if it is flat, and its corners."""
+    hull = _hull_of(points)
+    return (0.0, points) if hull is None else (float(hull.volume), points[hull.vertices])
+
+
+def _hull_of(points: FloatArray) -> ConvexHull | None:
     from scipy.spatial import ConvexHull, QhullError
 
     if len(points) < 4:
-        return 0.0, points
+        return None
     try:
-        hull = ConvexHull(points)
+        return ConvexHull(points)
     except QhullError:
-        return 0.0, points
-    return float(hull.volume), points[hull.vertices]
+        return None
 
 
 def _size(vertices: FloatArray) -> float:
     return float((vertices.max(axis=0) - vertices.min(axis=0)).max())
 
 
-def _thinned(part: _Part) -> FloatArray:
-    """Points on the sides of triangles and inside, about as far from each other everywhere."""
+def _thinned(part: _Part) -> tuple[FloatArray, float]:
+    """Points on the sides of triangles and inside, about as far from each other everywhere, and how far."""
     a, b = part.triangles, np.roll(part.triangles, -1, axis=1)
     normal = cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])
     area = 0.5 * float(np.sqrt((normal * normal).sum(axis=-1)).sum())
     if area == 0.0:
-        return part.inner
+        return part.inner, 1.0
     step = math.sqrt(area / POINTS)
     side = (b - a).reshape(-1, 3)
     many = np.ceil(np.sqrt((side * side).sum(axis=-1)) / step).clip(1, None).astype(np.intp)
     rows = np.repeat(np.arange(len(side)), many)
     share = (np.arange(len(rows)) - np.repeat(np.cumsum(many) - many, many)) / many[rows]
     points = np.concatenate([a.reshape(-1, 3)[rows] + share[:, None] * side[rows], part.inner])
-    _, first = np.unique(np.floor(points / step).astype(np.int64), axis=0, return_index=True)
+    return _apart(points, step), step
+
+
+def _apart(points: FloatArray, step: float) -> FloatArray:
+    """The first of the points (n, 3) in each cell of a grid of cubes."""
+    cells = np.floor(points / step).astype(np.int64)
+    low = cells.min(axis=0, initial=0)
+    i, j, k = (cells - low).T
+    _, many, deep = (cells.max(axis=0, initial=0) - low + 1).tolist()
+    _, first = np.unique((i * many + j) * deep + k, return_index=True)
     return np.asarray(points[np.sort(first)])
 
 
