@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from planner_service import InvalidRequest, Robot, Scene, load_robot
+from planner_service import InvalidRequest, Mesh, Robot, Scene, load_robot
 from planner_service.collision import CollisionChecker
+from planner_service.files.disk_cache import DiskCache
+from planner_service.robot_setup import concave_links
 from planner_service.robot_setup.check_robot import FindingKind, check_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
 from tests.unit.geometry.test_decomposition import LETTER, write_obj
@@ -74,6 +77,60 @@ def test_two_links_that_touch_by_their_hulls_everywhere_are_still_checked(tmp_pa
     path.write_text(path.read_text().replace('upper="0.6"', 'upper="0.05"'))
     assert ("letter", "bar") in load_robot(path).link_pairs
     assert ("letter", "bar") not in load_robot(path, cut_meshes=False).link_pairs
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[int]:
+    """A list that grows with each call of a function of the module."""
+    calls, real = list[int](), getattr(concave_links, name)
+
+    def call(*arguments: Any) -> Any:
+        calls.append(1)
+        return real(*arguments)
+
+    monkeypatch.setattr(concave_links, name, call)
+    return calls
+
+
+def test_where_triangles_touch_no_mesh_is_cut_to_find_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = arm(tmp_path, "-0.32 0.1 0.05")
+    path.write_text(path.read_text().replace('upper="0.6"', 'upper="0.3"'))
+    tried = counted(monkeypatch, "pieces_of_surface")
+    assert pieces(load_robot(path)) == 1
+    assert not tried
+    assert pieces(load_robot(arm(tmp_path))) == 3
+    assert tried
+
+
+def test_which_links_are_cut_is_found_out_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = counted(monkeypatch, "draws")
+    first, second = load_robot(arm(tmp_path)), load_robot(arm(tmp_path))
+    assert first.hash == second.hash
+    assert len(looks) == 1
+    monkeypatch.setenv("PLANNER_SERVICE_CACHE", "")
+    assert load_robot(arm(tmp_path)).hash == first.hash
+    assert len(looks) == 2
+
+
+def test_another_mesh_with_the_same_hull_is_looked_at_anew(tmp_path: Path) -> None:
+    path, hull = arm(tmp_path), Mesh(LETTER[0])
+    write_obj(tmp_path / "letter.obj", hull.vertices, hull.faces)
+    assert pieces(load_robot(path)) == 1
+    assert pieces(load_robot(arm(tmp_path))) == 3
+
+
+@pytest.mark.parametrize("kept", [b"", b"{}", b"[" * 100_000, b'["arm"]', b'[["letter"]]', b"[1]"])
+def test_a_kept_choice_that_names_no_links_is_made_anew(tmp_path: Path, kept: bytes) -> None:
+    expected = load_robot(arm(tmp_path)).hash
+    for entry in (tmp_path / "cache").iterdir():
+        DiskCache(tmp_path / "cache").put(entry.stem, kept)
+    assert load_robot(arm(tmp_path)).hash == expected
+
+
+def test_a_kept_choice_that_somebody_wrote_makes_shapes_looser_but_never_smaller(tmp_path: Path) -> None:
+    load_robot(arm(tmp_path))
+    for entry in (tmp_path / "cache").iterdir():
+        DiskCache(tmp_path / "cache").put(entry.stem, b"[]")
+    assert load_robot(arm(tmp_path)).hash == load_robot(arm(tmp_path), cut_meshes=False).hash
 
 
 def test_an_imported_robot_says_which_links_are_cut(tmp_path: Path) -> None:
