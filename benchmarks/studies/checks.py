@@ -45,10 +45,10 @@ Judge = Callable[[Mapping[str, Any]], str]
 """Why a finding is wrong; empty if it is right."""
 
 
-def run(robot: str | None = None) -> Report:
-    """Check the robot files of others, or those of the robot of that name."""
+def run(robot: str | None = None, *, listed: bool = True) -> Report:
+    """Check the robot files of others, or those of the robot of that name; list what is found, too, if so asked."""
     rows = tuple(_row(one) for one in READINGS if robot in (None, one.name))
-    return Report("robots", rows, tuple(_tables(rows)), tuple(_promises(rows)))
+    return Report("robots", rows, tuple(_tables(rows, listed=listed)), tuple(_promises(rows)))
 
 
 def _row(one: ForeignRobot) -> Row:
@@ -76,7 +76,7 @@ def _row(one: ForeignRobot) -> Row:
     return row
 
 
-def _tables(rows: Sequence[Row]) -> Iterator[Table]:
+def _tables(rows: Sequence[Row], *, listed: bool) -> Iterator[Table]:
     lines = [
         {
             "robot": row["robot"],
@@ -96,7 +96,7 @@ def _tables(rows: Sequence[Row]) -> Iterator[Table]:
     if lines:
         yield table_of("What robot check finds", lines, caption=caption)
     told = [(row["robot"], f["kind"], f["text"][:SHOWN]) for row in rows for f in row.get("findings", ())]
-    if told:
+    if told and listed:
         yield table("Findings", ("robot", "kind", "what"), told)
     gone = [(row["robot"], line) for row in rows for line in row.get("wrong", ())]
     gone += [(row["robot"], row[key]) for row in rows for key in ("missing", "last", "error") if key in row]

@@ -34,7 +34,7 @@ CONTACT = 1e-6
 def run(
     queries: int = QUERIES, states: int = STATES, seed: int = 0, robot: str | None = None, part: str | None = None
 ) -> Report:
-    """Meet all robots, or the one of that name; half an hour, of which the readings of their files take minutes.
+    """Meet all robots, or the one of that name; more than an hour on quiet cores.
 
     Args:
         part: One of ``PARTS``.
@@ -46,16 +46,17 @@ def run(
     if robot is not None and robot not in names:
         raise UnknownName("robot", robot, names)
     chosen = [one for one in ROBOTS if robot in (None, one.name)]
+    listed = part is not None or robot is not None
     reports = []
     if part in (None, "plans"):
         rows = tuple(_rows(chosen, queries, states, seed))
         reports.append(Report("robots", rows, tuple(_tables(rows)), tuple(_promises(rows))))
     if part in (None, "readings"):
-        reports.append(readings.run(seed=seed, robot=robot))
+        reports.append(readings.run(seed=seed, robot=robot, listed=listed))
     if part in (None, "meshes"):
         reports.append(meshes.run(seed=seed, robot=robot))
     if part in (None, "check"):
-        reports.append(checks.run(robot=robot))
+        reports.append(checks.run(robot=robot, listed=listed))
     summary = [] if part is not None else [Report("robots", (), (_summary(reports),))]
     return merged("robots", [*summary, *reports])
 
