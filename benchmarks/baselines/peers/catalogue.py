@@ -44,7 +44,9 @@ PEERS: Mapping[str, Peer] = {
         "vamp",
         ("vamp-planner==0.6.4", "numpy==2.2.6"),
         "vamp",
-        {"rrtc": {"robot": "panda", "planner": "rrtc"}},
+        {
+            "rrtc": {"robot": "panda", "planner": "rrtc", "samples": 100_000}
+        },  # its default: each search makes room for all
     ),
 }
 """OMPL as one sets it up by hand, each state judged by Pinocchio and Coal; VAMP, which pip compiles with cmake."""

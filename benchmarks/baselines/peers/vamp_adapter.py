@@ -24,7 +24,10 @@ class Vamp:
 
     def __init__(self, job: Table) -> None:
         settings = job["settings"]
-        self._made = vamp.configure_robot_and_planner_with_kwargs(settings["robot"], settings["planner"])
+        most = settings["samples"]
+        self._made = vamp.configure_robot_and_planner_with_kwargs(
+            settings["robot"], settings["planner"], max_iterations=most, max_samples=most
+        )
 
     def solve(self, problem: Table, seed: int, answer: Answer) -> None:
         """Search, then simplify."""
