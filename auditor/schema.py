@@ -65,7 +65,7 @@ locked name:text position:num
 request start:num* goals:joints|tool* planner:choice timing:choice polish:choice|null seed:int max_checks:int
     retries:int|null padding:num velocity_scale:num acceleration_scale:num blend:num start_tolerance:num
     time_limit:num|null max_tool_speed:num|null constraints?:constraint* payload?:payload|null torque_scale?:num
-    evidence?:flag start_overlap?:num
+    evidence?:flag start_overlap?:num improve?:int
 choice name:text settings:any
 joints joints:num*
 tool pose:pose room:room|null
@@ -75,7 +75,7 @@ segment name:text gripper_width:num|null gripper:fingers|null timing:choice|null
 fingers start_width:num end_width:num seconds:num certificate:certificate travel?:num|null
 result ok:flag failure:null goal_index:int|null attempts:int padding:num deterministic:flag notes:text* counts:counts
     stages:stage* certificate:certificate motion:motion polish:any path:path trajectory:law constraints?:constraint*
-    near_ends?:near_end*
+    near_ends?:near_end* improvement?:any
 near_end s_start:num s_end:num pairs:text*2*
 exempt near_end reason:text depth?:num|null
 stage counts stage:text seconds:num length:num|null note:text

@@ -86,6 +86,7 @@ def plan(
     max_tool_speed: options.ToolSpeed = None,
     torque: options.Torque = False,
     payload: options.PayloadText = None,
+    improve: options.Improve = options.DEFAULT.improve,
     polish: options.Polish = False,
     clearance: options.Clearance = None,
     upright: options.Upright = None,
@@ -114,6 +115,7 @@ def plan(
             blend=blend,
             max_tool_speed=max_tool_speed,
             payload=arguments.payload(payload),
+            improve=improve,
             polish=arguments.optimise(clearance) if polish else None,
             constraints=constraints,
         )

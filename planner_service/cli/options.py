@@ -180,6 +180,7 @@ PayloadText = Annotated[
     ),
 ]
 Blend = Annotated[float, option("RAD", "Length of path on each side of a corner that may be rounded; 0 to stop there.")]
+Improve = Annotated[int, option("N", "Further searches for a shorter path; they end early where none can be.")]
 Polish = Annotated[bool, option("--polish", "Optimise the path: shorter, smoother, with more clearance.")]
 Clearance = Annotated[
     float | None, option("METRES", "Clearance an optimised path keeps where there is room.  [default: 0.02]")

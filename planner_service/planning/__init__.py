@@ -5,6 +5,7 @@ from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Goal, Pace, PlanRequest, World
 from planner_service.planning.result import (
     Failure,
+    ImproveReport,
     MotionReport,
     Origin,
     PlanResult,
@@ -19,6 +20,7 @@ __all__ = [
     "AllowedStretch",
     "Failure",
     "Goal",
+    "ImproveReport",
     "Interrupted",
     "MotionReport",
     "Origin",

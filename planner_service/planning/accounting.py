@@ -29,6 +29,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Goals, Pace, PlanRequest
 from planner_service.planning.result import (
     Failure,
+    ImproveReport,
     KeptPadding,
     MotionReport,
     NearEnd,
@@ -111,7 +112,7 @@ class PlanAccounting:
         tracer: Told how the search goes; None if nobody asked.
         origin: What the result says that it comes from.
         notes: As in the result; so are ``deterministic``, ``padding``, ``near_ends``, ``attempts``, ``roadmap`` and
-            ``polish``.
+            ``polish`` and ``improvement``.
         end_trouble: Which end the search could not leave, as the end of a sentence.
         tried_in_vain: What else was tried after a search without progress; the same.
     """
@@ -132,6 +133,7 @@ class PlanAccounting:
     end_trouble: str = ""
     tried_in_vain: str = ""
     polish: PolishReport | None = None
+    improvement: ImproveReport | None = None
     constraints: ConstraintSet | None = None
     projector: _core.Projector | None = None
     torque_limits: TorqueLimits | None = None
@@ -285,6 +287,7 @@ class PlanAccounting:
             notes=tuple(self.notes),
             roadmap=self.roadmap,
             polish=self.polish,
+            improvement=self.improvement,
             constraints=() if self.constraints is None else self.constraints.constraints,
             near_ends=() if path is None else self.near_ends,
             no_path=no_path,

@@ -89,6 +89,9 @@ class PlanRequest:
         max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.
         blend: Radians of path that the blend of a corner may replace before and after it; 0 keeps every
             corner a stop.
+        improve: Further searches for a shorter path, whose best parts are joined: rounds of at most three times the
+            states of the first search. They end early once less than 2 % can be gained; ``PlanResult.improvement``
+            says what came of it. Half of the time and of the checks left is theirs at most.
         polish: How the shortened path is optimised; None to leave it. The optimum is kept only if it is no worse, free
             and proven.
         start_tolerance: Radians (or metres) by which the start, or a goal given as joint values, may lie outside a
@@ -121,6 +124,7 @@ class PlanRequest:
     blend: float = 0.5
     start_tolerance: float = START_TOLERANCE
     start_overlap: float = 0.003
+    improve: int = 0
     polish: Optimise | None = None
     constraints: Sequence[Constraint] = ()
     payload: Payload | None = None
@@ -134,7 +138,8 @@ class PlanRequest:
         set_fields(self, start=start, goal=_copied_goal(self.goal))
         seed, checks = whole("seed", self.seed, 0, 2**63 - 1), whole("max_checks", self.max_checks, 1, 10**9)
         retries = None if self.retries is None else whole("retries", self.retries, 0, 1000)
-        set_fields(self, seed=seed, max_checks=checks, retries=retries)
+        improve = whole("improve", self.improve, 0, 1000)
+        set_fields(self, seed=seed, max_checks=checks, retries=retries, improve=improve)
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
         _number("start_overlap", self.start_overlap, 0.0, MAX_OVERLAP)
@@ -148,6 +153,8 @@ class PlanRequest:
             raise InvalidRequest("polish", self.polish, "Optimise(...) or None")
         if self.polish is not None and isinstance(self.planner, Optimise):
             raise InvalidRequest("polish", self.polish, "None: the planner optimises")
+        if improve and isinstance(self.planner, Optimise):
+            raise InvalidRequest("improve", improve, "0: the planner optimises straight lines, and searches nothing")
         if self.optimise is not None and self.blend == 0.0:
             raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
         scales = self.velocity_scale, self.acceleration_scale

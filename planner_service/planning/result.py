@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Failure",
+    "ImproveReport",
     "KeptPadding",
     "MotionReport",
     "NearEnd",
@@ -71,6 +72,8 @@ class Stage(enum.Enum):
     """Looking for a proof that there is none; only after searches that made no progress."""
     SHORTCUT = "shortcut"
     """Pieces replaced by straight edges that are free."""
+    IMPROVE = "improve"
+    """Further searches for a shorter path; only with ``PlanRequest.improve``."""
     POLISH = "polish"
     """Corners pulled in and blended, or the path optimised."""
     CERTIFY = "certify"
@@ -238,6 +241,36 @@ class PolishReport:
 
 
 @dataclass(frozen=True)
+class ImproveReport:
+    """What further searches made of a path.
+
+    Attributes:
+        rounds: Made of those that were asked for: no more once less than 2 % could be gained.
+        before: L2 joint length of the first path, shortened, its corners not yet blended.
+        after: The same of the shortest that was found.
+        bound: No path is shorter: the distance from the start to the nearest goal.
+    """
+
+    rounds: int
+    before: float
+    after: float
+    bound: float
+
+    @property
+    def gain(self) -> float:
+        """The share of the length that further rounds could gain at most, 0 to 1."""
+        return max(0.0, 1.0 - self.bound / self.after) if self.after > 0.0 else 0.0
+
+    @property
+    def words(self) -> str:
+        """How many rounds, for a person."""
+        return "1 round" if self.rounds == 1 else f"{self.rounds} rounds"
+
+    def __str__(self) -> str:
+        return f"length {self.before:.2f} -> {self.after:.2f} in {self.words}; none is below {self.bound:.2f}"
+
+
+@dataclass(frozen=True)
 class NearEnd:
     """A stretch at an end of a path on which named pairs are closer than the padding, as they are at that end.
 
@@ -313,6 +346,7 @@ class PlanResult:
         notes: What a person should know beside it: a clamped start, ends closer than the padding, a second search.
         roadmap: The roadmap of a planner that has one, with all that it learned; not kept in plan files.
         polish: The outcome of optimising; None if it was not asked for, or there was nothing to optimise.
+        improvement: What further searches made of the path; None if they were not asked for, or nothing was searched.
         trace: How the search went; None if it was not asked for. Not kept in plan files.
         origin: What it was planned in, and what was asked; None for a result from a file or another process.
         fraction: For a motion of the tool along a path, the share of its length, 0 to 1, that is possible; None for
@@ -336,6 +370,7 @@ class PlanResult:
     notes: tuple[str, ...] = ()
     roadmap: Roadmap | None = None
     polish: PolishReport | None = None
+    improvement: ImproveReport | None = None
     trace: Trace | None = None
     origin: Origin | None = field(default=None, repr=False)
     fraction: float | None = None
@@ -479,6 +514,7 @@ def plan_lines(plan: PlanResult) -> list[str]:
     if plan.certificate is not None and plan.ok:
         free = f"proof: {proof_text(plan.certificate.clearance, plan.certificate.distances)}"
         lines.append("; ".join([free, *map(str, plan.certificate.kept)]))
+    lines += [] if plan.improvement is None else [f"improved: {plan.improvement}"]
     lines += [] if plan.polish is None else [f"optimised: {plan.polish}"]
     if plan.failure is not None and plan.failure.proven:
         lines.append("proven: no plan exists for this request")

@@ -23,6 +23,7 @@ from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Ends, padded_ends
+from planner_service.planning.improvement import Rounds
 from planner_service.planning.kept_padding import free_but_for
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason, Stage
@@ -200,10 +201,16 @@ def _searched(
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
     accounting.padding = ends.padding if leads is None else searching.padding
     oracle = oracle_of(context, searching.checker(context, accounting.padding), start, goals)
-    points, length = _search(context, searching, start, goals, oracle, Tries() if tries is None else tries)
+    problem, before = _problem(context, searching, start, goals, oracle), accounting.tally.states
+    points, length = _search(context, searching, problem, oracle, Tries() if tries is None else tries)
+    states = accounting.tally.states - before
     searched = _shortened(context, points, length, oracle)
-    goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == searched[0][-1].tolist())
-    polylines = tuple(_without_repeats([ends.start, *points, goal]) for points in searched)
+    if context.request.improve:
+        searched = _improved(context, problem, oracle, states, searched)
+    arrived = {tuple(q.tolist()): goal.q for goal, q in reversed([*zip(ends.goals, goals, strict=True)])}
+    polylines = tuple(
+        _without_repeats([ends.start, *points, arrived[tuple(points[-1].tolist())]]) for points in searched
+    )
     return Candidates(polylines, searching, accounting.padding, searched, oracle)
 
 
@@ -294,27 +301,20 @@ class _Search:
     tries: Tries
 
 
-def _search(
+def _problem(
     context: PlanContext,
     searching: SearchRound,
     start: FloatArray,
     goals: Sequence[FloatArray],
     oracle: SearchOracle | ConstrainedOracle,
-    tries: Tries,
-) -> tuple[FloatArray, float]:
-    """A path from the start to one of the goals, as the planner of the request finds it, and its length.
-
-    Raises:
-        NoPlan: It finds none.
-        NoProgress: The tries come to a pause.
-    """
-    checker, accounting, tracer = context.checker, context.accounting, context.accounting.tracer
-    planner = _planner(context, searching)
+) -> SearchProblem:
+    """What is searched from the start to one of the goals."""
+    checker, tracer = context.checker, context.accounting.tracer
     lower, upper = checker.robot.limits.lower, checker.robot.limits.upper
     if context.accounting.constraints is not None:  # an end may be beyond a range by rounding
         lower = np.min([context.accounting.constraints.lower, start, *goals], axis=0)
         upper = np.max([context.accounting.constraints.upper, start, *goals], axis=0)
-    problem = SearchProblem(
+    return SearchProblem(
         start=start,
         goals=np.array(goals),
         lower=lower,
@@ -326,6 +326,23 @@ def _search(
         grown=None if tracer is None else tracer.grown,
         projector=context.accounting.projector,
     )
+
+
+def _search(
+    context: PlanContext,
+    searching: SearchRound,
+    problem: SearchProblem,
+    oracle: SearchOracle | ConstrainedOracle,
+    tries: Tries,
+) -> tuple[FloatArray, float]:
+    """A path from the start to one of the goals, as the planner of the request finds it, and its length.
+
+    Raises:
+        NoPlan: It finds none.
+        NoProgress: The tries come to a pause.
+    """
+    accounting, tracer = context.accounting, context.accounting.tracer
+    planner = _planner(context, searching)
     with accounting.during(Stage.SEARCH) as entry:
         running = _Search(context, searching, problem, accounting.padding, entry, tries)
         try:
@@ -446,24 +463,51 @@ def _shortened(
     request, accounting = context.request, context.accounting
     with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
         entry.length = length
-        rng = np.random.default_rng([request.seed, 1])
-        if isinstance(oracle, ConstrainedOracle):
-            points = shortcut_on_constraints(points, oracle, rng)
-        else:
-            points = shortcut(points, oracle, rng)
+        points = _cut(points, oracle, np.random.default_rng([request.seed, 1]))
         length = entry.length = polyline_length(points)
     if accounting.tracer is not None:
         accounting.tracer.cut(points)
     if len(points) > 2:
         with accounting.during(Stage.POLISH, improving="tidied") as entry:
             entry.length = length
-            pulled = pulled_in(points, oracle)
-            if request.blend > 0.0:
-                pulled = without_short_pieces(pulled, oracle)
+            pulled = _tidied(points, oracle, request.blend)
             entry.length = polyline_length(pulled)
             if pulled.tolist() != points.tolist():
                 return pulled, points
     return (points,)
+
+
+def _improved(
+    context: PlanContext,
+    problem: SearchProblem,
+    oracle: SearchOracle | ConstrainedOracle,
+    states: int,
+    searched: tuple[FloatArray, ...],
+) -> tuple[FloatArray, ...]:
+    """The path that further searches make of the first that was searched; then those that were."""
+    planner, blend = context.request.planner, context.request.blend
+    if isinstance(planner, (Roadmap, *GROWERS, Optimise)):  # the same again would find the same
+        planner = BalancedRRTConnect()
+
+    def shortened(points: FloatArray, rng: np.random.Generator) -> FloatArray:
+        cut = _cut(points, oracle, rng)
+        return _tidied(cut, oracle, blend) if len(cut) > 2 else cut
+
+    best = Rounds(context, planner, problem, oracle, states, shortened).improved(searched[0])
+    return searched if best is searched[0] else (best, *searched)
+
+
+def _cut(points: FloatArray, oracle: SearchOracle | ConstrainedOracle, rng: np.random.Generator) -> FloatArray:
+    """A path with pieces replaced by straight edges that are free, and keep the constraints."""
+    if isinstance(oracle, ConstrainedOracle):
+        return shortcut_on_constraints(points, oracle, rng)
+    return shortcut(points, oracle, rng)
+
+
+def _tidied(points: FloatArray, oracle: SearchOracle | ConstrainedOracle, blend: float) -> FloatArray:
+    """A path with its corners pulled in, and without those that leave no room for a blend."""
+    pulled = pulled_in(points, oracle)
+    return without_short_pieces(pulled, oracle) if blend > 0.0 else pulled
 
 
 def alternating(planner: Planner) -> Iterator[Planner]:

@@ -50,7 +50,16 @@ SAME_WIDTH = 1e-6
 JOIN = 1e-6
 """Radians (or metres) between the end of one motion and the start of the next: less than the margin of a proof."""
 
-SEARCH_STAGES = (Stage.ROADMAP, Stage.SEARCH, Stage.NO_PATH, Stage.SHORTCUT, Stage.POLISH, Stage.CERTIFY, Stage.TIMING)
+SEARCH_STAGES = (
+    Stage.ROADMAP,
+    Stage.SEARCH,
+    Stage.NO_PATH,
+    Stage.SHORTCUT,
+    Stage.IMPROVE,
+    Stage.POLISH,
+    Stage.CERTIFY,
+    Stage.TIMING,
+)
 """Stages that get a row of their own below a motion that was searched for."""
 
 

@@ -218,6 +218,7 @@ class RequestRecord(GrownRecord):
     torque_scale: float = 1.0
     evidence: bool = False
     start_overlap: float = 0.003
+    improve: Count = 0
 
     @classmethod
     def find(cls, request: PlanRequest) -> RequestRecord | None:

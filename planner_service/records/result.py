@@ -36,6 +36,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Peak, Trajectory
 from planner_service.planning.result import (
     Failure,
+    ImproveReport,
     MotionReport,
     NearEnd,
     PlanResult,
@@ -319,6 +320,10 @@ class PolishRecord(schema.Record, makes=PolishReport):
     note: schema.Prose
 
 
+class ImproveRecord(schema.Record, makes=ImproveReport):
+    """An ``ImproveReport``."""
+
+
 class PathRecord(schema.Record):
     """A ``JointPath``."""
 
@@ -376,6 +381,7 @@ class ResultRecord(schema.GrownRecord):
     trajectory: TrajectoryRecord | None
     constraints: Constraints = Field(default_factory=list)
     near_ends: Annotated[list[NearEndRecord], schema.at_most(2)] = Field(default_factory=list)
+    improvement: ImproveRecord | None = None
 
     @cached_property
     def value(self) -> PlanResult:

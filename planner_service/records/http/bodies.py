@@ -240,6 +240,7 @@ class SettingsBody(Given):
 
     planner: PlannerBody = Field(default_factory=lambda: PlannerBody(name=DEFAULT.planner.name))
     timing: TimingBody = Field(default_factory=lambda: TimingBody(name="toppra"))
+    improve: Count = DEFAULT.improve
     polish: PlannerBody | None = None
     seed: Count = DEFAULT.seed
     max_checks: Count = DEFAULT.max_checks

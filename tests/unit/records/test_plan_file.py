@@ -27,7 +27,7 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, RRT
 from planner_service.planning.request import PlanRequest, World
-from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.planning.result import Failure, ImproveReport, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.task_result import Segment
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
@@ -112,6 +112,7 @@ EVERY_SETTING = request(
     max_checks=77,
     time_limit=None,
     retries=0,
+    improve=3,
     padding=0.0,
     velocity_scale=0.5,
     acceleration_scale=1 / 3,
@@ -124,6 +125,7 @@ KEEPING = request(constraints=(REGION, JointRange("elbow", -1 / 3, 0.7)))
 ROOM = request(goal=(PoseGoal(POSE, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), np.array([1.0, 1.5]), POSE))
 REQUESTS = [EVERY_SETTING, KEEPING, ROOM, *(request(planner=planner()) for planner in PLANNERS.values())]
 RESULTS = [
+    replace(planned(), improvement=ImproveReport(3, 5.0, 4.0, 1 / 3)),
     *(failed(), unreached(with_all=True), unreached(with_all=False), planned(Trapezoidal()), planned(SCurve())),
     replace(planned(), certificate=Certificate(math.inf, 0, 0.0)),
     replace(planned(), certificate=Certificate(-math.inf, 7, 0.002, (), NOT_PROVEN)),
