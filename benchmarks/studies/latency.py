@@ -1,12 +1,18 @@
 """How long a caller waits: whole plans, proof and timing included, and plans whose straight line is free.
 
 By a service that has planned once before, in CPU milliseconds, the least of a few turns; the first plan is told apart.
-Whole plans next to those of 0.1.0, problem by problem.
+Whole plans next to those of 0.1.0, problem by problem. And how long a process takes to start, with its bytecode cached.
 """
 
 from __future__ import annotations
 
 import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +25,7 @@ from benchmarks.baselines.peers.child import Reply
 from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.versions import TURNS as WHOLE_TURNS
 from benchmarks.baselines.peers.versions import replies, version_here, version_then
+from benchmarks.harness.environment import ROOT
 from benchmarks.harness.report import Promise, Report, Row, grouped, least_ms, p50, p95, spread, table_of
 from benchmarks.studies.states import STEPS
 from benchmarks.worlds import queries
@@ -27,7 +34,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import straight_tool_line
 from planner_service.kinematics.cartesian_waypoints import thinned
 
-__all__ = ["SCENES", "free_lines", "plan_rows", "promises", "run", "straight_rows", "tool_lines"]
+__all__ = ["SCENES", "free_lines", "plan_rows", "promises", "run", "start_rows", "straight_rows", "tool_lines"]
 
 SCENES = ("bin", "shelf", "post", "clutter")
 TURNS = 3
@@ -38,8 +45,19 @@ LINES, SHORTEST, LONGEST = 20, 0.3, 1.2
 RISE = 0.05
 """Metres that the tool is moved along its approach, backwards."""
 
-PART_P50, STRAIGHT_P50, TOOL_LINE_P50 = 0.35, 1.0, 2.0
+PART_P50, STRAIGHT_P50, STRAIGHT_PLAN_P50, TOOL_LINE_P50 = 0.35, 1.0, 0.25, 2.0
 """Promised: part of what 0.1.0 takes in the same run; milliseconds."""
+
+_PLANNED = ("plan", "--robot", queries.ROBOT, "--scene", "table", "--start", "home", "--goal", "ready")
+
+STARTS = {
+    "python": ("-c", "pass"),
+    "import planner_service": ("-c", "import planner_service"),
+    "planner-service plan": ("-m", "planner_service", *_PLANNED),
+}
+START_TURNS = 7
+IMPORT_SECONDS, COLD_SECONDS = 0.3, 0.8
+"""Promised, of a whole process, from its start to its end."""
 
 
 def _request(start: FloatArray, goal: FloatArray, seed: int) -> ps.PlanRequest:
@@ -137,6 +155,26 @@ def _parts(whole: float, results: Sequence[ps.PlanResult], kinematics: float) ->
     return stages | {"kinematics": kinematics, "decided": decided, "whole": whole}
 
 
+def start_rows(turns: int = START_TURNS) -> Iterator[Row]:
+    """Seconds of processes from start to end, by CPU and by the clock; the least of some turns, after a first one."""
+    with tempfile.TemporaryDirectory(prefix="bytecode-") as folder:
+        surroundings = {**os.environ, "PYTHONPYCACHEPREFIX": folder}
+        surroundings.pop("PYTHONDONTWRITEBYTECODE", None)
+        for what, command in STARTS.items():
+            spent = [_started(command, surroundings) for _ in range(turns + 1)][1:]
+            cpu, wall = (min(column) for column in zip(*spent, strict=True))
+            yield {"start": what, "cpu_seconds": cpu, "wall_seconds": wall}
+
+
+def _started(command: Sequence[str], surroundings: Mapping[str, str]) -> tuple[float, float]:
+    """CPU and wall seconds of a process."""
+    clock, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *command], cwd=ROOT, env=surroundings, capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return cpu, time.perf_counter() - clock
+
+
 def run(against: Path | None = None) -> Report:
     """Measure it all; about three minutes, and two more to install 0.1.0 where it is not.
 
@@ -146,12 +184,13 @@ def run(against: Path | None = None) -> Report:
     Raises:
         InvalidRequest: there is no such version, and it cannot be installed.
     """
+    starts = list(start_rows())
     plans, straight = list(plan_rows((version_here(), version_then(against)))), list(straight_rows())
-    tables = (_plan_table(plans), _straight_table(straight))
-    return Report("latency", (*plans, *straight), tables, promises(plans, straight))
+    tables = (_plan_table(plans), _straight_table(straight), _start_table(starts))
+    return Report("latency", (*plans, *straight, *starts), tables, promises(plans, straight, starts))
 
 
-def promises(plans: Sequence[Row], straight: Sequence[Row]) -> tuple[Promise, ...]:
+def promises(plans: Sequence[Row], straight: Sequence[Row], starts: Sequence[Row]) -> tuple[Promise, ...]:
     """What these figures were to be."""
     found = []
     for step, rows in grouped(plans, "step").items():
@@ -162,11 +201,17 @@ def promises(plans: Sequence[Row], straight: Sequence[Row]) -> tuple[Promise, ..
     lines = grouped(straight, "kind")
     for kind, part, most, text in (
         ("plan", "decided", STRAIGHT_P50, "a straight line in joint space is found to be free"),
+        ("plan", "whole", STRAIGHT_PLAN_P50, "a free straight line in joint space is planned, proven and timed"),
         ("move_linear", "whole", TOOL_LINE_P50, "a straight tool line with its inverse kinematics, proven and timed,"),
     ):
         ms = [p50(row["ms"][part]) for row in lines[kind]]
         told = "; ".join(f"{value:.2f}" for value in ms)
         found.append(Promise(f"{text} in at most {most:g} ms at p50", told, max(ms) <= most))
+    for what, most in zip(list(STARTS)[1:], (IMPORT_SECONDS, COLD_SECONDS), strict=True):
+        (row,) = (row for row in starts if row["start"] == what)
+        seconds = row["cpu_seconds"], row["wall_seconds"]
+        told = f"{seconds[0]:.2f} s of CPU, {seconds[1]:.2f} s by the clock"
+        found.append(Promise(f"{what}: a whole process in at most {most:g} s of either", told, max(seconds) <= most))
     return tuple(found)
 
 
@@ -205,3 +250,15 @@ def _straight_table(rows: Sequence[Row]) -> Table:
         "proof and timing. Stages by the clock, kinematics and whole in CPU time."
     )
     return table_of("Free straight lines", lines, caption=caption)
+
+
+def _start_table(rows: Sequence[Row]) -> Table:
+    lines = (
+        {"": row["start"], "CPU s": f"{row['cpu_seconds']:.2f}", "s by the clock": f"{row['wall_seconds']:.2f}"}
+        for row in rows
+    )
+    caption = (
+        f"Whole processes, the least of {START_TURNS} after one that writes the bytecode. The plan: its straight line "
+        "is free; with its table."
+    )
+    return table_of("Starting", lines, caption=caption)

@@ -416,7 +416,7 @@ class ToolArm:
 def laid_polyline(
     points: NDArray[np.float64], merged: bool, /
 ) -> tuple[list[int] | None, NDArray[np.float64], NDArray[np.float64], tuple[int, ...]] | None:
-    """The points that stay (None: all), knots, tangents and inner points that turn; None if the length is infinite.
+    """The points that stay (None: all), knots, tangents and inner points that turn; None if something is not finite.
 
     Args:
         points: Shape (N, n).

@@ -75,10 +75,17 @@ def _waypoints(values: Any) -> FloatArray:
     points = np.array(values) if _are_floats(values) else numbers("waypoints", values, WAYPOINTS)
     if points.ndim != 2 or 0 in points.shape:
         raise InvalidRequest("waypoints", points.shape, "shape (N, n) with N >= 1 waypoints of n >= 1 joints")
-    if not np.isfinite(points).all():
-        row, joint = np.argwhere(~np.isfinite(points))[0]
-        raise InvalidRequest(f"waypoints[{row}][{joint}]", float(points[row, joint]), "a finite number")
     return points
+
+
+def _not_finite(points: FloatArray) -> InvalidRequest:
+    """The refusal of points without a finite length: of the first number that is not finite, if there is one."""
+    at = np.argwhere(~np.isfinite(points))
+    if not len(at):
+        expected = "joint values whose path has a finite length"
+        return InvalidRequest("waypoints", float(np.abs(points).max()), expected)
+    row, joint = at[0].tolist()
+    return InvalidRequest(f"waypoints[{row}][{joint}]", float(points[row, joint]), "a finite number")
 
 
 def _widths(values: Any, count: int) -> list[float]:
@@ -117,8 +124,7 @@ class _Polyline:
         """The polyline through points (N, n), ``merged`` without those that coincide with the one before them."""
         laid = load_core().laid_polyline(points, merged)
         if laid is None:
-            expected = "joint values whose path has a finite length"
-            raise InvalidRequest("waypoints", float(np.abs(points).max()), expected)
+            raise _not_finite(points)
         kept, knots, tangents, turns = laid
         return cls(frozen(points if kept is None else points[kept]), knots, tangents, turns)
 

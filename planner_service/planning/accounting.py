@@ -71,6 +71,8 @@ __all__ = [
 
 logger = logging.getLogger(__name__)
 
+STAGES = tuple(Stage)
+
 LONG = 200
 """Waypoints beyond which a path may take long to time: then the time limit is watched meanwhile."""
 
@@ -311,7 +313,8 @@ class PlanAccounting:
 
     @property
     def _stages(self) -> tuple[StageReport, ...]:
-        return tuple(self._reports[stage] for stage in Stage if stage in self._reports)
+        reports = self._reports
+        return tuple([reports[stage] for stage in STAGES if stage in reports])
 
     def gave_up(self) -> Failure:
         """The failure of a search that ended by itself without a path."""

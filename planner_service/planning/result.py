@@ -60,6 +60,8 @@ TIMING_LAWS = {"toppra": "TOPP-RA", "trapezoidal": "trapezoid", "s-curve": "S-cu
 class Stage(enum.Enum):
     """The steps of a plan, in their order."""
 
+    __hash__ = object.__hash__  # members are looked up in every stage; Enum's own is Python code
+
     ENDPOINTS = "endpoints"
     """Start and goals: shape, limits, collisions; inverse kinematics of poses."""
     STRAIGHT_LINE = "straight line"

@@ -125,6 +125,8 @@ std::vector<std::size_t> turns_of(const Points& points, const std::vector<double
 
 nb::object laid_polyline(const Rows& rows, bool merged) {
     Points points = points_of(rows);
+    for (const double value : points.values)
+        if (!std::isfinite(value)) return nb::none();
     std::vector<double> steps = steps_of(points);
     const double total = std::accumulate(steps.begin(), steps.end(), 0.0);
     if (!std::isfinite(total)) return nb::none();
