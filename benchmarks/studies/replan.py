@@ -40,7 +40,7 @@ LATER = (2, 4, 6, 8)
 
 DRAWS = 1000
 
-MOST_MS, USUAL_MS, MOST_STOPS, MOST_JUMP = 100.0, 6.0, 2, 1e-9
+MOST_MS, USUAL_MS, MOST_STOPS, MOST_JUMP = 100.0, 5.0, 2, 1e-9
 
 SAMPLING = 0.005
 """Seconds between configurations of a motion that are judged once more."""

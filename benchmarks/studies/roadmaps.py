@@ -34,7 +34,7 @@ BEFORE = (10, 20)
 TRAINING_SEED = 77
 TURNS = 2
 
-STATES_P50, SHARE, MS_P50 = 150, 1 / 5, 0.4
+STATES_P50, SHARE, MS_P50 = 150, 1 / 5, 0.3
 """Promised of a warm query."""
 
 FRESH = "fresh"

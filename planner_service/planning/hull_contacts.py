@@ -39,7 +39,7 @@ def touching_by_hulls(checker: CollisionChecker, q: FloatArray, contacts: Sequen
     checker.ledger.require_room()
     robot, scene, _ = cut
     other = CollisionChecker(robot, scene, padding=checker.padding, allowed=checker.allowed)
-    left = {(contact.a, contact.b) for contact in other.contacts(q)}
+    left = other.touching(q)
     checker.ledger.record_states(1)
     return tuple(pair for pair in pairs if pair not in left)
 

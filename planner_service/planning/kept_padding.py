@@ -7,7 +7,7 @@ there, too. Samples say how far from the end that is. That all the rest keeps th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
@@ -109,7 +109,7 @@ def line_keeps_padding(line: JointPath, checker: CollisionChecker, padding: floa
     return padded.edge_is_free(line(begin), line(end))
 
 
-def free_but_for(pairs: Sequence[Pair], path: JointPath, span: Span, padded: CollisionChecker) -> bool:
+def free_but_for(pairs: Collection[Pair], path: JointPath, span: Span, padded: CollisionChecker) -> bool:
     """Whether nothing but the named pairs touches at samples of a part of a path."""
     begin, end = span
     parts = max(1, round((end - begin) / SPACING))

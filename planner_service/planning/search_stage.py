@@ -261,7 +261,7 @@ def _leads(context: PlanContext, ends: Ends, searching: SearchRound) -> list[Flo
             continue
         tight = SearchOracle(searching.checker(context, padding), [q], ())
         roomy_places = (p for p in near(q, roomy.robot.limits, rng) if roomy.state_is_free(p))
-        close = [(contact.a, contact.b) for contact in roomy.contacts(q)]
+        close = roomy.touching(q)
         ways = (p for p in roomy_places if tight.edge_is_free(q, p, known=Known.BOTH))
         lead: FloatArray | None = None
         for p in islice(ways, MAX_WAYS):
@@ -275,7 +275,7 @@ def _leads(context: PlanContext, ends: Ends, searching: SearchRound) -> list[Flo
     return leads
 
 
-def _leaves(q: FloatArray, p: FloatArray, close: Sequence[tuple[str, str]], roomy: CollisionChecker) -> bool:
+def _leaves(q: FloatArray, p: FloatArray, close: frozenset[tuple[str, str]], roomy: CollisionChecker) -> bool:
     """Whether an end is left on a line on which only what is close to it comes closer than the padding."""
     line = JointPath(np.array([q, p]))
     return free_but_for(close, line, (0.0, line.length), roomy)
