@@ -46,6 +46,9 @@ CLIMBS, FEWER, KINK = 60, 4, 9e-7
 """Climbs to the direction that separates two shapes most, fewer where they are apart and every climb leads there, and
 metres from contact where no other climb is needed."""
 
+JOINT = " (joint)"
+"""Behind the name of a joint that is called as a link is."""
+
 
 @dataclass(frozen=True)
 class Touch:
@@ -498,10 +501,24 @@ def _reduced(robot: Table, text: str, width: float | None, mimics: Iterable[str]
         q[model.joints[model.getJointId(name)].idx_q] = position
     moving = {*robot["joints"], *mimics} - locked_joints.keys()
     locked = [k for k in range(1, model.njoints) if model.names[k] not in moving]
-    if not locked:  # nothing to reduce, which Pinocchio cannot where a fixed joint is called as a link is
+    if not locked:
         return model, geometry
+    _tell_apart(model)
     reduced, (moved,) = pin.buildReducedModel(model, [geometry], locked, q)
+    for k, name in enumerate(reduced.names):
+        reduced.names[k] = name.removesuffix(JOINT)
     return reduced, moved
+
+
+def _tell_apart(model: Any) -> None:
+    """Give joints that are called as a link is another name: Pinocchio cannot reduce a model with both."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT) and frame.name in links:
+            frame.name += JOINT
+    for k, name in enumerate(model.names):
+        if name in links:
+            model.names[k] = name + JOINT
 
 
 def hull_of(points: ArrayLike) -> Any:
