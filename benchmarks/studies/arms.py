@@ -137,7 +137,9 @@ def rows_in_turn(arm: Arm, environments: Sequence[Environment], seeds: int) -> I
                 tool = environment.peer.name
                 row, motion = _row(next(replies), task, robot.limits)
                 judged = None if motion is None or tool == THEN else auditor(task.problem).judge(motion)
-                yield {"arm": arm.name, "tool": tool} | row | {"audit": judged}
+                refused = tool == HERE and row["detail"].startswith(ENDS) and not row["ok"]
+                wrongly = refused and _ends_are_free(auditor(task.problem), task.problem)
+                yield {"arm": arm.name, "tool": tool} | row | {"audit": judged, "wrongly refused": wrongly}
 
 
 def motions_of(arm: Arm, robot: ps.Robot) -> Iterator[Motion]:
@@ -160,6 +162,13 @@ def _auditors(arm: Arm, robot: ps.Robot, place: Path) -> Callable[[Motion], Audi
         return Auditor(known, motion.scene)
 
     return auditor
+
+
+def _ends_are_free(auditor: Auditor, motion: Motion) -> bool:
+    """Whether the start is free to an auditor, and a goal that is a configuration."""
+    goals = [goal for goal in motion.goals if isinstance(goal, np.ndarray)]
+    free = [auditor.judge(np.array([q]))["verdict"] == "free" for q in (motion.start, *goals)]
+    return free[0] and any(free[1:])
 
 
 def _row(reply: Reply, task: Task, limits: ps.JointLimits) -> tuple[Row, FloatArray | None]:
@@ -275,6 +284,12 @@ def _promises(rows: Sequence[Row]) -> Iterator[Promise]:
     ours = [row for row in rows if row["tool"] == HERE]
     lost = [f"{row['arm']} {row['problem']} seed {row['seed']}: {row['detail'][:60]}" for row in _lost(ours)]
     yield Promise("all that can be solved is, by the default request", "; ".join(lost) or f"{len(ours)}", not lost)
+    wrongly = [f"{row['arm']} {row['problem']}" for row in ours if row["wrongly refused"]]
+    free = sum(row["ok"] for row in ours) + len(wrongly) + len(lost)
+    measured = "; ".join(wrongly) or f"{sum(row['ok'] for row in ours)} of {free} planned"
+    yield Promise(
+        "no problem is refused whose ends are free to the auditor, by triangles of meshes", measured, not wrongly
+    )
     rejected = [f"{row['arm']} {row['problem']} seed {row['seed']}: {row['audit']['pair']}" for row in _rejected(ours)]
     yield Promise("0 rejected by the auditor", "; ".join(rejected) or "none", not rejected)
     for arm, (first, second) in SHARES.items():
