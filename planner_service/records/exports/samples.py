@@ -95,19 +95,24 @@ def array_bytes(segments: Sequence[Segment], robot: Robot, dt: float) -> bytes:
 def lerobot_actions(segments: Sequence[Segment], robot: Robot, dt: float) -> dict[str, Any]:
     """Motions as actions of LeRobot, of plain JSON values: ``fps`` and ``actions``, each for ``robot.send_action``.
 
-    Keys are ``<joint>.pos``, in radians (or metres); with fingers also ``gripper.pos``, their width in metres. Actions
-    are at equal distances on each motion's curve, which is driven slower by less than one action; ``motions`` has the
+    Keys are ``<joint>.pos``, in radians (or metres), of the arm's joints and of the first finger's. Actions are at equal
+    distances on each motion's curve, which is driven slower by less than one action; ``motions`` has the
     name of each and the number of its first action.
 
     Raises:
         InvalidRequest, PlanningFailed: as of ``task_csv_text``.
     """
     names = [f"{name}.pos" for name in robot.joint_names]
+    gripper = robot.gripper
     actions: list[dict[str, float]] = []
     motions = []
     for segment, _ in on_one_clock(segments):
         motions.append({"name": segment.name, "first": len(actions)})
-        held = {"gripper.pos": segment.width} if segment.width > 0.0 else {}
+        held = (
+            {f"{gripper.joints[0]}.pos": gripper.position(segment.width)}
+            if gripper is not None and gripper.kind != "vacuum"
+            else {}
+        )
         rows = (even_samples(segment.result.unwrap()[1], dt).q + 0.0).tolist()
         actions += [dict(zip(names, row, strict=True)) | held for row in rows]
     return {"fps": 1.0 / dt, "motions": motions, "actions": actions}

@@ -181,7 +181,8 @@ def test_actions_of_lerobot_are_on_the_curves_at_equal_distances(task: SavedTask
         t = np.linspace(0.0, curve.duration, end - first)
         np.testing.assert_allclose(q, curve(t), atol=1e-9)
         assert curve.duration / (end - first - 1) <= 1 / 30
-    assert {action["gripper.pos"] for action in document["actions"]} == {segment.width for segment in task.segments}
+    carriage = {2.0 * action["left_carriage_joint.pos"] for action in document["actions"]}
+    assert carriage == {segment.width for segment in task.segments}
 
 
 def test_a_goal_of_follow_joint_trajectory_holds_the_joint_trajectory(task: SavedTask) -> None:
