@@ -95,9 +95,9 @@ def array_bytes(segments: Sequence[Segment], robot: Robot, dt: float) -> bytes:
 def lerobot_actions(segments: Sequence[Segment], robot: Robot, dt: float) -> dict[str, Any]:
     """Motions as actions of LeRobot, of plain JSON values: ``fps`` and ``actions``, each for ``robot.send_action``.
 
-    Keys are ``<joint>.pos``, in radians (or metres), of the arm's joints and of the first finger's. Actions are at equal
-    distances on each motion's curve, which is driven slower by less than one action; ``motions`` has the
-    name of each and the number of its first action.
+    Keys are ``<joint>.pos``, in radians (or metres), of the arm's joints and of the first finger's. Actions are at
+    equal distances on each motion's curve, which is driven slower by less than one action; ``motions`` has the name of
+    each and the number of its first action.
 
     Raises:
         InvalidRequest, PlanningFailed: as of ``task_csv_text``.
