@@ -30,6 +30,9 @@ def serve(
     port: Annotated[int, option("N", "Port; 0 for any.", min=0, max=65_535)] = 8080,
     host: Annotated[str, option("Address; any but this machine's own needs --token-file.")] = "127.0.0.1",
     token_file: Annotated[Path | None, option("FILE", "File with the token that clients have to send.")] = None,
+    allow_origin: Annotated[
+        list[str] | None, option("ORIGIN", "Pages of this origin may use the server too; may be repeated.")
+    ] = None,
     state: Annotated[
         Path | None, option("FOLDER", "Folder for scenes, roadmaps and answers; default: none kept.")
     ] = None,
@@ -54,4 +57,5 @@ def serve(
         chosen = Ray(address, workers) if engine is EngineName.RAY else Processes(workers)
         token = None if token_file is None else read_token(token_file)
         settings = Settings(robot.load(), scene, chosen, state, queue)
-        run_server(settings, host=host, port=port, token=token, started=lambda url: emit(f"serving at {url}\n"))
+        told = lambda url: emit(f"serving at {url}\n")  # noqa: E731
+        run_server(settings, host=host, port=port, token=token, started=told, origins=allow_origin or ())

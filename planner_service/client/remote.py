@@ -629,6 +629,7 @@ def plan_pick_place(
     onto: str,
     request: PlanRequest,
     *,
+    poses: Sequence[Pose] | None = None,
     upright: float | None = None,
     cancel: CancelToken | None = None,
 ) -> TaskResult:
@@ -643,7 +644,9 @@ def plan_pick_place(
     start = joint_vector("start", request.start, remote.robot)
     for name in (target, onto):
         remote.scene.obstacle(name)
-    body = {"target": target, "onto": onto, "start": start, "upright": upright, "request": request}
+    if poses is not None:
+        require_poses("poses", poses)
+    body = {"target": target, "onto": onto, "poses": poses, "start": start, "upright": upright, "request": request}
     obstacle = remote.scene.obstacle(target)
     kept = [] if upright is None else [kept_upright(grasp, upright) for grasp in top_grasps(remote.robot, obstacle)]
     return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)

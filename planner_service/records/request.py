@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cached_property
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -39,7 +39,7 @@ from planner_service.robot.inertia import Payload
 from planner_service.robot.model import TURN, Robot, joint_vector
 from planner_service.timing.laws import TIMINGS
 
-__all__ = ["RequestRecord", "astray", "goal_kind", "goals_of"]
+__all__ = ["ONE_OF_BOTH", "RequestRecord", "astray", "goals_of"]
 
 REACHED = 1e-6
 """Metres and radians by which a plan may miss its ends, for rounding."""
@@ -91,13 +91,24 @@ class ToolGoal(Record):
         return pose if self.room is None else PoseGoal(pose, **self.room.arguments)
 
 
-def goal_kind(goal: Any) -> str:
-    """Which of both kinds a goal is, or the object of one: ``joints`` or ``tool``."""
-    tool = "pose" in goal if isinstance(goal, dict) else isinstance(goal, ToolGoal | Pose | PoseGoal)
-    return "tool" if tool else "joints"
+def _goal_kind(goal: Any) -> str | None:
+    """Which of both kinds a goal is, or the object of one: ``joints`` or ``tool``; None if neither or both."""
+    if isinstance(goal, dict):
+        kinds = [kind for key, kind in (("joints", "joints"), ("pose", "tool")) if key in goal]
+        return kinds[0] if len(kinds) == 1 else None
+    if isinstance(goal, str | int | float | NoneType):
+        return None
+    return "tool" if isinstance(goal, ToolGoal | Pose | PoseGoal) else "joints"
 
 
-GoalRecord = Annotated[Annotated[JointGoal, Tag("joints")] | Annotated[ToolGoal, Tag("tool")], Discriminator(goal_kind)]
+ONE_OF_BOTH = Discriminator(
+    _goal_kind,
+    custom_error_type="goal",
+    custom_error_message="an object with joints, the values or the name of a pose, or with pose, one of the tool",
+)
+"""Tells goals apart."""
+
+GoalRecord = Annotated[Annotated[JointGoal, Tag("joints")] | Annotated[ToolGoal, Tag("tool")], ONE_OF_BOTH]
 
 
 class ChoiceRecord(Record):

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import hmac
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from planner_service.errors import InvalidRequest
 from planner_service.serve.problems import PROBLEM_JSON, Problem
 
-__all__ = ["MAX_BODY", "MAX_HEAD", "Guard"]
+__all__ = ["MAX_BODY", "MAX_HEAD", "Guard", "checked_origins"]
 
 MAX_BODY = 20_000_000
 """Bytes of a body."""
@@ -26,6 +29,27 @@ OPEN = frozenset({"/health", "/ready"})
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 
 
+ORIGIN = re.compile(r"https?://[a-z0-9.-]{1,253}(:[0-9]{1,5})?|https?://\[[0-9a-f:.]{2,45}\](:[0-9]{1,5})?")
+
+SENT = "authorization, content-type, idempotency-key, if-match, if-none-match, prefer"
+"""Headers that pages of allowed origins may send,"""
+
+TOLD = "content-location, deviation, etag, location, preference-applied, retry-after"
+"""and those that they may read."""
+
+
+def checked_origins(origins: Sequence[str]) -> frozenset[str]:
+    """Origins as browsers write them.
+
+    Raises:
+        InvalidRequest: One is none, such as an address with a path.
+    """
+    for each in origins:
+        if not ORIGIN.fullmatch(each.lower()):
+            raise InvalidRequest("--allow-origin", each, "an origin, such as http://localhost:5173, without a path")
+    return frozenset(each.lower() for each in origins)
+
+
 class _TooLarge(Exception):
     """A body is larger than it may be."""
 
@@ -36,6 +60,7 @@ class Guard:
 
     Attributes:
         token: The bearer token that clients must send; None if no token is needed.
+        origins: Pages of these origins may use the server as its own may.
         hosts: The accepted values of the ``Host`` header, ports included, so that a foreign host name that resolves to
             this machine is refused (DNS rebinding). None accepts any: the token then protects the server.
     """
@@ -43,6 +68,7 @@ class Guard:
     app: ASGIApp
     token: str | None
     hosts: frozenset[str] | None
+    origins: frozenset[str] = frozenset()
 
     @staticmethod
     def loopback(port: int) -> frozenset[str]:
@@ -54,6 +80,16 @@ class Guard:
             await self.app(scope, receive, send)
             return
         problem = self._problem(scope)
+        page = Headers(scope=scope).get("origin", "").lower()
+        if page in self.origins:
+            send = _told_to(page, send)
+            if scope["method"] == "OPTIONS":  # a browser asks before it sends the token
+                allowed = {
+                    "access-control-allow-methods": "GET, POST, PUT, PATCH, DELETE",
+                    "access-control-max-age": "600",
+                }
+                await Response(None, 204, allowed | {"access-control-allow-headers": SENT})(scope, receive, send)
+                return
         if problem is not None:
             await _refusal(problem)(scope, receive, send)
             return
@@ -91,10 +127,11 @@ class Guard:
         hosts = headers.getlist("host")
         if self.hosts is not None and (len(hosts) != 1 or hosts[0].lower() not in self.hosts):
             return Problem("wrong-host", "Host: expected this machine's address and port")
-        origins = headers.getlist("origin")
-        if any(origin.lower() != f"http://{host.lower()}" for origin in origins for host in hosts or [""]):
-            return Problem("cross-origin", "Origin: pages of other origins are not served")
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+        own = {f"http://{host.lower()}" for host in hosts}
+        origins = {origin.lower() for origin in headers.getlist("origin")}
+        if not origins <= own | self.origins:
+            return Problem("cross-origin", "Origin: pages of other origins are not served, but by --allow-origin")
+        if not origins & self.origins and headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
             return Problem("cross-origin", "Sec-Fetch-Site: pages of other origins are not served")
         if self.token is not None and scope["path"] not in OPEN:
             sent = headers.getlist("authorization")
@@ -103,6 +140,20 @@ class Guard:
         if any(not each.isdecimal() or int(each) > MAX_BODY for each in headers.getlist("content-length")):
             return Problem("too-large", f"a body has at most {MAX_BODY:,} bytes")
         return None
+
+
+def _told_to(page: str, send: Send) -> Send:
+    """Responses that a page of an allowed origin may read."""
+
+    async def told(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers["access-control-allow-origin"] = page
+            headers["access-control-expose-headers"] = TOLD
+            headers.add_vary_header("Origin")
+        await send(message)
+
+    return told
 
 
 def _refusal(problem: Problem) -> Response:

@@ -212,7 +212,10 @@ class Dispatcher(Generic[Worker]):
             return
         self._go_on(state)
         if task is not None:
-            self._announce(self.listener.ended, task, event if isinstance(event, Raised) else event.value)
+            outcome = event if isinstance(event, Raised) else event.value
+            if task.deadline is not None and task.deadline <= time.monotonic():
+                outcome = Ending.DEADLINE
+            self._announce(self.listener.ended, task, outcome)
 
     def _go_on(self, state: _State) -> None:
         """Give a worker that has answered its next task."""

@@ -22,7 +22,7 @@ from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
 from planner_service.serve.app import create_app
 from planner_service.serve.connection import Connection
-from planner_service.serve.guard import LOOPBACK, Guard
+from planner_service.serve.guard import LOOPBACK, Guard, checked_origins
 from planner_service.serve.server import PlanningServer
 from planner_service.serve.state.store import Store
 from planner_service.serve.work import ServerWork
@@ -82,24 +82,33 @@ def new_server(settings: Settings) -> PlanningServer:
 
 
 def serve(
-    settings: Settings, *, host: str, port: int, token: str | None, started: Callable[[str], None] = lambda _: None
+    settings: Settings,
+    *,
+    host: str,
+    port: int,
+    token: str | None,
+    started: Callable[[str], None] = lambda _: None,
+    origins: Sequence[str] = (),
 ) -> None:
     """Serve until SIGINT or SIGTERM.
 
     Args:
         port: 0 for any that is free.
+        origins: Pages of these may use the server, such as http://localhost:5173.
         started: Called with the address once clients can connect.
 
     Raises:
-        InvalidRequest: As ``new_server``; the port is not free; or another address than a loopback one has no token.
+        InvalidRequest: As ``new_server``; an origin is none; the port is not free; or another address than a loopback
+            one has no token.
     """
     local = host in (*LOOPBACK, "::1")
     if not local and token is None:
         raise InvalidRequest("--host", host, "127.0.0.1, or a --token-file: others could use this server")
+    allowed = checked_origins(origins)
     with _listening(host, port) as listener:
         port = listener.getsockname()[1]
         server = new_server(settings)
-        app = Guard(create_app(server), token, Guard.loopback(port) if local else None)
+        app = Guard(create_app(server), token, Guard.loopback(port) if local else None, allowed)
         config = uvicorn.Config(
             app,
             log_config=None,

@@ -406,7 +406,10 @@ def _place(call: _Call, body: bodies.PlaceBody) -> Answer:
 
 def _pick_place(call: _Call, body: bodies.PickPlaceBody) -> Answer:
     request = call.request(body.plan_request)
-    task = plan_pick_place(call.service, body.target, body.onto, request, upright=body.upright, cancel=call.cancel)
+    poses, cancel = body.arguments["poses"], call.cancel
+    task = plan_pick_place(
+        call.service, body.target, body.onto, request, poses=poses, upright=body.upright, cancel=cancel
+    )
     return _task(call, SavedTask.of(task))
 
 

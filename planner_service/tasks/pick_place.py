@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import LEAVE, picked, placed
+from planner_service.tasks.primitives import LEAVE, picked, placed, require_poses
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 
@@ -34,12 +35,15 @@ def plan_pick_place(
     onto: str,
     request: PlanRequest,
     *,
+    poses: Sequence[Pose] | None = None,
     upright: float | None = None,
     cancel: CancelToken | None = None,
 ) -> TaskResult:
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
 
     Args:
+        onto: The obstacle that the object is set down on.
+        poses: Where the object may be set down, in the base frame, best first; None for the middle of ``onto``'s top.
         request: Its start is where the robot starts and returns to. Planner, timing, seed, scales, padding and limits
             are those of all motions; its goal is not used. Its ``time_limit`` holds for the pick, for the place and for
             the way home, its ``max_checks`` for each motion. A start that overlaps by a little is left first, by a
@@ -57,6 +61,8 @@ def plan_pick_place(
     obstacle, support = scene.obstacle(target), scene.obstacle(onto)
     if target == onto:
         raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
+    if poses is not None:
+        require_poses("poses", poses)
     picking = Handling(support=standing_on(scene, target), request=request, upright=upright, cancel=cancel)
     done, carrying = picked(service, request.start, target, top_grasps(service.robot, obstacle), picking)
     notes, segments, choosing = [f"pick: {note}" for note in done.notes], list(done.segments), done.choosing
@@ -65,7 +71,8 @@ def plan_pick_place(
         segments[first] = replace(segments[first], name="home -> pregrasp")
         back = segments[first].result.unwrap()[0].waypoints[0] if first else request.start
         placing = Handling(support=onto, request=request, cancel=cancel)
-        done, after = placed(carrying, done.q, target, places_on(obstacle, support), placing)
+        places = places_on(obstacle, support) if poses is None else poses
+        done, after = placed(carrying, done.q, target, places, placing)
         notes += [f"place: {note}" for note in done.notes]
         segments += done.segments
         choosing += done.choosing

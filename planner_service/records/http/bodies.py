@@ -39,13 +39,13 @@ from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.task_result import MAX_SUPPORT_GAP, Handling
 from planner_service.records.request import (
     MAX_GOALS,
+    ONE_OF_BOTH,
     JointGoal,
     PayloadRecord,
     PlannerRecord,
     RoomRecord,
     TimingRecord,
     ToolGoal,
-    goal_kind,
     goals_of,
 )
 from planner_service.records.result import ExemptRecord
@@ -220,9 +220,7 @@ class JointGoalBody(JointGoal):
     joints: Configuration
 
 
-GoalBody = Annotated[
-    Annotated[JointGoalBody, Tag("joints")] | Annotated[ToolGoalBody, Tag("tool")], Discriminator(goal_kind)
-]
+GoalBody = Annotated[Annotated[JointGoalBody, Tag("joints")] | Annotated[ToolGoalBody, Tag("tool")], ONE_OF_BOTH]
 Goals = Annotated[list[GoalBody], Field(min_length=1), at_most(MAX_GOALS)]
 
 
@@ -418,6 +416,7 @@ class PickPlaceBody(InWorld):
 
     target: Text
     onto: Text
+    poses: Poses | None = Field(default=None, description="Where it may be set down, best first; the middle of onto")
     start: Annotated[Configuration, Field(validate_default=True)] = "home"  # type: ignore[assignment]
     request: SettingsBody | None = None
     upright: float | None = None

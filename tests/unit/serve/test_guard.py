@@ -13,9 +13,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.serve import guard
-from planner_service.serve.guard import Guard
+from planner_service.serve.guard import Guard, checked_origins
 from planner_service.serve.run import read_token
 from tests.support.command import refused
 
@@ -61,6 +61,34 @@ def test_what_comes_from_elsewhere_or_is_too_large_is_refused(headers: dict[str,
 def test_what_comes_from_here_is_served() -> None:
     for headers in ({}, {"Origin": URL}, {"Host": "localhost:8080"}, {"Sec-Fetch-Site": "same-origin"}):
         assert asked(None, headers).status_code == 200
+
+
+def test_a_page_of_an_allowed_origin_may_use_the_server_and_no_other() -> None:
+    page = "http://localhost:5173"
+
+    async def ask(method: str, headers: Mapping[str, str]) -> httpx.Response:
+        guarded = Guard(app, TOKEN, Guard.loopback(8080), checked_origins([page]))
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app=guarded), base_url=URL) as client:
+            return await client.request(method, "/plans", headers=headers)
+
+    asks = {"Origin": page, "Access-Control-Request-Method": "POST", "Sec-Fetch-Site": "cross-site"}
+    before = asyncio.run(ask("OPTIONS", asks))
+    assert (before.status_code, before.headers["access-control-allow-origin"]) == (204, page)
+    assert "authorization" in before.headers["access-control-allow-headers"]
+    sent = {"Origin": page, "Sec-Fetch-Site": "cross-site", "Authorization": f"Bearer {TOKEN}"}
+    answer = asyncio.run(ask("GET", sent))
+    assert (answer.status_code, answer.headers["access-control-allow-origin"]) == (200, page)
+    assert asyncio.run(ask("GET", {**sent, "Authorization": "Bearer x"})).status_code == 401
+    for other in ("http://localhost:5174", "null", "https://localhost:5173"):
+        refusal = asyncio.run(ask("OPTIONS", {**asks, "Origin": other}))
+        assert refusal.status_code == 403
+        assert "access-control-allow-origin" not in refusal.headers
+
+
+@pytest.mark.parametrize("origin", ["*", "localhost:5173", "http://localhost:5173/", "ftp://localhost", "http://a b"])
+def test_what_is_no_origin_is_not_allowed(origin: str) -> None:
+    with pytest.raises(InvalidRequest, match="an origin, such as"):
+        checked_origins([origin])
 
 
 def test_a_body_that_grows_too_large_is_refused_though_it_did_not_say_so(monkeypatch: pytest.MonkeyPatch) -> None:

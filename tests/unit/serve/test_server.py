@@ -22,6 +22,7 @@ import pytest
 
 from planner_service.records.exports.formats import How, exported
 from planner_service.records.plan_file import load_plan
+from planner_service.robot_setup.loading import load_robot
 from tests.support.optional import present
 
 pytestmark = pytest.mark.slow
@@ -192,6 +193,26 @@ def test_stages_are_told_in_their_order_also_to_those_who_come_late(server: Serv
     text = server.client.get("/metrics").text
     assert 'planner_service_ended_total{kind="plans",reason="OK"}' in text
     assert 'planner_service_checks_total{what="states"}' in text
+
+
+def test_an_answer_after_its_deadline_is_none(server: Server) -> None:
+    late = server.post("plans", {**PLAN, "deadline": 0.001})
+    assert late.json()["result"]["failure"]["reason"] == "TIMED_OUT"
+
+
+@pytest.mark.parametrize("goal", [{"joint": GOAL}, {}, 5, "home", {"joints": GOAL, "pose": {}}])
+def test_a_goal_that_is_of_neither_kind_says_what_a_goal_is(server: Server, goal: Any) -> None:
+    refused = server.post("plans", {"scene": "bin", "request": {"start": "home", "goals": [goal]}})
+    assert "with joints, the values or the name of a pose, or with pose" in refused.json()["detail"]
+
+
+def test_an_object_is_set_down_at_a_pose(server: Server) -> None:
+    there = {"position": [0.22, 0.3, 0.0325], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    done = server.post("pick_place", {"scene": "bin", "target": "blue_block", "onto": "tray", "poses": [there]}).json()
+    assert done["failure"] is None
+    motions = {each["name"]: each for each in done["segments"]}
+    tool = load_robot("wxai").tool_pose(motions["retreat"]["result"]["path"]["waypoints"][0])
+    assert tool[:2, 3].tolist() == pytest.approx(there["position"][:2], abs=1e-3)
 
 
 # Motions ready to run.
