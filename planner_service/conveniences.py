@@ -30,7 +30,7 @@ def _show_page(*shown: Any, **where: Any) -> OpenPage:
 @recording_bytes.by
 def _recording_bytes(form: str, *shown: Any, dt: float) -> bytes:
     """Of formats of export that show robot and scene."""
-    from planner_service.view import mcap_recording, rerun_recording
+    from planner_service.view.recordings import mcap_recording, rerun_recording
 
     return (rerun_recording.rerun_bytes if form == "rrd" else mcap_recording.mcap_bytes)(*shown, dt=dt)
 

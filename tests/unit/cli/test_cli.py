@@ -33,7 +33,7 @@ from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, standing_on
-from planner_service.view.rerun_recording import rerun_bytes
+from planner_service.view.recordings.rerun_recording import rerun_bytes
 from tests.support.command import document, refused, run
 from tests.support.optional import present
 

@@ -12,7 +12,7 @@ import pytest
 from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.records.evidence import save_plan
 from planner_service.view.playback import Playback
-from planner_service.view.rerun_recording import write_rerun
+from planner_service.view.recordings.rerun_recording import write_rerun
 from tests.support.command import run
 from tests.support.optional import present
 

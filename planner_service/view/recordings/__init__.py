@@ -1,0 +1,1 @@
+"""Motions as recordings for other viewers: Foxglove and Rerun."""
