@@ -161,11 +161,12 @@ class _Judges:
     def hulls(self, finding: Mapping[str, Any]) -> str:
         """Each of the links is in a pair whose hulls touch and whose triangles do not."""
         from planner_service import CollisionChecker, Scene, load_robot
+        from planner_service.robot_setup.self_collision_matrix import draws
 
         hulls = load_robot(self.source, cut_meshes=False)
         checker, judge = CollisionChecker(hulls, Scene()), self._checker(hulls)
         left = set(finding["links"])
-        for q in self._draws(hulls):
+        for q in draws(hulls, STATES):  # rare ones are named, too: in the states in which they were seen
             pairs = [pair for pair in checker.touching(q) if left.intersection(pair)]
             gaps = {frozenset(pair): gap for pair, gap in judge.gaps(q).items()} if pairs else {}
             left -= {link for pair in pairs if gaps.get(frozenset(pair), 0.0) > CONTACT for link in pair}
