@@ -126,7 +126,9 @@ class _Polyline:
         if laid is None:
             raise _not_finite(points)
         kept, knots, tangents, turns = laid
-        return cls(frozen(points if kept is None else points[kept]), knots, tangents, turns)
+        points = points if kept is None else points[kept]
+        points.flags.writeable = False
+        return cls(points, knots, tangents, turns)
 
     @cached_property
     def lengths(self) -> FloatArray:
@@ -225,7 +227,9 @@ class JointPath:
     @cached_property
     def blended(self) -> BoolArray:
         """Which of the m pieces between breaks are blends, shape (m,)."""
-        return frozen(self._rows >= 0)
+        blended: BoolArray = self._rows >= 0
+        blended.flags.writeable = False
+        return blended
 
     @cached_property
     def _curves(self) -> Blends:

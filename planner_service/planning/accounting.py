@@ -99,6 +99,14 @@ class NoPlan(Exception):
         self.no_path = no_path
 
 
+class StageEntry:
+    """What a running stage will report: a note for a person, and the length of the path after it."""
+
+    def __init__(self) -> None:
+        self.note = ""
+        self.length: float | None = None
+
+
 @dataclass(eq=False)
 class PlanAccounting:
     """The stages of one call as they happen, and its result at the end; of the thread that it is made in.
@@ -193,15 +201,30 @@ class PlanAccounting:
             reason = Reason.START_EXCEEDS_TORQUE if end == "start" else Reason.GOAL_EXCEEDS_TORQUE
             raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end}: {objection}"))
 
-    def during(self, stage: Stage, *, improving: str = "") -> StageEntry:
-        """Charge what a block costs to ``stage``, however it ends; a stage entered again adds up.
+    @contextmanager
+    def during(self, stage: Stage, *, improving: str = "") -> Iterator[StageEntry]:
+        """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up.
 
         Args:
             improving: What the block does to a path which is a plan without it, such as "shortened": a limit then ends
                 the block alone, and the entry says so.
         """
         self._stage = stage
-        return StageEntry(self, stage, improving)
+        entry, tally, clock = StageEntry(), self.tally, time.perf_counter()
+        states, edges, distances, projections = tally.states, tally.edges, tally.distances, tally.projections
+        try:
+            yield entry
+        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+            if not improving:
+                raise
+            self.stopped_by(stopped)
+            entry.note = f"not {improving}: {stopped}"
+        finally:
+            if self.projector is not None:
+                tally.projections += self.projector.take()
+            judged = tally.states - states, tally.edges - edges
+            spent = CheckCounts(*judged, tally.distances - distances, tally.projections - projections)
+            self.add(StageReport(stage, spent, time.perf_counter() - clock, entry.length, entry.note))
 
     def add(self, report: StageReport) -> None:
         """Add what a stage has cost to what it has cost before, and tell those who want to know."""
@@ -355,42 +378,6 @@ class PlanAccounting:
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
         return tuple((a, b, count / total) for (a, b), count in worst)
-
-
-class StageEntry:
-    """A stage that runs while it is entered; in the end its accounting is told what it has cost.
-
-    Attributes:
-        note: What happened, for a person.
-        length: Of the path after the stage.
-    """
-
-    def __init__(self, accounting: PlanAccounting, stage: Stage, improving: str) -> None:
-        self._accounting, self._stage, self._improving = accounting, stage, improving
-        self.note = ""
-        self.length: float | None = None
-
-    def __enter__(self) -> StageEntry:
-        tally, self._clock = self._accounting.tally, time.perf_counter()
-        self._before = tally.states, tally.edges, tally.distances, tally.projections
-        return self
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool | None:
-        accounting, tally = self._accounting, self._accounting.tally
-        improved = None
-        if self._improving and isinstance(error, CheckBudgetSpent | TimeBoxSpent):
-            improved = True
-            accounting.stopped_by(error)
-            self.note = f"not {self._improving}: {error}"
-        if accounting.projector is not None:
-            tally.projections += accounting.projector.take()
-        states, edges, distances, projections = self._before
-        spent = CheckCounts(
-            tally.states - states, tally.edges - edges, tally.distances - distances, tally.projections - projections
-        )
-        seconds = time.perf_counter() - self._clock
-        accounting.add(StageReport(self._stage, spent, seconds, self.length, self.note))
-        return improved
 
 
 @dataclass(frozen=True, eq=False)
