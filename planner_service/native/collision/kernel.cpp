@@ -58,15 +58,6 @@ void require_finite(const double* values, std::size_t count) {
 
 void require_finite(const Rows& rows) { require_finite(rows.data(), rows.shape(0) * rows.shape(1)); }
 
-// Half lengths of the box around a solid along the world's axes.
-void reach_of(const Solid& s, const double* R, double* out) {
-    for (int i = 0; i < 3; ++i) {
-        const double* row = R + 3 * i;
-        out[i] = s.ball + s.disc * std::sqrt(row[0] * row[0] + row[1] * row[1]);
-        for (int k = 0; k < 3; ++k) out[i] += std::fabs(row[k]) * s.half[k];
-    }
-}
-
 // ``Near`` as arrays.
 struct NearArrays {
     nb::object rows, pairs, distances, points, gradients;
@@ -103,6 +94,7 @@ class Kernel {
         add_parts(bodies_and_poses, solids);
         add_pairs(runs, pairs);
         build_nodes(model_);
+        build_groups(model_);
     }
 
     const char* variant() const { return variant_->name; }

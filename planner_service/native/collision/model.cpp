@@ -60,6 +60,63 @@ void build_nodes(Model& model) {
     if (!model.standers.empty()) split(model, 0, static_cast<int>(model.standers.size()));
 }
 
+void reach_of(const Solid& s, const double* R, double* out) {
+    for (int i = 0; i < 3; ++i) {
+        const double* row = R + 3 * i;
+        out[i] = s.ball + s.disc * std::sqrt(row[0] * row[0] + row[1] * row[1]);
+        for (int k = 0; k < 3; ++k) out[i] += std::fabs(row[k]) * s.half[k];
+    }
+}
+
+namespace {
+
+// A box along the axes of the body around riders of it. The slack is for rounding, and for a ball, which a rotation that
+// is not quite orthonormal leaves as it is, but not the box around it.
+Rider cover_of(const std::vector<Rider>& riders, std::size_t first, std::size_t end) {
+    Rider out{};
+    out.solid.hull = -1;
+    out.body = riders[first].body;
+    for (int k = 0; k < 9; ++k) out.rotation[k] = k % 4 == 0 ? 1.0 : 0.0;
+    double low[3] = {1e300, 1e300, 1e300}, high[3] = {-1e300, -1e300, -1e300};
+    for (std::size_t i = first; i < end; ++i) {
+        const Rider& rider = riders[i];
+        double reach[3];
+        reach_of(rider.solid, rider.rotation, reach);
+        for (int k = 0; k < 3; ++k) {
+            const double half = reach[k] + MOTION_SLACK + (ORTHONORMAL - 1.0) * rider.solid.ball;
+            low[k] = std::min(low[k], rider.position[k] - half);
+            high[k] = std::max(high[k], rider.position[k] + half);
+        }
+        out.meets_world = out.meets_world || rider.meets_world;
+    }
+    for (int k = 0; k < 3; ++k) {
+        out.position[k] = 0.5 * (low[k] + high[k]);
+        out.solid.half[k] = 0.5 * (high[k] - low[k]);
+    }
+    return out;
+}
+
+}  // namespace
+
+void build_groups(Model& model) {
+    const auto& riders = model.riders;
+    std::vector<int> group_of;
+    for (std::size_t first = 0, end = 0; first < riders.size(); first = end) {
+        while (end < riders.size() && riders[end].body == riders[first].body) ++end;
+        group_of.resize(end, static_cast<int>(model.groups.size()));
+        model.groups.push_back({static_cast<int>(first), static_cast<int>(end), cover_of(riders, first, end)});
+    }
+    for (std::size_t i = 0; i < riders.size(); ++i) {
+        model.run_from.push_back(static_cast<int>(model.own_runs.size()));
+        for (int k = model.own_from[i]; k < model.own_from[i + 1]; ++k) {
+            const int group = group_of[static_cast<std::size_t>(model.own_pairs[static_cast<std::size_t>(k)].second)];
+            if (k == model.own_from[i] || model.own_runs.back().group != group) model.own_runs.push_back({k, k, group});
+            model.own_runs.back().end = k + 1;
+        }
+    }
+    model.run_from.push_back(static_cast<int>(model.own_runs.size()));
+}
+
 // A turn moves no point of a rider farther than that is from the axis, which goes through the origin of the joint's own
 // body; a slide moves all points alike.
 void bound_motion(Model& model, const std::vector<double>& lower, const std::vector<double>& upper) {

@@ -100,6 +100,19 @@ struct OwnPair {
     int table;  // -1: none
 };
 
+// Riders of one body that follow each other, [first, end), and a box around them that rides as they do. What is apart
+// from the box is apart from all of them.
+struct Group {
+    int first, end;
+    Rider cover;
+    bool alone() const { return end - first == 1; }  // then the rider is its own cover
+};
+
+// Own pairs of one rider that follow each other, [first, end), whose second is of one group.
+struct OwnRun {
+    int first, end, group;
+};
+
 // Where an own pair is proven apart, by the two joints that move its solids to each other.
 struct Table {
     int joint[2], cells[2];
@@ -121,6 +134,9 @@ struct Model {
     std::vector<float> rounded_corners;
     std::vector<OwnPair> own_pairs;  // by their first
     std::vector<int> own_from;       // of a rider: where those begin of which it is the first; and where all end
+    std::vector<Group> groups;       // of all riders, in their order
+    std::vector<OwnRun> own_runs;    // of all own pairs, in their order
+    std::vector<int> run_from;       // of a rider: where its own runs begin; and where all end
     std::vector<Table> tables;
     std::vector<double> reach;   // riders x joints: metres that a joint moves any point of a rider per unit of q; 0: none
     std::vector<double> travel;  // of each entry of q: how far from 0 it may be for that to hold
@@ -140,8 +156,14 @@ struct Model {
     }
 };
 
+// Half lengths of the box around a solid along the axes in which its rotation is given.
+void reach_of(const Solid& solid, const double* rotation, double* out);
+
 // Sorts ``standers`` into ``nodes``.
 void build_nodes(Model& model);
+
+// Finds the groups of ``riders``, and the runs of ``own_pairs``.
+void build_groups(Model& model);
 
 constexpr double MOTION_SLACK = 1e-9;  // metres: what rounding does to places, and more
 
