@@ -20,7 +20,7 @@ class Space {
         : lower_(std::move(lower)), upper_(std::move(upper)), weights_(std::move(weights)), projector_(projector) {}
 
     std::size_t dof() const { return lower_.size(); }
-    double weight(std::size_t joint) const { return weights_[joint]; }
+    const Configuration& weights() const { return weights_; }
     // What keeps constraints; null without any.
     constraints::Projector* projector() const { return projector_; }
 

@@ -1,6 +1,7 @@
 #include "tree.hpp"
 
 #include <algorithm>
+#include <cstring>
 
 namespace search {
 
@@ -8,6 +9,76 @@ namespace {
 
 constexpr double FAR_AWAY = 1e100;  // farther than any node
 constexpr std::size_t SIDE_BY_SIDE = 8;
+
+// Configurations as ``Tree`` keeps them; behind the last are FAR_AWAY ones.
+struct Columns {
+    const double *values, *weights;
+    std::size_t capacity, dof, count;
+};
+
+using Nearest = int (*)(const Columns& columns, const double* q, double& squared);
+
+// ``Tree::nearest`` in registers of WIDTH numbers. Each distance is summed joint by joint, without fused operations, and
+// the first of several that are nearest is found: the same bits and node whatever the width.
+template <int WIDTH>
+inline __attribute__((always_inline)) int nearest_in(const Columns& columns, const double* q, double& squared) {
+    typedef double Register __attribute__((vector_size(8 * WIDTH)));
+    constexpr std::size_t PARTS = SIDE_BY_SIDE / WIDTH;
+    Register best[PARTS], where[PARTS];
+    for (std::size_t p = 0; p < PARTS; ++p) {
+        best[p] = Register{} + std::numeric_limits<double>::infinity();
+        where[p] = Register{};
+    }
+    for (std::size_t first = 0; first < columns.count; first += SIDE_BY_SIDE) {
+        Register total[PARTS] = {};
+        for (std::size_t k = 0; k < columns.dof; ++k)
+            for (std::size_t p = 0; p < PARTS; ++p) {
+                Register values;
+                std::memcpy(&values, columns.values + k * columns.capacity + first + p * WIDTH, sizeof values);
+                const Register difference = q[k] - values;
+                total[p] = total[p] + columns.weights[k] * (difference * difference);
+            }
+        for (std::size_t p = 0; p < PARTS; ++p) {
+            const auto nearer = total[p] < best[p];
+            best[p] = nearer ? total[p] : best[p];
+            where[p] = nearer ? Register{} + static_cast<double>(first) : where[p];
+        }
+    }
+    double distances[SIDE_BY_SIDE], firsts[SIDE_BY_SIDE];
+    std::memcpy(distances, best, sizeof distances);
+    std::memcpy(firsts, where, sizeof firsts);
+    int found = 0;
+    squared = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < SIDE_BY_SIDE; ++i) {
+        const int node = static_cast<int>(firsts[i]) + static_cast<int>(i);
+        if (!(distances[i] < squared || (distances[i] == squared && node < found))) continue;
+        squared = distances[i];
+        found = node;
+    }
+    return found;
+}
+
+int nearest_baseline(const Columns& columns, const double* q, double& squared) { return nearest_in<2>(columns, q, squared); }
+
+#ifdef KERNEL_X86
+__attribute__((target("avx2"))) int nearest_avx2(const Columns& columns, const double* q, double& squared) {
+    return nearest_in<4>(columns, q, squared);
+}
+
+__attribute__((target("avx512f"))) int nearest_avx512(const Columns& columns, const double* q, double& squared) {
+    return nearest_in<8>(columns, q, squared);
+}
+#endif
+
+// The one for the widest registers of this processor.
+Nearest fastest() {
+#ifdef KERNEL_X86
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f")) return nearest_avx512;
+    if (__builtin_cpu_supports("avx2")) return nearest_avx2;
+#endif
+    return nearest_baseline;
+}
 
 }  // namespace
 
@@ -34,25 +105,8 @@ void Tree::get(int node, Configuration& q) const {
 }
 
 int Tree::nearest(const Configuration& q, double& squared) const {
-    squared = std::numeric_limits<double>::infinity();
-    std::size_t found = 0;
-    for (std::size_t first = 0; first < parents_.size(); first += SIDE_BY_SIDE) {
-        double distances[SIDE_BY_SIDE] = {};
-        for (std::size_t k = 0; k < dof_; ++k) {
-            const double* values = column(k) + first;
-            const double weight = space_.weight(k);
-            for (std::size_t i = 0; i < SIDE_BY_SIDE; ++i) distances[i] += weight * ((q[k] - values[i]) * (q[k] - values[i]));
-        }
-        double least = distances[0];
-        for (std::size_t i = 1; i < SIDE_BY_SIDE; ++i) least = distances[i] < least ? distances[i] : least;
-        if (!(least < squared)) continue;
-        for (std::size_t i = 0; i < SIDE_BY_SIDE; ++i)
-            if (distances[i] < squared) {
-                squared = distances[i];
-                found = first + i;
-            }
-    }
-    return static_cast<int>(found);
+    static const Nearest nearest_of = fastest();
+    return nearest_of(Columns{values_.data(), space_.weights().data(), capacity_, dof_, parents_.size()}, q.data(), squared);
 }
 
 void Tree::cut(int node) {
