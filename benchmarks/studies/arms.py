@@ -26,14 +26,17 @@ from benchmarks.baselines.peers.jobs import Task
 from benchmarks.baselines.peers.running import path_of, replies_of
 from benchmarks.baselines.peers.versions import HERE, THEN, version_here, version_then
 from benchmarks.harness.audit import JOINT_STEP, Auditor, instants
-from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, p95, spread, table_of
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, merged, p50, p95, spread, table_of
 from benchmarks.harness.suite import PUBLIC, Motion
+from benchmarks.studies import lengths
 from benchmarks.worlds.foreign import table_of_robot
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.records import read_problems
 
-__all__ = ["SHARES", "run"]
+__all__ = ["PARTS", "SHARES", "arms_in", "run"]
+
+PARTS = ("plans", "lengths")
 
 SHARES: Mapping[str, tuple[float, float]] = {
     "panda": (0.45, 0.35),
@@ -87,10 +90,17 @@ def arms_in(folder: Path | None, robot: str | None) -> list[Arm]:
     return [found[robot]]
 
 
-def run(seeds: int = 5, robot: str | None = None, problems: Path | None = None, against: Path | None = None) -> Report:
+def run(
+    seeds: int = 5,
+    robot: str | None = None,
+    problems: Path | None = None,
+    against: Path | None = None,
+    part: str | None = None,
+) -> Report:
     """Plan the problems of all arms with each seed; an hour for four arms and two versions.
 
     Args:
+        part: One of ``PARTS``.
         problems: The folder of the arms that are not here.
         against: The python of an environment with the version to compare with; none if not given.
 
@@ -99,11 +109,24 @@ def run(seeds: int = 5, robot: str | None = None, problems: Path | None = None, 
     """
     if not seeds:
         raise ps.InvalidRequest("--seeds", seeds, "at least 1")
+    arms = arms_in(problems, robot)
+    reports = [_plans(arms, seeds, against)] if part in (None, "plans") else []
+    if part in (None, "lengths"):
+        reports.append(lengths.shown([row for arm in arms for row in _length_rows(arm, seeds)]))
+    return merged("arms", reports)
+
+
+def _length_rows(arm: Arm, seeds: int) -> Iterator[Row]:
+    return lengths.rows_of(arm.name, ps.load_robot(arm.source), read_problems(arm.problems).problems, seeds)
+
+
+def _plans(arms: Sequence[Arm], seeds: int, against: Path | None) -> Report:
+    """Plan the problems of these arms, and what came of it."""
     versions = [version_here()] if against is None else [version_here(), version_then(against)]
     once = {"default": {"turns": 1}}
     versions = [replace(version, peer=replace(version.peer, planners=once)) for version in versions]
     vamp, rows = Environment.of(PEERS[VAMP]), list[Row]()
-    for arm in arms_in(problems, robot):
+    for arm in arms:
         with_vamp = arm.name == "panda" and (vamp.ready or vamp.install() == "installed")
         rows += rows_in_turn(arm, [*versions, vamp] if with_vamp else versions, seeds)
     lines = [_line(*key, here) for key, here in _by_arm(rows).items()]
