@@ -23,8 +23,8 @@ from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Ends, padded_ends
-from planner_service.planning.improvement import Rounds
 from planner_service.planning.kept_padding import free_but_for
+from planner_service.planning.polishing import Rounds
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from benchmarks.harness.suite import PUBLIC
 from planner_service import InvalidRequest, Optimise, PlannerService, PlanRequest, Roadmap, Stage
 from planner_service.geometry.arrays import FloatArray
-from planner_service.planning.improvement import nearer
+from planner_service.planning.polishing import nearer
 from planner_service.planning.result import ImproveReport
 from planner_service.records import read_problems
 from tests.support.discs import DiscWorld, across
