@@ -78,6 +78,7 @@ struct Model {
     std::vector<Piece> pieces;
     std::vector<Link> links;
     std::vector<Pair> pairs;
+    std::size_t judged = 0;  // of these, without bundles
 };
 
 // A lower bound of the signed gap of a pair, and the unit direction, in the axes of its second piece, that proves it.

@@ -360,6 +360,7 @@ class Prover {
             pair.child = whole(row[4], 0, count, "no such pair");
             pair.children = whole(row[5], 0, count - pair.child, "no such pair");
             model_.pairs.push_back(pair);
+            model_.judged += pair.leaf() ? 1 : 0;
         }
         std::vector<bool> child(model_.pairs.size(), false);
         for (const Pair& pair : model_.pairs)

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace proof {
 
@@ -175,6 +176,29 @@ double Places::spheres_apart(const Pair& pair, std::size_t node) {
     const double radii = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius +
                          model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius;
     return std::sqrt(x * x + y * y + z * z) * (1.0 - model_.terms.rounding) - radii;
+}
+
+Bound Places::sphere_apart(const Pair& pair, std::size_t node) {
+    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
+    const Solid& b = model_.pieces[static_cast<std::size_t>(pair.second)].solid;
+    const double delta[3] = {A[3] - B[3], A[7] - B[7], A[11] - B[11]};
+    double x[3];
+    for (int i = 0; i < 3; ++i) x[i] = B[i] * delta[0] + B[4 + i] * delta[1] + B[8 + i] * delta[2];
+    double around = b.radius;
+    if (b.hull == nullptr) {  // from the point of its core nearest to the sphere's centre
+        around = b.ball;
+        for (int i = 0; i < 3; ++i) x[i] -= std::min(std::max(x[i], -b.half[i]), b.half[i]);
+        if (b.disc > 0.0) {
+            const double across = std::sqrt(x[0] * x[0] + x[1] * x[1]);
+            const double share = across > b.disc ? 1.0 - b.disc / across : 0.0;
+            x[0] *= share;
+            x[1] *= share;
+        }
+    }
+    const double length = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+    const double radii = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius + around;
+    if (!(length > 0.0)) return {-std::numeric_limits<double>::infinity(), {}};
+    return {length * (1.0 - model_.terms.rounding) - radii, {x[0] / length, x[1] / length, x[2] / length}};
 }
 
 bool Places::spheres_clear(const Pair& pair, double enough) {

@@ -26,6 +26,8 @@ class Places {
 
     Facing facing(const Pair& pair, std::size_t node);
     double spheres_apart(const Pair& pair, std::size_t node);
+    // A cheap bound: of the sphere around the first piece against the second, or the sphere around a hull.
+    Bound sphere_apart(const Pair& pair, std::size_t node);
 
     // How far the pieces of a pair move against each other from node a to node b, at most; that stretch has a number
     // below the count with which stretches were last begun.

@@ -10,6 +10,11 @@ namespace {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr std::size_t FEW = 64;  // nodes that are not worth forgetting
+constexpr std::size_t NOWHERE = std::numeric_limits<std::size_t>::max();
+
+constexpr std::size_t HALVINGS = 3;                                    // of a span, to look at spheres
+constexpr std::size_t PARTS = (std::size_t{1} << (HALVINGS + 2)) - 1;   // of a span, with the halves of the smallest
+constexpr std::size_t NODES = (std::size_t{1} << (HALVINGS + 1)) + 1;   // at their ends
 
 }  // namespace
 
@@ -31,11 +36,17 @@ Tree::Tree(const Model& model, const Variant& variant, const Curve& curve, doubl
 
 Outcome Tree::run(const std::vector<Span>& spans, std::vector<Root> roots) {
     out_.proven = INFINITE;
-    std::size_t leaves = 0;
-    for (const Pair& pair : model_.pairs) leaves += pair.leaf() ? 1U : 0U;
-    out_.most = static_cast<std::int64_t>(terms_.most) + 10 * static_cast<std::int64_t>(std::max(roots.size(), leaves));
-    if (curve_.length() > 0.0) drop_far(spans, roots);
-    bool going = root(spans, roots);
+    out_.most = static_cast<std::int64_t>(terms_.most) + 10 * static_cast<std::int64_t>(std::max(roots.size(), model_.judged));
+    spans_ = spans;
+    stretches_.assign(spans.size() * PARTS, {NOWHERE, NOWHERE});
+    nodes_.assign(spans.size() * NODES, NOWHERE);
+    places_.begin_stretches(stretches_.size());
+    // The robot's own pairs first: how near these are says which others are far.
+    const auto standing = std::stable_partition(roots.begin(), roots.end(), [this](const Root& root) {
+        return static_cast<std::size_t>(pair_of(root.pair).second) < model_.riding;
+    });
+    bool going = begin({roots.begin(), standing}) && begin({standing, roots.end()});
+    if (going) keep();
     std::vector<bool> splitting;
     while (going && !rows_.empty()) {
         splitting.clear();
@@ -67,104 +78,136 @@ std::size_t Tree::place(double s) {
     return places_.add(s, q_.data(), travel_.data());
 }
 
-// Roots whose bounding spheres are far apart all along are proven.
-void Tree::drop_far(const std::vector<Span>& spans, std::vector<Root>& roots) {
-    const std::size_t count = spans.size();
-    for (const Span& span : spans) place(span.start);
-    for (const Span& span : spans) place(0.5 * (span.start + span.end));
-    for (const Span& span : spans) place(span.end);
-    charge_.bounds(static_cast<std::int64_t>(roots.size()));
-    out_.asked += static_cast<std::int64_t>(roots.size());
-    places_.begin_stretches(2 * count);
-    const double wanted = std::max(enough_, terms_.far);
-    std::size_t left = 0;
+// What spheres and looks at both ends leave open of some roots.
+bool Tree::begin(const std::vector<Root>& roots) {
+    const std::size_t first = rows_.size();
     for (const Root& root : roots) {
-        const Pair& pair = pair_of(root.pair);
-        const std::size_t k = root.span, middle = count + k;
-        const double apart = places_.spheres_apart(pair, middle);
-        const double one = places_.pair_motion(pair, k, k, middle);
-        const double two = places_.pair_motion(pair, count + k, middle, 2 * count + k);
-        if (apart - one >= wanted && apart - two >= wanted) {  // both: what is no number proves nothing
-            out_.proven = std::min(out_.proven, apart - std::max(one, two));
-            if (trail_ == nullptr) continue;
-            const Facing facing = places_.facing(pair, middle);
-            const double* x = facing.x;
-            const double length = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]), none[3] = {};
-            const double n[3] = {x[0] / length, x[1] / length, x[2] / length};
-            note(root.pair, spans[k].start, places_.s(middle), none, n);
-            note(root.pair, places_.s(middle), spans[k].end, n, none);
-        } else {
-            roots[left++] = root;
-        }
+        const std::int64_t asked = out_.asked;
+        if (!(spans_[root.span].end > spans_[root.span].start) || sift(root.pair, {root.span, 0, 0}))
+            leave(root.pair, {root.span, 0, 0});
+        charge_.bounds(out_.asked - asked);
     }
-    roots.resize(left);
-    places_.clear();
+    return ends(rows_, first, 0, terms_.near);
 }
 
-// What both ends of each span leave open.
-bool Tree::root(const std::vector<Span>& spans, const std::vector<Root>& roots) {
-    std::vector<double> s;
-    for (const Span& span : spans) {
-        s.push_back(span.start);
-        s.push_back(span.end);
-    }
-    std::sort(s.begin(), s.end());
-    s.erase(std::unique(s.begin(), s.end()), s.end());
-    for (const double each : s) place(each);
-    const auto node = [&](double at) {
-        return static_cast<std::size_t>(std::lower_bound(s.begin(), s.end(), at) - s.begin());
-    };
-    for (const Span& span : spans) stretches_.push_back({node(span.start), node(span.end)});
-    for (const Root& root : roots) rows_.push_back({root.pair, root.span, 0.0, {}, {}});
-    const int ends = s.size() > 1 ? 2 : 1;  // a point has one end
-    for (int end = 0; end < ends; ++end) {
+// Bounds at both ends of rows from ``first`` on, at the second only where the first does not suffice. ``hints`` is 2 if
+// those of the rows have directions to try, else 0.
+bool Tree::ends(std::vector<Row>& rows, std::size_t first, int hints, double close) {
+    for (int end = 0; end < 2; ++end) {
         std::vector<Ask> asks;
-        for (const Root& root : roots)
-            asks.push_back({root.pair, end == 0 ? stretches_[root.span].left : stretches_[root.span].right});
-        const Judged found = judge(asks, {}, 0, terms_.near);
+        std::vector<double> tries;
+        std::vector<std::size_t> which;
+        for (std::size_t k = first; k < rows.size(); ++k) {
+            const Row& row = rows[k];
+            const Stretch& stretch = stretches_[row.stretch];
+            if (end == 1 && (stretch.right == stretch.left || row.before.gap - row.motion >= spare())) continue;
+            asks.push_back({row.pair, end == 0 ? stretch.left : stretch.right});
+            which.push_back(k);
+            const double* last = end == 0 ? row.before.n : row.after.n;
+            const double* other = end == 0 ? row.after.n : row.before.n;
+            if (hints > 0) tries.insert(tries.end(), {other[0], other[1], other[2], last[0], last[1], last[2]});
+        }
+        const Judged found = judge(asks, tries, hints, close, [&](std::size_t k, const Bound& bound) {
+            const Row& row = rows[which[k]];
+            return end == 0 ? bound.gap - row.motion >= spare() : shut(row.before, bound, row.motion);
+        });
         if (found.bad >= 0) {
             const Ask& ask = asks[static_cast<std::size_t>(found.bad)];
             const double at = places_.s(ask.node);
             return obstructed(ask.pair, found.ends[static_cast<std::size_t>(found.bad)], {at, at}, at);
         }
-        for (std::size_t k = 0; k < rows_.size(); ++k) {
-            if (end == 0) rows_[k].before = found.ends[k];
-            rows_[k].after = found.ends[k];
-        }
+        for (std::size_t k = 0; k < which.size(); ++k) (end == 0 ? rows[which[k]].before : rows[which[k]].after) = found.ends[k];
     }
-    keep();
+    for (std::size_t k = first; k < rows.size(); ++k) {
+        Row& row = rows[k];
+        const Stretch& stretch = stretches_[row.stretch];
+        if (stretch.right == stretch.left) row.after = row.before;
+        else if (row.before.gap - row.motion >= spare()) row.after = {row.before.gap - row.motion, {}};  // follows from it
+    }
     return true;
+}
+
+// Looks at the sphere around the first piece in the middle of a part of a span. Returns whether all of the part stays
+// open; if not, what stays open of it is among the rows.
+//
+// A bundle is opened where it is larger than the motion or, if the sphere is near, than that sphere. What is near stays
+// open: halving brings it no farther. The rest is halved.
+bool Tree::sift(int number, const Part& part) {
+    const Pair& pair = pair_of(number);
+    const Part one{part.span, part.level + 1, 2 * part.index}, two{part.span, part.level + 1, 2 * part.index + 1};
+    const Stretch &left = stretch_of(one), &right = stretch_of(two);
+    const Bound found = places_.sphere_apart(pair, left.right);
+    ++out_.asked;
+    const double before = places_.pair_motion(pair, number_of(one), left.left, left.right);
+    const double after = places_.pair_motion(pair, number_of(two), right.left, right.right);
+    const double motion = std::max(before, after), wanted = std::max(enough_, std::min(terms_.far, smallest_));
+    if (found.gap - before >= wanted && found.gap - after >= wanted) {  // both: what is no number proves nothing
+        out_.proven = std::min(out_.proven, found.gap - motion);
+        const double none[3] = {};
+        note(number, places_.s(left.left), places_.s(left.right), none, found.n);
+        note(number, places_.s(right.left), places_.s(right.right), found.n, none);
+        return false;
+    }
+    const bool near = found.gap < wanted;
+    const double size = near ? model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius : motion;
+    if (!pair.leaf() && size_of(pair) >= size) {
+        for (int child = pair.child; child < pair.child + pair.children; ++child)
+            if (sift(child, part)) leave(child, part);
+        return false;
+    }
+    if (near || part.level == HALVINGS) return true;
+    const bool first = sift(number, one), second = sift(number, two);
+    if (first && second) return true;
+    if (first) leave(number, one);
+    if (second) leave(number, two);
+    return false;
+}
+
+// A part of a span that is to be looked at more closely.
+void Tree::leave(int number, const Part& part) {
+    const Stretch& stretch = stretch_of(part);
+    const double motion = places_.pair_motion(pair_of(number), number_of(part), stretch.left, stretch.right);
+    rows_.push_back({number, number_of(part), motion, {}, {}});
+}
+
+std::size_t Tree::number_of(const Part& part) const {
+    return part.span * PARTS + ((std::size_t{1} << part.level) - 1) + part.index;
+}
+
+const Tree::Stretch& Tree::stretch_of(const Part& part) {
+    Stretch& out = stretches_[number_of(part)];
+    if (out.left != NOWHERE) return out;
+    const std::size_t step = (NODES - 1) >> part.level;
+    const auto node = [&](std::size_t index) {
+        const Span& span = spans_[part.span];
+        if (!(span.end > span.start)) index = 0;
+        std::size_t& found = nodes_[part.span * NODES + index];
+        const double share = static_cast<double>(index) / static_cast<double>(NODES - 1);
+        if (found == NOWHERE) found = place(index == NODES - 1 ? span.end : span.start + share * (span.end - span.start));
+        return found;
+    };
+    out = {node(part.index * step), node((part.index + 1) * step)};
+    return out;
 }
 
 // The same with some pairs replaced by their children, as far as these are not proven.
 bool Tree::split(const std::vector<bool>& splitting) {
     std::vector<Row> rest, fresh;
-    std::vector<double> hints;
+    places_.begin_stretches(stretches_.size());
     for (std::size_t k = 0; k < rows_.size(); ++k) {
         const Row& row = rows_[k];
         if (!splitting[k]) {
             rest.push_back(row);
             continue;
         }
+        const Stretch& stretch = stretches_[row.stretch];
         const Pair& pair = pair_of(row.pair);
-        for (int child = 0; child < pair.children; ++child) {
-            fresh.push_back({pair.child + child, row.stretch, 0.0, {}, {}});
-            hints.insert(hints.end(), row.before.n, row.before.n + 3);
-            hints.insert(hints.end(), row.after.n, row.after.n + 3);
+        for (int child = pair.child; child < pair.child + pair.children; ++child) {
+            const double motion = places_.pair_motion(pair_of(child), row.stretch, stretch.left, stretch.right);
+            fresh.push_back({child, row.stretch, motion, row.before, row.after});
         }
     }
-    for (int end = 0; end < 2; ++end) {
-        std::vector<Ask> asks;
-        for (const Row& row : fresh)
-            asks.push_back({row.pair, end == 0 ? stretches_[row.stretch].left : stretches_[row.stretch].right});
-        const Judged found = judge(asks, hints, 2, close());
-        if (found.bad >= 0) {
-            const Ask& ask = asks[static_cast<std::size_t>(found.bad)];
-            const double at = places_.s(ask.node);
-            return obstructed(ask.pair, found.ends[static_cast<std::size_t>(found.bad)], {at, at}, at);
-        }
-        for (std::size_t k = 0; k < fresh.size(); ++k) (end == 0 ? fresh[k].before : fresh[k].after) = found.ends[k];
-    }
+    if (!ends(fresh, 0, 2, close())) return false;
     rows_ = std::move(rest);
     rows_.insert(rows_.end(), fresh.begin(), fresh.end());
     keep();
@@ -174,34 +217,37 @@ bool Tree::split(const std::vector<bool>& splitting) {
 // What a look at the middle of each stretch leaves open of its halves.
 bool Tree::halve() {
     const std::size_t count = stretches_.size();
-    std::vector<std::size_t> middles;
-    for (const Stretch& stretch : stretches_)
-        middles.push_back(place(0.5 * (places_.s(stretch.left) + places_.s(stretch.right))));
+    for (std::size_t k = 0; k < count; ++k) {
+        const std::size_t middle = place(0.5 * (places_.s(stretches_[k].left) + places_.s(stretches_[k].right)));
+        stretches_.push_back({middle, stretches_[k].right});
+        stretches_[k].right = middle;
+    }
+    places_.begin_stretches(2 * count);
     std::vector<Ask> asks;
     std::vector<double> hints;
-    for (const Row& row : rows_) {
-        const double *one = row.before.n, *two = row.after.n;
-        asks.push_back({row.pair, middles[row.stretch]});
-        hints.insert(hints.end(), {one[0], one[1], one[2], two[0], two[1], two[2]});
-        hints.insert(hints.end(), {one[0] + two[0], one[1] + two[1], one[2] + two[2]});
-    }
-    const Judged found = judge(asks, hints, 3, close());
-    if (found.bad >= 0) {
-        const auto bad = static_cast<std::size_t>(found.bad);
-        const Stretch& stretch = stretches_[rows_[bad].stretch];
-        return obstructed(rows_[bad].pair, found.ends[bad], {places_.s(stretch.left), places_.s(stretch.right)},
-                          places_.s(asks[bad].node));
-    }
-    for (std::size_t k = 0; k < count; ++k) {
-        stretches_.push_back({middles[k], stretches_[k].right});
-        stretches_[k].right = middles[k];
-    }
     const std::size_t open = rows_.size();
     rows_.reserve(2 * open);
     for (std::size_t k = 0; k < open; ++k) {
-        rows_.push_back({rows_[k].pair, rows_[k].stretch + count, 0.0, found.ends[k], rows_[k].after});
-        rows_[k].after = found.ends[k];
+        Row& row = rows_[k];
+        const Stretch &one = stretches_[row.stretch], &two = stretches_[row.stretch + count];
+        const Pair& pair = pair_of(row.pair);
+        row.motion = places_.pair_motion(pair, row.stretch, one.left, one.right);
+        rows_.push_back({row.pair, row.stretch + count, places_.pair_motion(pair, row.stretch + count, two.left, two.right), {}, row.after});
+        asks.push_back({row.pair, one.right});
+        const double *a = row.before.n, *b = row.after.n;
+        hints.insert(hints.end(), {a[0], a[1], a[2], b[0], b[1], b[2]});
+        hints.insert(hints.end(), {a[0] + b[0], a[1] + b[1], a[2] + b[2]});
     }
+    const Judged found = judge(asks, hints, 3, close(), [&](std::size_t k, const Bound& bound) {
+        const Row &one = rows_[k], &two = rows_[open + k];
+        return shut(one.before, bound, one.motion) && shut(bound, two.after, two.motion);
+    });
+    if (found.bad >= 0) {
+        const auto bad = static_cast<std::size_t>(found.bad);
+        const double start = places_.s(stretches_[rows_[bad].stretch].left), end = places_.s(stretches_[rows_[open + bad].stretch].right);
+        return obstructed(rows_[bad].pair, found.ends[bad], {start, end}, places_.s(asks[bad].node));
+    }
+    for (std::size_t k = 0; k < open; ++k) rows_[k].after = rows_[open + k].before = found.ends[k];
     keep();
     return true;
 }
@@ -240,26 +286,42 @@ bool Tree::obstructed(int pair, const Bound& found, Span span, double s) {
     return false;
 }
 
-// Bounds of pairs at nodes, one each, up to a row without a bundle that is not far enough apart.
-Tree::Judged Tree::judge(const std::vector<Ask>& asks, const std::vector<double>& hints, int each, double close) {
+// Metres that a cheap bound has to prove to be good enough: it would not lower what is proven of all.
+double Tree::spare() const { return std::max(enough_, smallest_); }
+
+bool Tree::shut(const Bound& one, const Bound& two, double motion) const {
+    return std::min(0.5 * (one.gap + two.gap - motion), std::min(one.gap, two.gap)) >= spare();
+}
+
+// Bounds of pairs at nodes, one each and no better than it takes to close a row, up to a row without a bundle that is
+// not far enough apart.
+template <class Closes>
+Tree::Judged Tree::judge(const std::vector<Ask>& asks, const std::vector<double>& hints, int each, double close,
+                         const Closes& closes) {
     Judged found;
     const auto batch = static_cast<std::size_t>(terms_.batch);
-    std::vector<Facing> facings;
-    std::size_t first = 0;
-    do {
+    found.ends.resize(asks.size());
+    found.enough.assign(asks.size(), false);
+    std::vector<Facing> facings(std::min(batch, asks.size()));
+    for (std::size_t first = 0; found.bad < 0 && first < asks.size();) {
         const std::size_t last = std::min(first + batch, asks.size());
         charge_.bounds(static_cast<std::int64_t>(last - first));
         out_.asked += static_cast<std::int64_t>(last - first);
-        facings.clear();
         for (std::size_t k = first; k < last; ++k) {
-            facings.push_back(places_.facing(pair_of(asks[k].pair), asks[k].node));
-            found.ends.emplace_back();
+            const Pair& pair = pair_of(asks[k].pair);
+            Bound& bound = found.ends[k];
+            bound = places_.sphere_apart(pair, asks[k].node);
+            if (closes(k, bound)) {
+                found.enough[k] = true;
+                continue;
+            }
+            Facing& facing = facings[k - first] = places_.facing(pair, asks[k].node);
             const double* tries = hints.data() + 3 * static_cast<std::size_t>(each) * k;
-            variant_.rough(terms_, facings.back(), tries, each, found.ends.back());
+            variant_.rough(terms_, facing, tries, each, bound);
         }
-        found.bad = tighten(asks, first, last, close, facings, found.ends);
+        found.bad = tighten(asks, first, last, close, facings, found);
         first = last;
-    } while (found.bad < 0 && first < asks.size());
+    }
     return found;
 }
 
@@ -271,16 +333,18 @@ void Tree::refine(const Facing& facing, int rounds, Bound& bound) const {
 
 // The same with better bounds of pairs that are close, and the worst row that is not far enough apart, if any is.
 std::ptrdiff_t Tree::tighten(const std::vector<Ask>& asks, std::size_t first, std::size_t last, double close,
-                             std::vector<Facing>& facings, std::vector<Bound>& ends) {
+                             std::vector<Facing>& facings, Judged& found) {
     const int rounds = static_cast<int>(terms_.rounds), last_rounds = static_cast<int>(terms_.last_rounds);
+    std::vector<Bound>& ends = found.ends;
     for (std::size_t k = first; k < last; ++k) {
+        if (found.enough[k]) continue;
         const Pair& pair = pair_of(asks[k].pair);
         if (pair.leaf() && ends[k].gap < close) refine(facings[k - first], rounds, ends[k]);
         smallest_ = std::min(smallest_, pair.leaf() ? ends[k].gap : ends[k].gap + 2.0 * size_of(pair));
     }
     std::ptrdiff_t worst = -1;
     for (std::size_t k = first; k < last; ++k) {
-        if (!pair_of(asks[k].pair).leaf() || ends[k].gap > enough_) continue;
+        if (found.enough[k] || !pair_of(asks[k].pair).leaf() || ends[k].gap > enough_) continue;
         refine(facings[k - first], last_rounds, ends[k]);
         if (worst < 0 || ends[k].gap < ends[static_cast<std::size_t>(worst)].gap) worst = static_cast<std::ptrdiff_t>(k);
     }
@@ -291,11 +355,10 @@ std::ptrdiff_t Tree::tighten(const std::vector<Ask>& asks, std::size_t first, st
 void Tree::keep() {
     const double wanted = enough_ > 0.0 ? std::max(enough_, terms_.fraction * smallest_) : enough_;
     std::vector<std::ptrdiff_t> number(stretches_.size(), -1);
-    places_.begin_stretches(stretches_.size());
     std::size_t left = 0;
     for (const Row& row : rows_) {
         const Stretch& stretch = stretches_[row.stretch];
-        const double motion = places_.pair_motion(pair_of(row.pair), row.stretch, stretch.left, stretch.right);
+        const double motion = row.motion;
         const double one = row.before.gap, two = row.after.gap;
         const double bound = std::min(0.5 * (one + two - motion), std::min(one, two));
         if (bound >= wanted) {
@@ -304,8 +367,7 @@ void Tree::keep() {
             continue;
         }
         number[row.stretch] = 0;
-        rows_[left] = row;
-        rows_[left++].motion = motion;
+        rows_[left++] = row;
     }
     rows_.resize(left);
     std::size_t used = 0;

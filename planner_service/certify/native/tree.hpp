@@ -69,7 +69,11 @@ class Tree {
     };
     struct Judged {
         std::vector<Bound> ends;
-        std::ptrdiff_t bad = -1;  // a row that is not far enough apart
+        std::vector<bool> enough;  // bounds that close what is open: no better one is wanted
+        std::ptrdiff_t bad = -1;   // a row that is not far enough apart
+    };
+    struct Part {  // a span halved so often, and which of these parts
+        std::size_t span, level, index;
     };
 
     const Model& model_;
@@ -83,6 +87,8 @@ class Tree {
     Places places_;
     Outcome out_;
     double smallest_;
+    std::vector<Span> spans_;
+    std::vector<std::size_t> nodes_;  // of all parts of all spans
     std::vector<Stretch> stretches_;
     std::vector<Row> rows_;
     std::vector<double> q_, travel_, unused_;
@@ -92,16 +98,24 @@ class Tree {
     double close() const;
     void note(int pair, double start, double end, const double* before, const double* after);
     std::size_t place(double s);
-    void drop_far(const std::vector<Span>& spans, std::vector<Root>& roots);
-    bool root(const std::vector<Span>& spans, const std::vector<Root>& roots);
+    bool begin(const std::vector<Root>& roots);
+    bool ends(std::vector<Row>& rows, std::size_t first, int hints, double close);
+    bool sift(int pair, const Part& part);
+    void leave(int pair, const Part& part);
+    std::size_t number_of(const Part& part) const;
+    const Stretch& stretch_of(const Part& part);
+    double spare() const;
+    bool shut(const Bound& one, const Bound& two, double motion) const;
     bool split(const std::vector<bool>& splitting);
     bool halve();
     bool stuck();
     bool obstructed(int pair, const Bound& found, Span span, double s);
-    Judged judge(const std::vector<Ask>& asks, const std::vector<double>& hints, int each, double close);
+    template <class Closes>
+    Judged judge(const std::vector<Ask>& asks, const std::vector<double>& hints, int each, double close,
+                 const Closes& closes);
     void refine(const Facing& facing, int rounds, Bound& bound) const;
     std::ptrdiff_t tighten(const std::vector<Ask>& asks, std::size_t first, std::size_t last, double close,
-                           std::vector<Facing>& facings, std::vector<Bound>& ends);
+                           std::vector<Facing>& facings, Judged& found);
     void keep();
     void forget();
 };
