@@ -18,6 +18,7 @@ from planner_service.certify import MARGIN, Certifier
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, backends, native_kernel
+from planner_service.collision.bounds import Solids
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.pairs import Parts
 from planner_service.geometry.arrays import FloatArray
@@ -191,6 +192,7 @@ def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
         whole(parts, *arguments, **options)
         tips = [part.owner.name in FINGERS for part in parts.parts]
         parts.shapes = tuple(Sphere(0.001) if tip else s for s, tip in zip(parts.shapes, tips, strict=True))
+        parts.solids = Solids.of(parts.shapes)
 
     monkeypatch.setattr(Parts, "__init__", smaller)
 

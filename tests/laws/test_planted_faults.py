@@ -95,8 +95,8 @@ def missing_pairs(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scen
     ]
     whole = ProofPairs.__init__
 
-    def fewer(self: ProofPairs, robot: Robot, scene: Scene, told: Any = ()) -> None:
-        whole(self, robot, scene, [*told, *allowed])
+    def fewer(self: ProofPairs, robot: Robot, scene: Scene, told: Any = (), *more: Any, **named: Any) -> None:
+        whole(self, robot, scene, [*told, *allowed], *more, **named)
 
     patch.setattr(ProofPairs, "__init__", fewer)
     return robot, scene
