@@ -25,7 +25,7 @@ from planner_service.certify.native.loading import load_proof
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
-from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.validation import (
     copied_in,
@@ -343,7 +343,7 @@ class Certifier:
         prover: Proves them.
 
     Raises:
-        UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
+        UnknownName: ``still`` names no joint, a pair nothing that is there, or a touch link no link that has shapes.
         InvalidRequest: a pair names a link and an object at once, or something else than a Robot or a Scene is given.
     """
 
@@ -354,7 +354,11 @@ class Certifier:
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
         shaped = {item.link for item in robot.shapes}
-        self._still = [robot.joint_names.index(name) for name in still]
+        standing = items("still", still, str, "a list of names of joints")
+        for name in standing:
+            if name not in robot.joint_names:
+                raise UnknownName("joint", name, robot.joint_names)
+        self._still = [robot.joint_names.index(name) for name in standing]
         self.listed = ProofPairs(robot, scene, self._allowed, self._still)
         self._contacts = (
             *(contact for contact in robot.allowed_contacts if shaped.issuperset(contact.links)),

@@ -36,7 +36,7 @@ PACKAGES = (
 
 ANSWERS = {
     *("Built", "Explanation", "Figures", "InWorker", "Kept", "KeptBound", "KeptRefusal", "Lost", "MethodResult"),
-    *("NoPath", "Optimum", "Reached", "Origin", "Remedy", "Terms", "Trail", "World", "load_solver"),
+    *("ImproveReport", "NoPath", "Optimum", "Reached", "Origin", "Remedy", "Terms", "Trail", "World", "load_solver"),
 }
 """What is made of values that have been checked, or takes none."""
 
