@@ -11,6 +11,7 @@ Broad phase: Pinocchio's naive manager, which agreed with pair-by-pair tests on 
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -85,7 +86,7 @@ class IndependentChecker:
         robot = robot_table(robot_dir) if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
-        text = Path(robot["urdf"]).read_text("utf-8")
+        text = _declared(Path(robot["urdf"]).read_text("utf-8"))
         mimics = _mimics(text, robot["joints"])
         self.model, self.geometry = _reduced(robot, text, gripper_width, mimics)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
@@ -427,6 +428,14 @@ def _with_tool(urdf: str, tool: Table | None) -> str:
     added = f'<link name="{tool["link"]}">{shapes}</link><link name="{tool["frame"]}"/>{fixed}'
     head, _, tail = urdf.rpartition("</robot>")
     return f"{head}{added}</robot>{tail}"
+
+
+def _declared(text: str) -> str:
+    """XML in which every prefix of a name is declared, as many a description leaves out."""
+    used = set(re.findall(r"<(?:[^<>]*\s)?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*\s*[=\s/>]", text))
+    missing = sorted(used - {"xml", "xmlns", *re.findall(r"\sxmlns:([\w.-]+)\s*=", text)})
+    declared = "".join(f' xmlns:{prefix}="urn:{prefix}"' for prefix in missing)
+    return re.sub(r"<[A-Za-z_][\w:.-]*", lambda root: root.group() + declared, text, count=1)
 
 
 def _mimics(urdf: str, joints: Sequence[str]) -> dict[str, tuple[str, float, float]]:

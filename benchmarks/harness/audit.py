@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "Pair", "along", "audited", "between", "independent", "inside"]
-__all__ += ["instants", "stretches", "touch_in_time", "touch_on_curve", "worst"]
+__all__ += ["instants", "stretches", "touch_in_time", "touch_of_plan", "touch_on_curve", "worst"]
 
 JOINT_STEP = 0.01
 """Radians (metres of a slide) that any joint moves from one audited configuration to the next, at most."""
@@ -151,6 +152,29 @@ def touch_in_time(second: IndependentChecker, trajectory: ps.Trajectory, step: f
 def touch_on_curve(second: IndependentChecker, path: ps.JointPath, motion_step: float) -> str | None:
     """The same of a curve, no point of the robot moving farther than ``motion_step`` (m) between two looks."""
     return _in_words(second.curve_touch(path, path.length, motion_step))
+
+
+def touch_of_plan(
+    judge: Callable[[tuple[Pair, ...]], IndependentChecker], result: ps.PlanResult, motion_step: float
+) -> str | None:
+    """The same of a plan's curve, None of no plan; on a way out of a contact the plan's own pairs may touch.
+
+    Args:
+        judge: Gives the checker for which these pairs may touch.
+    """
+    path = result.path
+    if path is None:
+        return None
+    for first, last, pairs in stretches(((each.s_start, each.s_end, each.pairs) for each in result.exempt), path.length):
+        start, end = inside(first, last, path.length)
+        touch = judge(pairs).curve_touch(partial(_moved, path, start), end - start, motion_step)
+        if touch is not None:
+            return _in_words(touch)
+    return None
+
+
+def _moved(path: ps.JointPath, start: float, s: Any) -> FloatArray:
+    return path(start + s)
 
 
 def _in_words(touch: Touch | None) -> str | None:

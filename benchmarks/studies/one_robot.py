@@ -10,6 +10,7 @@ import random
 import resource
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -150,26 +151,28 @@ def _shoulder(robot: Robot) -> FloatArray:
 def _judged(service: PlannerService, source: str, results: list[PlanResult], states: int, seed: int) -> dict[str, Any]:
     """What Pinocchio and Coal, reading the file themselves, say of random configurations and of the plans.
 
-    They judge hulls as hulls, and the plans of a robot with links cut into pieces on the triangles of the meshes.
+    They judge hulls as hulls, and the plans of a robot with links cut into pieces on the triangles of the meshes. On a
+    way out of a contact the plan's own pairs may touch.
     """
     from auditor.checker import IndependentChecker, tables_of
-    from benchmarks.harness.audit import touch_on_curve
+    from benchmarks.harness.audit import touch_of_plan
     from benchmarks.worlds.contacts import compared, random_states
     from benchmarks.worlds.foreign import table_of_robot
 
     hulls = load_robot(source, cut_meshes=False)
     with TemporaryDirectory() as place:
         world = tables_of(service.scene)
-        second = IndependentChecker(table_of_robot(hulls, source, Path(place)), world)
+        table = table_of_robot(hulls, source, Path(place))
+        second = IndependentChecker(table, world)
         Q = random_states(hulls, states, np.random.default_rng(seed))
         row = compared(CollisionChecker(hulls, service.scene), second, Q)
         if hulls.hash != service.robot.hash:
-            table = table_of_robot(service.robot, source, Path(place))
-            second = IndependentChecker(table | {"surfaces": True}, world)
-    paths = [result.path for result in results if result.path is not None]
-    looks = [len(second.along(path, path.length, CURVE_STEP)) for path in paths]
-    step = CURVE_STEP * max(1.0, max(looks, default=0) / LOOKS)
-    touched = [touch for path in paths if (touch := touch_on_curve(second, path, step)) is not None]
+            table = table_of_robot(service.robot, source, Path(place)) | {"surfaces": True}
+        judge = cache(lambda pairs: IndependentChecker(table, world, allowed=pairs))
+        paths = [result.path for result in results if result.path is not None]
+        looks = [len(judge(()).along(path, path.length, CURVE_STEP)) for path in paths]
+        step = CURVE_STEP * max(1.0, max(looks, default=0) / LOOKS)
+        touched = [touch for each in results if (touch := touch_of_plan(judge, each, step)) is not None]
     larger = max(getattr(item.shape, "growth", 0.0) for item in service.robot.shapes)
     return {"states": len(Q), "differ": row["disagreements"], "apart": row["apart"], "deep": row["deep"]} | {
         "larger": larger,

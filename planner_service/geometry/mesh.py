@@ -33,6 +33,7 @@ from planner_service.geometry.arrays import (
 )
 from planner_service.geometry.mesh_formats import MAX_VERTICES, distinct, read_vertices
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, margin_of, numbers, points_of, vectors
+from planner_service.native.loading import load_core
 
 __all__ = ["Mesh", "MeshFile", "checked_scale"]
 
@@ -368,39 +369,19 @@ def _flat(points: FloatArray) -> InvalidRequest:
 
 def _require_inside(points: FloatArray, normals: FloatArray, offsets: FloatArray) -> None:
     """Raise unless the hull holds every point, up to rounding: so no point was lost on the way."""
-    allowed, slack = ROUNDING * float((points.max(axis=0) - points.min(axis=0)).max()), _uncertainty(points)
-    for rows in blocks(len(normals), len(points)):
-        rough = (normals[rows] @ points.T).max(axis=-1) - offsets[rows]
-        near = rough > allowed - slack
-        if (
-            near.any()
-            and float((along(points, normals[rows][near]).max(axis=-1) - offsets[rows][near]).max()) > allowed
-        ):
-            raise _flat(points)
+    allowed = ROUNDING * float((points.max(axis=0) - points.min(axis=0)).max())
+    if float((_farthest(points, normals, offsets) - offsets).max()) > allowed:
+        raise _flat(points)
 
 
 def _farthest(points: FloatArray, directions: FloatArray, reached: FloatArray) -> FloatArray:
     """The largest component of points (n, 3) along each unit vector of (k, 3), (k,), with the bits of ``along``.
 
-    A matrix product in single precision, many times as fast, says which points can be it.
-
     Args:
-        reached: The component of one of the points, (k,), better a large one.
+        reached: The component of one of the points, (k,), or what is to be given where none has more.
     """
-    largest = np.empty(len(directions))
-    rough_points, rough_directions = points.T.astype(np.float32), directions.astype(np.float32)
-    least = (reached - _uncertainty(points, np.float32)).astype(np.float32)
-    for rows in blocks(len(directions), len(points)):
-        row, point = np.divmod(np.flatnonzero(rough_directions[rows] @ rough_points >= least[rows, None]), len(points))
-        d, p = directions[rows][row], points[point]
-        exact = d[:, 0] * p[:, 0] + d[:, 1] * p[:, 1] + d[:, 2] * p[:, 2]
-        largest[rows] = np.maximum.reduceat(exact, np.searchsorted(row, np.arange(len(least[rows]))))
-    return largest
-
-
-def _uncertainty(points: FloatArray, kind: type[np.floating[Any]] = np.float64) -> float:
-    """What two ways to compute a component of a point along a unit vector differ by at most, with some to spare."""
-    return 64.0 * float(np.finfo(kind).eps) * float(np.abs(points).max())
+    farthest: FloatArray = load_core().farthest(points, directions, reached)
+    return farthest
 
 
 def _to_segments(points: FloatArray, start: FloatArray, edge: FloatArray) -> FloatArray:

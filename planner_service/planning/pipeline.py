@@ -236,10 +236,9 @@ def _found(context: PlanContext, ends: Ends) -> _Proof:
     Raises:
         NoPlan: There is none, or the search was in vain.
     """
-    tally = context.accounting.tally
-    before = tally.states
-    tries = Tries(pause=PAUSES[0])
-    for following in (*PAUSES[1:], None):
+    tally, tries = context.accounting.tally, Tries()
+    for pause in (*PAUSES, None):
+        tries, before = replace(tries, pause=pause), tally.states
         try:
             return _prove(context, ends, search_stage.search(context, ends, tries=tries))
         except NoProgress:
@@ -247,8 +246,7 @@ def _found(context: PlanContext, ends: Ends) -> _Proof:
             narrow = _otherwise(context, ends, tries, states)
             if narrow is not None:
                 return narrow
-            tries = Tries(tries.pause or 0, following, tries.states + states)
-            before = tally.states
+            tries = Tries(pause or 0, None, tries.states + states)
         except (CheckBudgetSpent, NoPlan) as over:
             if isinstance(over, NoPlan) and over.failure.reason is not Reason.PLANNING_FAILED:
                 raise

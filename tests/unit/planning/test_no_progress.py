@@ -9,6 +9,7 @@ import pytest
 
 from auditor import verify_no_path
 from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, PlanResult, Pose, Reason, Scene, Stage
+from planner_service.planning import pipeline
 from planner_service.planning.search_stage import FIRST_TRIES
 from planner_service.records.exports.no_path_file import save_no_path
 from tests.support.optional import present
@@ -57,3 +58,13 @@ def test_of_a_start_that_is_left_by_a_way_out_nothing_is_proven() -> None:
     request = PlanRequest(touching, [3.0, 0.0], time_limit=None, max_checks=20_000)
     assert present(service.plan(request).failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
     assert service.explain(request, plans=1).no_path is None
+
+
+def test_after_its_last_pause_a_search_goes_on_until_its_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pipeline, "PAUSES", (1, 2))
+    service = two_discs()
+    angles = (0.6 + 1e-3 * k for k in range(100))
+    touching = next([angle, 0.0] for angle in angles if not service.checker.state_is_free([angle, 0.0]))
+    result = service.plan(PlanRequest(touching, [3.0, 0.0], time_limit=None, max_checks=150_000))
+    assert present(result.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
+    assert result.attempts > 2
