@@ -165,7 +165,9 @@ def touch_of_plan(
     path = result.path
     if path is None:
         return None
-    for first, last, pairs in stretches(((each.s_start, each.s_end, each.pairs) for each in result.exempt), path.length):
+    for first, last, pairs in stretches(
+        ((each.s_start, each.s_end, each.pairs) for each in result.exempt), path.length
+    ):
         start, end = inside(first, last, path.length)
         touch = judge(pairs).curve_touch(partial(_moved, path, start), end - start, motion_step)
         if touch is not None:

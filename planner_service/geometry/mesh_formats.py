@@ -142,12 +142,20 @@ def _parsed(path: Path) -> _Parsed:
 def distinct(rows: FloatArray) -> tuple[FloatArray, IntArray]:
     """The distinct rows, sorted, and for each row its index among them."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is found later, like any other
+        if _ascending(rows):
+            return rows, np.arange(len(rows), dtype=np.intp)
         order = np.lexsort(rows.T[::-1])  # several times as fast as np.unique, which compares rows as records
         fresh = np.ones(len(rows), dtype=np.bool_)
         fresh[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     place = np.empty(len(rows), dtype=np.intp)
     place[order] = np.cumsum(fresh) - 1
     return rows[order[fresh]], place
+
+
+def _ascending(rows: FloatArray) -> bool:
+    """Whether each row is larger than the one before it, in the first component in which they differ."""
+    (x, y, z), (u, v, w) = rows[:-1].T, rows[1:].T
+    return bool(((x < u) | ((x == u) & ((y < v) | ((y == v) & (z < w))))).all())
 
 
 def _scaled(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray:

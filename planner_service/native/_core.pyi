@@ -413,6 +413,11 @@ class ToolArm:
     def thinned(self, waypoints: NDArray[np.float64], stops: Sequence[int]) -> list[int]:
         """The rows that keep the tool on its line, ``stops`` among them."""
 
+def farthest(
+    points: NDArray[np.float64], directions: NDArray[np.float64], reached: NDArray[np.float64], /
+) -> NDArray[np.float64]:
+    """The largest component of points (n, 3) along each unit vector of (k, 3), (k,), or ``reached`` (k,) if larger."""
+
 def laid_polyline(
     points: NDArray[np.float64], merged: bool, /
 ) -> tuple[list[int] | None, NDArray[np.float64], NDArray[np.float64], tuple[int, ...]] | None:

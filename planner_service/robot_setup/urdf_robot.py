@@ -37,6 +37,9 @@ SHARES = (0.01, 0.03, 0.1, 0.3, 1.0)
 DRAWS = 200
 """Configurations drawn in each."""
 
+USUAL_PADDING = 0.001
+"""Metres: that of requests that name none. Whoever plans next has shapes grown by it, and large hulls take long."""
+
 TOLD = 4
 """Problems of an SRDF that nobody named; it may be meant for a larger robot, and have hundreds."""
 
@@ -174,10 +177,11 @@ def free_home(robot: Robot) -> FloatArray | None:
     Free is what can be proven to be: links nearer than ``MARGIN`` collide. First only the joints between links that
     collide at home leave it, then all.
     """
-    checker = CollisionChecker(robot, Scene(), padding=MARGIN)
     lower, upper, home = robot.limits.lower, robot.limits.upper, robot.home
-    if checker.state_is_free(home):
-        return home
+    for padding in (USUAL_PADDING, MARGIN):  # free with more is free with less
+        checker = CollisionChecker(robot, Scene(), padding=padding)
+        if checker.state_is_free(home):
+            return home
     rng = np.random.default_rng(0)
     touching = [(contact.a, contact.b) for contact in checker.contacts(home)]
     between = sorted({column for links in touching for column in columns_between(robot, links)})

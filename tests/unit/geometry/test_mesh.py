@@ -20,7 +20,7 @@ from planner_service.collision.bounds import Solids, centres_of
 from planner_service.collision.gjk import gap_of
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import mesh
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, along
 from planner_service.geometry.mesh import MAX_HULL, THINNEST, Mesh
 from planner_service.geometry.mesh_formats import MAX_VERTICES
 from planner_service.geometry.shapes import Box, Sphere
@@ -323,3 +323,14 @@ def test_a_plate_is_refused_for_its_thickness_whichever_way_it_is_turned() -> No
     with pytest.raises(InvalidRequest, match="flat"):
         Mesh(plate @ turned(np.random.default_rng(4)).T)
     assert len(Mesh(CUBE * [1.0, 1.0, THINNEST]).vertices) == 8
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_offset_of_a_face_is_the_farthest_corner_along_its_normal_to_the_last_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(int(10 ** rng.uniform(1.0, 3.3)), 3)) * 10.0 ** rng.uniform(-2.0, 1.0, 3)
+    if seed % 2:
+        points /= np.linalg.norm(points, axis=1)[:, None]
+    mesh = Mesh(points + rng.normal(size=3))
+    for body in (mesh, mesh.grown(0.01)):
+        assert np.array_equal(along(body.vertices, body.normals).max(axis=1), body.offsets)
