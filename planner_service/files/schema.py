@@ -185,6 +185,11 @@ class Record(BaseModel):
         """Its text as a part of a file that is written with indents."""
         return indented_json(self.document(), 1)
 
+    @cached_property
+    def line(self) -> bytes:
+        """Its text as a part of a document without blanks, in UTF-8."""
+        return self.model_dump_json(by_alias=True).encode()
+
     @model_validator(mode="wrap")
     @classmethod
     def _with_value(cls: type[R], data: Any, handler: ModelWrapValidatorHandler[R], info: ValidationInfo) -> R:

@@ -145,6 +145,17 @@ class _Saved(ABC):
             raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
         return text
 
+    def compact(self) -> bytes:
+        """The same on one line, as servers answer; the robot comes last, so that it is easily left out.
+
+        Raises:
+            InvalidRequest: as ``file_text``.
+        """
+        data = self._record().compact()
+        if len(data) > MAX_BYTES:
+            raise InvalidRequest("plan", f"{len(data):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
+        return data
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file, whole or not at all.
 
@@ -386,9 +397,9 @@ def _shallow(sections: dict[str, Any]) -> dict[str, Any]:
     layer: list[Any] = [sections]
     for _ in range(MAX_DEPTH):
         layer = [part for whole in layer if isinstance(whole, dict | list) for part in _blocks(whole)]
-    if layer:
-        raise ValueError(f"at most {MAX_DEPTH} values within each other")
-    return sections
+        if not layer:
+            return sections
+    raise ValueError(f"at most {MAX_DEPTH} values within each other")
 
 
 def _blocks(whole: dict[str, Any] | list[Any]) -> list[Any]:
@@ -419,6 +430,11 @@ class _Head(Record):
         parts |= {"robot": self.robot.section, "scene": self.scene.section}
         names = [name for name in type(self).model_fields if name in parts]
         return "{" + ",".join(f'\n "{name}": {parts[name]}' for name in names) + "\n}\n"
+
+    def compact(self) -> bytes:
+        """The same on one line, in UTF-8, with scene and robot as its end."""
+        rest = self.model_dump_json(by_alias=True, exclude={"robot", "scene"}).encode()
+        return b"".join((rest[:-1], b',"scene":', self.scene.line, b',"robot":', self.robot.line, b"}"))
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -620,5 +636,7 @@ def _reading(file: Path, document: Any, kind: str) -> PlanReading:
         lacking = f"version: got {version}; expected {VERSION}: this file does not hold its robot and scene"
         raise InvalidFile(file, [f"{lacking}; plan again: {command_of(content)}"])
     robot = content.get("robot")
+    if isinstance(robot, dict) and set(robot) == {"hash"}:
+        raise InvalidFile(file, ["robot: its hash alone; a file holds its robot: ask the server without robot=hash"])
     names = robot.get("joint_names") if isinstance(robot, dict) else None
     return PlanReading(joints=len(names) if isinstance(names, list) else None)

@@ -26,8 +26,9 @@ SOLID = ("obstacles", "attached")
 class PlanReader:
     """Reads plans and tasks that were made in one world, as strictly as ``load_plan`` does.
 
-    What is read has this world's robot and scene: the texts of both are compared, and whatever was made in another
-    world is refused. To build a robot takes ten times as long as to read the rest of a plan.
+    What is read has this world's robot and scene: the texts of both are compared, or the robot's hash if a server was
+    asked for that alone, and whatever was made in another world is refused. To build a robot takes ten times as long
+    as to read the rest of a plan.
     """
 
     def __init__(self, world: World) -> None:
@@ -69,7 +70,7 @@ class PlanReader:
     def _require_this_world(self, document: Mapping[str, Any], file: Path) -> None:
         scene, own = document.get("scene"), self._scene[1]
         same = {
-            "robot": document.get("robot") == self._robot[1],
+            "robot": document.get("robot") in (self._robot[1], {"hash": self.world.robot.hash}),
             "scene": isinstance(scene, dict) and all(scene.get(name) == own[name] for name in SOLID),
             "allowed": document.get("allowed") == [list(pair) for pair in self.world.allowed],
             "edge_step": document.get("edge_step") == self._edge_step,

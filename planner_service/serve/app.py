@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import json
 import re
 from collections.abc import AsyncIterator, Mapping
@@ -33,6 +34,7 @@ from planner_service.records.http.replies import (
     StoredReply,
     Verb,
 )
+from planner_service.records.http.robot_by_hash import robot_by_hash
 from planner_service.serve.documentation import (
     SECURITY,
     Handler,
@@ -55,6 +57,9 @@ JSON = "application/json"
 MAX_WAIT = 60
 """Seconds for which a response is held back until there is an answer."""
 
+MIN_GZIPPED, GZIP_LEVEL = 4_096, 1
+"""Bytes from which on answers are sent with gzip to clients that take it; higher levels take longer than they save."""
+
 MAX_ENDING = 1.0
 """Seconds for which the end of a request is waited for that cannot be cancelled any more."""
 
@@ -75,7 +80,7 @@ def create_app(server: PlanningServer) -> Starlette:
         finally:
             await server.stop()
 
-    addresses: list[tuple[str, str, Handler]] = [(o.method, o.path, partial(_heeded, o)) for o in OPERATIONS]
+    addresses: list[tuple[str, str, Handler]] = [(o.method, o.path, _heeded(o)) for o in OPERATIONS]
     addresses += [("GET", "/openapi.json", get_openapi), ("GET", "/docs", get_docs)]
     routes = [Route(path, partial(handler, server), methods=[method]) for method, path, handler in addresses]
     for route in routes:
@@ -121,28 +126,45 @@ async def _http_error(request: Request, error: Exception) -> Response:
     return _problem(Problem("not-found" if error.status_code == 404 else "malformed", str(error.detail)))
 
 
-async def _heeded(operation: Operation, server: PlanningServer, request: Request) -> Response:
-    """The answer of an operation, once it is known to take all that the address asks."""
+def _heeded(operation: Operation) -> Handler:
+    """A handler that answers once it is known to take all that the address asks, gzipped for who takes that."""
     known = [each["name"] for each in operation.parameters if each["in"] == "query"]
-    for name in request.query_params:
-        if name not in known:
-            expected = ", ".join(known) if known else "nothing after a ?"
-            raise Refused("malformed", f"query: got {name!r:.100}; this address takes {expected}")
-    media = [kind for status, each in operation.replies.items() if status < 300 for kind in each.get("content", ())]
-    if media and not any(_accepts(request, kind) for kind in media):
-        accepted = request.headers.get("accept", "")
-        raise Refused("not-acceptable", f"Accept: got {accepted!r:.100}; expected {', '.join(dict.fromkeys(media))}")
-    return await operation.handler(server, request)
+    expected = ", ".join(known) if known else "nothing after a ?"
+    kinds = [kind for status, each in operation.replies.items() if status < 300 for kind in each.get("content", ())]
+    media = tuple(dict.fromkeys(kinds))
+
+    async def handler(server: PlanningServer, request: Request) -> Response:
+        for name in request.query_params:
+            if name not in known:
+                raise Refused("malformed", f"query: got {name!r:.100}; this address takes {expected}")
+        if media and not any(_accepts(request, kind) for kind in media):
+            accepted = request.headers.get("accept", "")
+            raise Refused("not-acceptable", f"Accept: got {accepted!r:.100}; expected {', '.join(media)}")
+        response = await operation.handler(server, request)
+        if isinstance(response, StreamingResponse) or len(response.body) < MIN_GZIPPED:
+            return response
+        response.headers.add_vary_header("Accept-Encoding")
+        if _names(request.headers.get("accept-encoding", ""), "gzip", "*"):
+            response.body = await asyncio.to_thread(gzip.compress, response.body, GZIP_LEVEL, mtime=0)
+            response.headers["Content-Encoding"] = "gzip"
+            response.headers["Content-Length"] = str(len(response.body))
+        return response
+
+    return handler
 
 
 def _accepts(request: Request, media: str) -> bool:
     """Whether a client takes a media type; all if it does not say."""
-    ranges = request.headers.get("accept", "*/*").lower().split(",")
-    for each in ranges:
+    accepted = request.headers.get("accept", "*/*")
+    return accepted == "*/*" or _names(accepted, media, media.partition("/")[0] + "/*", "*/*")
+
+
+def _names(header: str, *names: str) -> bool:
+    """Whether a header lists one of these, and does not refuse it by a quality of 0."""
+    for each in header.lower().split(","):
         kind, *parameters = (part.strip() for part in each.split(";"))
-        refused = any(re.fullmatch(r"q\s*=\s*0(\.0{0,3})?", parameter) for parameter in parameters)
-        if kind in ("*/*", media, media.partition("/")[0] + "/*"):
-            return not refused
+        if kind in names:
+            return not any(re.fullmatch(r"q\s*=\s*0(\.0{0,3})?", parameter) for parameter in parameters)
     return False
 
 
@@ -153,9 +175,18 @@ async def _work(kind: str, server: PlanningServer, request: Request) -> Response
     key = request.headers.get("idempotency-key")
     if key is not None and not KEY.fullmatch(key):
         raise Refused("malformed", "Idempotency-Key: expected 1 to 255 printable ASCII characters without spaces")
+    by_hash = _by_hash(request)
     server.require_room(key)
     job = await server.accept(kind, await _json_body(request), key)
-    return await _response(server, request, job, _seconds_to_wait(request), cancel=key is None)
+    return await _response(server, request, job, by_hash=by_hash, cancel=key is None)
+
+
+def _by_hash(request: Request) -> bool:
+    """Whether a client has the robot."""
+    asked = request.query_params.get("robot", "whole")
+    if asked not in ("whole", "hash"):
+        raise Refused("malformed", f"robot: got {asked!r:.100}; expected hash, or whole")
+    return asked == "hash"
 
 
 async def _json_body(request: Request) -> bytes:
@@ -169,8 +200,9 @@ def _seconds_to_wait(request: Request) -> int:
     return 0 if found is None else min(MAX_WAIT, int(found[1] or MAX_WAIT))
 
 
-async def _response(server: PlanningServer, request: Request, job: str, seconds: int, *, cancel: bool) -> Response:
-    """The answer of a job if there is one within so many seconds, else where it will be."""
+async def _response(server: PlanningServer, request: Request, job: str, *, by_hash: bool, cancel: bool) -> Response:
+    """The answer of a job if there is one within the seconds that the client waits, else where it will be."""
+    seconds = _seconds_to_wait(request)
     waited = {"Preference-Applied": f"wait={seconds}"} if seconds else {}
     pending = server.pending(job)
     if pending is None:
@@ -184,16 +216,13 @@ async def _response(server: PlanningServer, request: Request, job: str, seconds:
                     server.cancel(job)
             raise
     if answer is not None:
-        return _answered(answer, {"Content-Location": f"/plans/{job}", **waited})
+        headers = {"Content-Location": f"/plans/{job}", **waited}
+        content = robot_by_hash(answer.content) if by_hash and not answer.refused else answer.content
+        return Response(content, answer.status, headers, PROBLEM_JSON if answer.refused else JSON)
     await server.durable()
     state = await server.state(job)
     headers = {"Location": f"/plans/{job}", "Retry-After": str(server.retry_after()), **waited}
-    return Response(json.dumps(state), 202, headers, JSON)
-
-
-def _answered(answer: StoredAnswer, headers: Mapping[str, str]) -> Response:
-    status = json.loads(answer.content)["status"] if answer.refused else 200
-    return Response(answer.content, status, dict(headers), PROBLEM_JSON if answer.refused else JSON)
+    return _json(state, 202, headers)
 
 
 async def _awaited(
@@ -230,6 +259,9 @@ IF_MATCH = header("If-Match", 'The version that is to be changed, such as "3"')
 IS_NEW = header("If-None-Match", "* for a new scene only")
 VERSION = query("version", {"type": "integer", "minimum": 1})
 PAGE = (query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}), query("after", {"type": "string"}))
+ROBOT = query(
+    "robot", {"type": "string", "enum": ["whole", "hash"], "default": "whole"}, 'hash: {"hash": ...} in its place'
+)
 FINISHED = query("finished", {"type": "string", "enum": ["remove", "keep"]})
 NEGOTIATED = ("json", "csv", "npy")
 """Formats that are looked at first where only Accept says which."""
@@ -257,14 +289,15 @@ async def list_plans(server: PlanningServer, request: Request) -> Response:
         200: reply("The plan file, the task file, or the answer of another kind", *ANSWERS),
         202: reply("It is not finished", AcceptedReply),
     },
-    (404, 408, 410, 422, 503, 507),
+    (400, 404, 408, 410, 422, 503, 507),
     WAIT,
+    ROBOT,
 )
 async def get_plan(server: PlanningServer, request: Request) -> Response:
-    """The file that the library would have saved, byte for byte."""
-    plan = request.path_params["plan"]
+    """What the library would have saved, on one line."""
+    plan, by_hash = request.path_params["plan"], _by_hash(request)
     await asyncio.to_thread(server.store.job, plan)
-    return await _response(server, request, plan, _seconds_to_wait(request), cancel=False)
+    return await _response(server, request, plan, by_hash=by_hash, cancel=False)
 
 
 @operation(
@@ -330,7 +363,7 @@ async def delete_plan(server: PlanningServer, request: Request) -> Response:
         raise Refused("malformed", f"finished: got {finished!r:.100}; expected remove, or keep")
     await asyncio.to_thread(server.store.job, plan)
     if server.cancel(plan):
-        return Response(json.dumps(await server.state(plan)), 202, {"Location": f"/plans/{plan}"}, JSON)
+        return _json(await server.state(plan), 202, {"Location": f"/plans/{plan}"})
     ending = server.pending(plan)
     if ending is not None:
         await asyncio.wait((ending,), timeout=MAX_ENDING)
@@ -360,7 +393,7 @@ def _decimal(request: Request, name: str, usual: float) -> float:
 
 
 def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
-    return Response(json.dumps(value, allow_nan=False), status, dict(headers or {}), JSON)
+    return Response(json.dumps(value, allow_nan=False, separators=(",", ":")), status, dict(headers or {}), JSON)
 
 
 # Scenes.
@@ -506,7 +539,8 @@ def _asked(kind: str, verb: Verb) -> Operation:
         {202: reply("Accepted", AcceptedReply), 200: answered},
         (400, 408, 410, 413, 415, 422, 429, 503, 507),
     )
-    return Operation("POST", f"/{kind}", verb.summary, work, replies, refused, (WAIT, AGAIN), verb.body, name=kind)
+    parameters = (WAIT, AGAIN, ROBOT) if verb.is_file else (WAIT, AGAIN)
+    return Operation("POST", f"/{kind}", verb.summary, work, replies, refused, parameters, verb.body, name=kind)
 
 
 OPERATIONS: tuple[Operation, ...] = (

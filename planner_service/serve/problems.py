@@ -72,7 +72,7 @@ class Problem:
     def content(self) -> bytes:
         """The body of the response."""
         head = {"type": TYPE + self.kind, "title": TITLES[self.kind][1], "status": self.status, "detail": self.detail}
-        return json.dumps({**head, **self.more}, allow_nan=False).encode("ascii")
+        return json.dumps({**head, **self.more}, allow_nan=False, separators=(",", ":")).encode("ascii")
 
 
 class Refused(Exception):

@@ -10,6 +10,7 @@ import asyncio
 import json
 import logging
 import math
+import re
 import shutil
 import threading
 import time
@@ -78,12 +79,21 @@ SHORT_BODY = 16_384
 """Bytes of a body that is read at once; a longer one is read in a thread, so that others need not wait for it."""
 
 
+PROBLEM = re.compile(rb'\{"type": ?"urn:problem-type:planner-service:')
+"""How the answer to a refused request begins."""
+
+
 @dataclass(frozen=True)
 class StoredAnswer:
     """The answer to a request; a problem if it was refused."""
 
     content: bytes
     refused: bool
+
+    @property
+    def status(self) -> int:
+        """The HTTP status."""
+        return int(json.loads(self.content)["status"]) if self.refused else 200
 
 
 @dataclass(frozen=True)
@@ -167,7 +177,7 @@ class PlanningServer:
         for scene in scenes:
             if all(stored.name != scene.name for stored in store.scenes()):
                 store.put_scene(scene.name, scene.hash, _scene_document(scene))
-        self.robot_document = json.dumps(RobotReply.of(world).document(), allow_nan=False).encode("ascii")
+        self.robot_document = RobotReply.of(world).line
 
     async def start(self) -> None:
         """Start the workers, and what was accepted before."""
@@ -433,7 +443,7 @@ class PlanningServer:
             ending = Ending.LOST if found.state is State.LOST else Ending.CANCELLED
             content = unrun(Assignment(job, ""), self._world, ending).content
             return StoredAnswer(content, True)
-        return StoredAnswer(content, content.startswith(b'{"type": "urn:problem-type:planner-service:'))
+        return StoredAnswer(content, PROBLEM.match(content) is not None)
 
     def pending(self, job: str) -> asyncio.Future[StoredAnswer | None] | None:
         """Gets the answer of a job, None if the server stops before; None for a job that has ended."""
@@ -542,7 +552,7 @@ class PlanningServer:
     def scene(self, name: str, version: int | None) -> StoredScene:
         """A version of a scene; the latest by default."""
         entry = self.store.scene(name, version)
-        return StoredScene(entry.version, b'{"version": %d, ' % entry.version + self.store.content(entry.content)[1:])
+        return StoredScene(entry.version, b'{"version":%d,' % entry.version + self.store.content(entry.content)[1:])
 
     def put_scene(self, name: str, body: bytes, expected: int | None) -> dict[str, Any]:
         """Store a scene; ``expected`` is its version before, 0 if there must be none, None for any."""
@@ -590,7 +600,7 @@ def _planners(body: Any) -> list[Any]:
 
 
 def _scene_document(scene: Scene) -> bytes:
-    return json.dumps(SceneRecord.of(scene).document(), allow_nan=False).encode("ascii")
+    return SceneRecord.of(scene).line
 
 
 def _shown(state: State) -> str:

@@ -5,7 +5,6 @@ The answer is bytes, so that the server's own process only stores and forwards.
 
 from __future__ import annotations
 
-import json
 import tempfile
 import threading
 from collections import OrderedDict
@@ -327,13 +326,13 @@ def _finished(saved: SavedPlan | SavedTask) -> SavedTask:
 
 def _file_answer(saved: SavedPlan | SavedTask, failure: Failure | None, counts: CheckCounts) -> Answer:
     reason = None if failure is None else failure.reason.value
-    return Answer(saved.file_text().encode("ascii"), failure is None, reason, counts=counts)
+    return Answer(saved.compact(), failure is None, reason, counts=counts)
 
 
 def _json_answer(model: type[Record], value: Any, *, ok: bool = True, counts: CheckCounts | None = None) -> Answer:
-    document = recorded("answer", lambda: model.of(value)).document()
-    content = json.dumps(document, allow_nan=False).encode("ascii")
-    return Answer(content, ok, counts=CheckCounts() if counts is None else counts)
+    return Answer(
+        recorded("answer", lambda: model.of(value)).line, ok, counts=CheckCounts() if counts is None else counts
+    )
 
 
 def unrun(item: Assignment, world: World, ending: Ending) -> Answer:

@@ -30,6 +30,7 @@ from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, ImproveReport, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.task_result import Segment
 from planner_service.records.evidence import save_plan
+from planner_service.records.http.robot_by_hash import robot_by_hash
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task
 from planner_service.records.plan_reader import PlanReader
 from planner_service.roadmap import Roadmap, RoadmapReference
@@ -191,6 +192,23 @@ def test_each_entry_of_a_file_that_is_changed_is_refused_by_name_or_kept(plan: S
                 continue
             with pytest.raises(InvalidFile, match="|".join([*names, "counts"])):
                 read(other, "plan")
+
+
+@pytest.mark.parametrize("plan", DOCUMENTS, ids=["plan", "failure", "task"])
+def test_one_line_says_the_same_and_ends_with_the_robot(plan: SavedPlan | SavedTask) -> None:
+    line = plan.compact()
+    assert json.loads(line) == json.loads(plan.file_text())
+    assert b"\n" not in line
+    assert list(json.loads(line))[-1] == "robot"
+    named = json.loads(robot_by_hash(line))
+    assert named == {**json.loads(line), "robot": {"hash": plan.robot.hash}}
+    assert json.loads(robot_by_hash(plan.file_text().encode())) == named  # as older servers have stored it
+
+
+def test_a_file_without_its_robot_is_refused(there: Path) -> None:
+    there.write_bytes(robot_by_hash(DOCUMENTS[0].compact()))
+    with pytest.raises(InvalidFile, match=r"robot: its hash alone.*without robot=hash"):
+        load_plan(there)
 
 
 SQUARE = Roadmap.judged([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [(0, 1), (1, 2)])

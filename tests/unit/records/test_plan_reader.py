@@ -42,6 +42,11 @@ def test_a_scene_may_have_another_name(discs: PlannerService) -> None:
     assert PlanReader(discs.world).plan(document, "plan").scene is discs.scene
 
 
+def test_the_robots_hash_stands_for_the_robot(discs: PlannerService) -> None:
+    document = {**plan_document(), "robot": {"hash": discs.robot.hash}}
+    assert PlanReader(discs.world).plan(document, "plan").document() == plan_document()
+
+
 Change = Callable[[dict[str, Any]], object]
 
 
@@ -49,6 +54,7 @@ Change = Callable[[dict[str, Any]], object]
     ("change", "problem"),
     [
         (lambda plan: plan["robot"]["limits"]["velocity"].__setitem__(0, 9.0), "robot: another one"),
+        (lambda plan: plan.update(robot={"hash": "0" * 64}), "robot: another one"),
         (lambda plan: plan["scene"]["obstacles"].pop(), "scene: another one"),
         (lambda plan: plan.update(scene=None), "scene: another one"),
         (lambda plan: plan["allowed"].append(["a", "b"]), "allowed: another one"),

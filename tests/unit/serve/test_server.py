@@ -153,6 +153,32 @@ def is_running(name: str, data: dict[str, Any]) -> bool:
 # Answers.
 
 
+def test_an_answer_has_the_robots_hash_in_its_place_if_the_client_says_so(server: Server) -> None:
+    whole, robot = server.post("plans", PLAN), server.client.get("/robot").json()
+    named = server.post("plans?robot=hash", PLAN)
+    assert whole.json()["robot"] == robot["robot"]
+    assert timeless(named.json()) == timeless({**whole.json(), "robot": {"hash": robot["hash"]}})
+    assert len(named.content) < 0.7 * len(whole.content)
+    again = server.client.get(f"{named.headers['content-location']}?robot=hash")
+    assert again.content == named.content
+    assert server.client.get(named.headers["content-location"]).json()["robot"] == robot["robot"]
+    assert server.post("plans?robot=none", PLAN).json()["type"].endswith(":malformed")
+
+
+@pytest.mark.parametrize(
+    ("accepted", "encoding"),
+    [("gzip, deflate", "gzip"), ("br;q=1.0, *;q=0.1", "gzip"), ("gzip;q=0, *", None), ("identity", None)],
+)
+def test_answers_are_gzipped_for_who_takes_that(server: Server, accepted: str, encoding: str | None) -> None:
+    plain = server.client.get("/robot", headers={"Accept-Encoding": "identity"})
+    response = server.client.get("/robot", headers={"Accept-Encoding": accepted})
+    assert response.headers.get("content-encoding") == encoding
+    assert response.content == plain.content
+    assert "accept-encoding" in response.headers["vary"].lower()
+    short = server.client.get("/health", headers={"Accept-Encoding": accepted})
+    assert "content-encoding" not in short.headers
+
+
 @pytest.mark.parametrize(
     ("kind", "body", "status", "problem"),
     [
