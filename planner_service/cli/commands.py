@@ -525,7 +525,7 @@ def _others() -> typer.Typer:
     from planner_service.cli.export import export, join
     from planner_service.cli.roadmap.commands import roadmaps
     from planner_service.cli.run import run
-    from planner_service.cli.serve import serve
+    from planner_service.cli.serve import mcp, serve
     from planner_service.cli.view import view
 
     others = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
@@ -536,6 +536,7 @@ def _others() -> typer.Typer:
     _add(others, run, "run", "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
     _add(others, episodes, "episodes", "Write a data set of planned motions.", "episodes --out motions --count 100")
     _add(others, serve, "serve", "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
+    _add(others, mcp, "mcp", "Offer planning as tools to an agent.", "mcp --scene bin --execute simulator")
     others.add_typer(roadmaps, name="roadmap")
     others.add_typer(robot_commands, name="robot")
     return others

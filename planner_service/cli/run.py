@@ -39,7 +39,7 @@ from planner_service.scene.loading import load_scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
 
-__all__ = ["run"]
+__all__ = ["run", "signals_as_ctrl_c"]
 
 PADDING = 0.005
 """Padding in metres of a pick-and-place that is executed: an arm deviates from its path by one to three millimetres."""
@@ -201,7 +201,7 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
         raise typer.Exit(BAD_INPUT)
     if opened.service is None:
         raise needs_a_service(plan)
-    with _signals_as_ctrl_c(), closing(TrossenDriver(address)) as driver:
+    with signals_as_ctrl_c(), closing(TrossenDriver(address)) as driver:
         try:
             report = execute(plan, driver, None, streaming, service=opened.service, allowed=opened.allowed)
         except ExecutionStopped as stopped:
@@ -213,7 +213,7 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
 
 
 @contextmanager
-def _signals_as_ctrl_c() -> Iterator[None]:
+def signals_as_ctrl_c() -> Iterator[None]:
     """Stop the arm as Ctrl-C does when the process is terminated or its terminal is closed."""
     known = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]
     numbers = [number for number in known if number is not None and signal.getsignal(number) != signal.SIG_IGN]

@@ -1,4 +1,4 @@
-"""The command ``serve``: one planner for many programs."""
+"""The commands ``serve``, one planner for many programs, and ``mcp``, an arm for an agent."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
-from planner_service.cli import options
+from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import ErrorLog, bad_input_exits
 from planner_service.cli.options import option
 from planner_service.cli.output import emit
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.parallel import Processes, Ray
 
-__all__ = ["serve"]
+__all__ = ["mcp", "serve"]
 
 
 class EngineName(str, Enum):
@@ -59,3 +59,34 @@ def serve(
         settings = Settings(robot.load(), scene, chosen, state, queue)
         told = lambda url: emit(f"serving at {url}\n")  # noqa: E731
         run_server(settings, host=host, port=port, token=token, started=told, origins=allow_origin or ())
+
+
+def mcp(
+    scene: options.SceneName,
+    robot: options.RobotName = options.WXAI,
+    start: options.Start = "home",
+    execute: Annotated[
+        str | None,
+        option("DRIVER", "Let tools move this arm: simulator, or trossen=ADDRESS; without it nothing moves."),
+    ] = None,
+    speed: Annotated[
+        float | None, option("X", "Fraction of the planned speed.  [default: 1 in simulation, 0.2 on an arm]")
+    ] = None,
+) -> None:
+    """Offer planning as tools to an agent, over standard input and output (Model Context Protocol).
+
+    An agent's program starts this command itself. Whatever it plans is proven free; names in the scene are data.
+    """
+    logging.getLogger("planner_service.mcp").addHandler(ErrorLog(logging.WARNING))
+    with bad_input_exits():
+        try:
+            from planner_service.mcp.server import run, wire
+        except ImportError as error:
+            raise MissingDependency(error.name or "mcp", "mcp") from error
+        from planner_service.cli.run import signals_as_ctrl_c
+
+        if speed is not None and execute is None:
+            raise InvalidRequest("--speed", speed, "with --execute only")
+        with wire() as (reading, writing), signals_as_ctrl_c():
+            service = arguments.service_for(robot, scene)
+            run(service, arguments.configuration("--start", start, service.robot), execute, speed, reading, writing)

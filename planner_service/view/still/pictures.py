@@ -58,7 +58,17 @@ from planner_service.view.still.composition import (
 from planner_service.view.still.lettering import Caption
 from planner_service.view.triangles import Colour
 
-__all__ = ["OURS", "draw_check", "draw_plan", "draw_robot_check", "draw_task", "write_png"]
+__all__ = [
+    "OURS",
+    "check_picture",
+    "draw_check",
+    "draw_plan",
+    "draw_robot_check",
+    "draw_task",
+    "png_bytes",
+    "task_picture",
+    "write_png",
+]
 
 OURS = re.compile(rb"\x89PNG")
 """How pictures begin."""
@@ -108,6 +118,11 @@ def draw_task(service: PlannerService, task: TaskResult | SavedTask, file: str |
     Raises:
         InvalidFile: the file cannot be written.
     """
+    write_png(file, task_picture(service, task))
+
+
+def task_picture(service: PlannerService, task: TaskResult | SavedTask) -> Image:
+    """The same picture, shape (height, width, 3)."""
     robot, ok = service.robot, task.failure is None
     results = [segment.result for segment in task.segments]
     paths = [result.path for result in results if result.path is not None]
@@ -123,7 +138,7 @@ def draw_task(service: PlannerService, task: TaskResult | SavedTask, file: str |
     )
     lines = tuple(tool_path(robot, path) for path in paths)
     view = View(robot, service.scene, tuple(stands) or (Stand(robot.home),), lines)
-    write_png(file, picture(view, caption, SIZE))
+    return picture(view, caption, SIZE)
 
 
 def draw_check(checker: CollisionChecker, q: ArrayLike, file: str | os.PathLike[str]) -> None:
@@ -133,8 +148,13 @@ def draw_check(checker: CollisionChecker, q: ArrayLike, file: str | os.PathLike[
         InvalidRequest: as ``checker.contacts`` does, which is asked.
         InvalidFile: the file cannot be written.
     """
-    instance("checker", checker, CollisionChecker, "a CollisionChecker")
     file = as_path("file", file)
+    write_png(file, check_picture(checker, q))
+
+
+def check_picture(checker: CollisionChecker, q: ArrayLike) -> Image:
+    """The same picture, shape (height, width, 3)."""
+    instance("checker", checker, CollisionChecker, "a CollisionChecker")
     robot, scene = checker.robot, checker.scene
     contacts, clearance = checker.contacts(q), checker.clearance(q)
     room = "nothing to touch" if clearance == math.inf else f"clearance: at least {clearance * 1000:.1f} mm"
@@ -142,7 +162,7 @@ def draw_check(checker: CollisionChecker, q: ArrayLike, file: str | os.PathLike[
     words = _joined(*map(str, contacts)) if contacts else room
     caption = Caption(f"{_where(robot, scene)}: {verdict}", (words,), _keys((), contacts))
     stand = Stand(np.asarray(q, dtype=np.float64), START, _names(contacts))
-    write_png(file, picture(View(robot, scene, (stand,)), caption, SIZE))
+    return picture(View(robot, scene, (stand,)), caption, SIZE)
 
 
 def draw_robot_check(check: RobotCheck, file: str | os.PathLike[str]) -> None:
@@ -197,11 +217,16 @@ def write_png(file: str | os.PathLike[str], image: Image) -> None:
     Raises:
         InvalidFile: it cannot be written.
     """
+    write_whole(as_path("file", file), png_bytes(image), OURS)
+
+
+def png_bytes(image: Image) -> bytes:
+    """A picture (height, width, 3) as the bytes of a PNG file."""
     from PIL import Image as Pictures
 
     content = io.BytesIO()
     Pictures.fromarray(image).save(content, "PNG", optimize=True)
-    write_whole(as_path("file", file), content.getvalue(), OURS)
+    return content.getvalue()
 
 
 def _planned(service: PlannerService, result: PlanResult) -> tuple[View, Caption]:
