@@ -462,10 +462,10 @@ def time_path(
     jerk: NDArray[np.float64],
     gridpoints: int,
     /,
-) -> tuple[tuple[object, ...], tuple[Peak, Peak, Peak]] | None:
+) -> tuple[tuple[object, ...], tuple[Peak, Peak, Peak]] | str | None:
     """The arguments of ``Trajectory.checked`` after the path, and the peaks before the motion was slowed down.
 
-    None where ``laws.reference_time_with_peaks`` has to decide.
+    None where ``laws.reference_time_with_peaks`` has to decide; words where the law fails.
 
     Args:
         waypoints, knots, tangents, breaks, lines, rows, blends: ``JointPath.tables``.
@@ -489,8 +489,79 @@ def continue_to_rest(
     speed: float,
     blend_share: float,
     /,
-) -> list[list[float]] | None:
-    """The phases of ``ToppRa.continue_to_rest``; None where the reference has to decide."""
+) -> NDArray[np.float64] | str | None:
+    """The phases of ``ToppRa.continue_to_rest``, (m, 5).
+
+    None where the reference has to decide; words where the law fails.
+    """
+
+def lawful_motion(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    breaks: NDArray[np.float64],
+    lines: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    blends: NDArray[np.float64],
+    corners: Sequence[int],
+    durations: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
+    begin: float,
+    end: float,
+    from_rest: bool,
+    /,
+) -> (
+    tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], float]
+    | None
+):
+    """The arguments of ``Trajectory.checked`` after the path, the last being 1; None where Python has to decide."""
+
+class Underway:
+    """What is left of a motion (``replanning/splice.py``)."""
+
+    def __init__(
+        self,
+        waypoints: NDArray[np.float64],
+        knots: NDArray[np.float64],
+        tangents: NDArray[np.float64],
+        breaks: NDArray[np.float64],
+        lines: NDArray[np.int64],
+        rows: NDArray[np.int64],
+        blends: NDArray[np.float64],
+        durations: NDArray[np.float64],
+        coefficients: NDArray[np.float64],
+        times: NDArray[np.float64],
+        ends: NDArray[np.float64],
+        begin: float,
+        end: float,
+        splice: float,
+        /,
+    ) -> None:
+        """See ``JointPath.tables``, of what is left, and ``Trajectory.tables``.
+
+        Args:
+            begin: Arc length at which what is left begins on the whole path.
+            end: Arc length at which the motion ends on it.
+            splice: Seconds on its clock at which another begins.
+        """
+
+    def moved(self, s: float, /) -> float:
+        """An arc length of the whole path on what is left."""
+
+    def at(self, t: float, /) -> tuple[float, float]:
+        """s on what is left, and ds/dt, at an instant."""
+
+    def rows(self, until: float, /) -> NDArray[np.float64]:
+        """The law from the splice to an instant: seconds and four coefficients of each piece, (m, 5)."""
+
+    def braking(
+        self, s: float, rate: float, rest: float, acceleration: NDArray[np.float64], margin: float, /
+    ) -> tuple[NDArray[np.float64], float] | None:
+        """Rows of the stop that begins at s, and where it ends; None if there is none before ``rest``.
+
+        Args:
+            margin: Share of the possible braking that is not used.
+        """
 
 def stop_duration(
     waypoints: NDArray[np.float64],

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, IntArray, as_sent, read_only, set_fields
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers
+from planner_service.native.loading import load_core
 from planner_service.path.joint_path import OVERSHOOT, JointPath, require_order, within
 
 __all__ = ["LimitPeaks", "Peak", "Samples", "Trajectory"]
@@ -127,11 +128,23 @@ class Trajectory:
             set_fields(self, part=_checked_part(self.part, self.path.length))
         positive = number("dilation", self.dilation, "a positive number", sys.float_info.min, sys.float_info.max)
         set_fields(self, dilation=positive)
+        knots, ends, geometry = self._lawful(h, c)
+        set_fields(self, durations=h, coefficients=c, knots=knots, geometry=geometry, _ends=ends)
+
+    def _lawful(self, h: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Knots, s where each piece ends, and the piece of the path that each is on. What is only nearly a motion is
+        judged, and refused, in Python."""
+        path = self.path
+        if type(path) is JointPath:
+            span = self.begin, self.end, self.part is None
+            motion = load_core().lawful_motion(*path.tables, path.corners, h, c, *span)
+            if motion is not None:
+                _, _, knots, ends, geometry, _ = motion
+                return knots, ends, geometry
         ends = read_only([*c[1:, 0], self.end][: len(h)])
         with np.errstate(over="ignore", invalid="ignore"):  # numbers too large are refused, not warned of
             _check_law(self, h, c, ends)
-        knots, geometry = read_only(list(accumulate(h.tolist(), initial=0.0))), _geometry(self.path, c, ends)
-        set_fields(self, durations=h, coefficients=c, knots=knots, geometry=geometry, _ends=ends)
+        return read_only(list(accumulate(h.tolist(), initial=0.0))), ends, _geometry(path, c, ends)
 
     @classmethod
     def checked(

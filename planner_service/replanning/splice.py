@@ -8,24 +8,26 @@ ends, never at the splice.
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, pairwise, product
-from typing import NamedTuple
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
+from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Trajectory
 from planner_service.robot.model import JointLimits
-from planner_service.timing.laws import TimingFailed, ToppRa
-from planner_service.timing.limit_check import MIN_SHARE, TOLERANCE, peaks
+from planner_service.timing.laws import TAYLOR, TimingFailed, ToppRa
+from planner_service.timing.limit_check import TOLERANCE, peaks
 from planner_service.timing.segments import SpeedLimit
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 __all__ = ["HOLD", "SwitchPoint", "Underway"]
 
@@ -42,9 +44,6 @@ MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)
 
 LATER = (0.0, 0.02, 0.05, 0.1)
 """Seconds for which the old law goes on longer if nothing else is within the limits: on blends it may be at them."""
-
-INTERVALS = 24
-"""Intervals of constant braking on a whole blend."""
 
 MEETING = 5e-10
 """Arc length up to which s is taken for a break of the path."""
@@ -65,30 +64,6 @@ class SwitchPoint(NamedTuple):
     time: float
     s: float
     rate: float
-
-
-class _Row(NamedTuple):
-    """A piece of s(t): seconds, and four coefficients."""
-
-    seconds: float
-    c0: float
-    c1: float
-    c2: float
-    c3: float
-
-
-class _Braking(NamedTuple):
-    """A stop along a path: its rows, and where it ends."""
-
-    rows: list[_Row]
-    end: float
-
-
-class _Window(NamedTuple):
-    """The least and the largest value that is within the limits."""
-
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +103,17 @@ class Underway:
         """Whether so little is left at the splice that a motion along it would be lost in rounding."""
         return self.s(self.splice) >= self.end
 
+    @cached_property
+    def _core(self) -> _core.Underway:
+        """What is left of the motion, compiled."""
+        law = self.trajectory
+        tables = *self.path.tables, *law.tables[7:11]
+        core: _core.Underway = load_core().Underway(*tables, float(law.path.knots[self._first]), law.end, self.splice)
+        return core
+
     def s(self, t: float) -> float:
         """Arc length at an instant of the old motion."""
-        return self.moved(float(self.trajectory.s(t)))
+        return self._core.at(t)[0]
 
     @property
     def end(self) -> float:
@@ -138,61 +121,22 @@ class Underway:
         return self.moved(self.trajectory.end)
 
     def moved(self, s: float) -> float:
-        """An arc length of the old path on what is left of it."""
-        begin, length, breaks = self._places
-        left = min(max(s - begin, 0.0), length)
-        for k in range(bisect_left(breaks, left - 2.0 * MEETING), len(breaks)):
-            if abs(breaks[k] - left) <= MEETING:
-                return breaks[k]
-            if breaks[k] > left:
-                break
-        return left
+        """An arc length of the old path on what is left of it; where its pieces meet, exactly there."""
+        return self._core.moved(s)
 
     @cached_property
-    def _places(self) -> tuple[float, float, list[float]]:
-        """Where what is left begins on the old path, its length, and where its pieces meet."""
-        breaks: list[float] = self.path.breaks.tolist()
-        return float(self.trajectory.path.knots[self._first]), self.path.length, breaks
-
-    @cached_property
-    def _begins(self) -> list[float]:
-        """Arc lengths where the pieces of the old law begin: ``moved`` of all at once."""
-        begin, length, breaks = self._places
-        left = np.minimum(np.maximum(self.trajectory.coefficients[:, 0] - begin, 0.0), length)
-        out, ends = left.copy(), np.append(breaks, math.inf)
-        at, open_ones = ends.searchsorted(left - 2.0 * MEETING), np.ones(len(left), dtype=bool)
-        while open_ones.any():
-            here = ends[np.minimum(at, len(breaks))]
-            meeting = open_ones & (np.abs(here - left) <= MEETING)
-            out[meeting] = here[meeting]
-            open_ones &= ~meeting & ~(here > left)
-            at = at + 1
-        begins: list[float] = out.tolist()
-        return begins
-
-    def rows(self, until: float) -> list[_Row]:
-        """The old law from the splice on."""
-        law, splice = self.trajectory, self.splice
-        out = []
-        first = max(int(law.knots.searchsorted(splice)) - 1, 0)
-        pieces = zip(law.knots.tolist(), law.durations.tolist(), self._begins, law.coefficients.tolist(), strict=False)
-        for began, h, s, (c0, c1, c2, c3) in islice(pieces, first, None):
-            x, end = max(splice - began, 0.0), min(until - began, h)
-            if end - x > SLIVER:
-                at = self.moved(c0 + x * (c1 + x * (c2 + x * c3))) if x > 0.0 else s
-                rate = max(c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0)
-                out.append(_Row(end - x, at, rate, c2 + 3.0 * c3 * x, c3))
-        return out
+    def _begins(self) -> FloatArray:
+        """Arc lengths where the pieces of the old law begin."""
+        return np.array(list(map(self._core.moved, self.trajectory.coefficients[:, 0].tolist())))
 
     def rest(self) -> Trajectory:
         """The old motion from the splice on."""
-        return self._along(self.path, self.rows(self.trajectory.duration), self.end)
+        return self._along(self.path, self._core.rows(self.trajectory.duration), self.end)
 
-    def _along(self, path: JointPath, rows: Sequence[_Row], end: float) -> Trajectory:
-        """The motion along a path up to ``end`` that rows describe; it begins at the splice."""
-        table = np.array(rows).reshape(-1, 5)
-        begin = float(table[0, 1]) if len(table) else end
-        return Trajectory(path, table[:, 0], table[:, 1:], self.trajectory.dilation, (begin, end))
+    def _along(self, path: JointPath, rows: FloatArray, end: float) -> Trajectory:
+        """The motion along a path up to ``end`` of which rows say seconds and four coefficients, from the splice on."""
+        begin = float(rows[0, 1]) if len(rows) else end
+        return Trajectory(path, rows[:, 0], rows[:, 1:], self.trajectory.dilation, (begin, end))
 
     def switch_points(self) -> Iterator[SwitchPoint]:
         """Where another law may take over: as soon as possible, then after each blend that is still ahead."""
@@ -208,7 +152,7 @@ class Underway:
         if not near:
             yield SwitchPoint(t, s, self._rate(t))
         for x in [*near[-1:], *later]:
-            knots = law.knots[:-1][np.abs(np.array(self._begins) - x) <= MEETING]
+            knots = law.knots[:-1][np.abs(self._begins - x) <= MEETING]
             if len(knots):
                 yield SwitchPoint(float(knots[0]), x, self._rate(float(knots[0])))
 
@@ -220,7 +164,7 @@ class Underway:
         return rests
 
     def _rate(self, t: float) -> float:
-        rate, highest = float(self.trajectory.s(t, 1)), self.trajectory.coefficients[:, 1].max(initial=0.0)
+        rate, highest = self._core.at(t)[1], self.trajectory.coefficients[:, 1].max(initial=0.0)
         return 0.0 if rate <= AT_REST * highest else rate
 
     # -- the quickest stop
@@ -240,51 +184,28 @@ class Underway:
             braking = self._braking(self.s(since), self._rate(since), limits, margin)
             if braking is None:
                 continue
-            stop = self._along(self._up_to(braking.end), [*self.rows(since), *braking.rows], braking.end)
+            rows, s_end = braking
+            stop = self._along(self._up_to(s_end), np.concatenate([self._core.rows(since), rows]), s_end)
             if peaks(stop, limits).highest <= 1.0 + TOLERANCE:
                 return stop
         end = self.s(rest)
-        return self._along(self._up_to(end), self.rows(rest), end)
+        return self._along(self._up_to(end), self._core.rows(rest), end)
 
     def stop_from(self, switch: SwitchPoint, limits: JointLimits) -> float:
         """Roughly where a stop along the old curve ends that begins at a switch point."""
         if not switch.rate > 0.0:
             return switch.s
         braking = self._braking(switch.s, switch.rate, limits, 0.0)
-        return self.end if braking is None else braking.end
+        return self.end if braking is None else braking[1]
 
-    def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> _Braking | None:
-        """The stop that begins at s at a speed of ``rate``; None if the old law rests before it has ended."""
-        path, rows, most = self.path, list[_Row](), limits.acceleration.tolist()
-        rest = min([k for k in path.knots[list(path.corners)].tolist() if k > s], default=self.end)
-        while s < min(rest, self.end):
-            piece = path.pieces_at(np.array([s]))
-            at = self._grid(s, int(piece[0]), min(rest, self.end))
-            slopes, bends = (path.on_pieces(np.repeat(piece, len(at)), at, order).tolist() for order in (1, 2))
-            for k, (a, b) in enumerate(pairwise(at.tolist())):
-                square, length = rate * rate, b - a
-                window = _window(slopes[k : k + 2], bends[k : k + 2], square, length, most)
-                if window is None:
-                    window = _window(slopes[k : k + 1], bends[k : k + 1], square, length, most)
-                if window is None:
-                    return None
-                change = window.low + margin * (window.high - window.low)
-                square += 2.0 * change * length
-                if square <= 0.0:
-                    rows.append(_Row(rate / -change, a, rate, change / 2.0, 0.0))
-                    return _Braking(rows, min(a + rate * rate / (-2.0 * change), b))
-                after = math.sqrt(square)
-                rows.append(_Row(2.0 * (b - a) / (rate + after), a, rate, change / 2.0, 0.0))
-                rate = after
-            s = float(at[-1])
-        return None
+    def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[FloatArray, float] | None:
+        """The rows of the stop that begins at s at a speed of ``rate``, and where it ends.
 
-    def _grid(self, s: float, piece: int, end: float) -> FloatArray:
-        """Arc lengths from s to the end of its piece, or to ``end`` if that is nearer: in small steps on a blend."""
-        begins, ends = self.path.breaks[piece : piece + 2].tolist()
-        stop = min(ends, end)
-        steps = max(1, math.ceil(INTERVALS * (stop - s) / (ends - begins))) if self.path.blended[piece] else 1
-        return np.asarray(np.minimum(s + (stop - s) * (np.arange(steps + 1) / steps), stop))
+        None if the old law rests before.
+        """
+        corners = self.path.knots[list(self.path.corners)].tolist()
+        rest = min([self.end, *(k for k in corners if k > s)])
+        return self._core.braking(s, rate, rest, limits.acceleration, margin)
 
     def _up_to(self, s: float) -> JointPath:
         """The path as far as the waypoint that follows s, or the one after if s is within a blend."""
@@ -315,43 +236,15 @@ class Underway:
         Raises:
             TimingFailed: What comes after cannot be entered that fast, or there is no solution.
         """
-        head = self.rows(switch.time)
+        head = self._core.rows(switch.time)
         for share in SHARES:
-            phases = timing.continue_to_rest(
-                path, limits, switch.s, switch.rate, speed_limit=speed_limit, blend_share=share
-            )
-            rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
+            rows = timing.rows_to_rest(path, limits, switch.s, switch.rate, speed_limit=speed_limit, blend_share=share)
+            rows[:, 1:] /= TAYLOR
             try:
-                trajectory = self._along(path, [*head, *rows], path.length)
+                trajectory = self._along(path, np.concatenate([head, rows]), path.length)
             except InvalidRequest as error:
                 raise TimingFailed(f"the laws do not meet ({error})") from error
             ratios = peaks(trajectory, limits)
             if ratios.highest <= 1.0 + TOLERANCE:
                 return trajectory, ratios
         raise TimingFailed(f"limits are exceeded by {ratios.highest - 1.0:.2%}")
-
-
-def _window(
-    slopes: Sequence[Sequence[float]],
-    bends: Sequence[Sequence[float]],
-    square: float,
-    length: float,
-    acceleration: Sequence[float],
-) -> _Window | None:
-    """The values of d2s/dt2 within the limits at both ends of an interval; None if there are none.
-
-    Args:
-        slopes, bends: Derivatives of the path at both ends, or at the first alone, n numbers each.
-        square: Of ds/dt at the first end.
-        length: Of the interval.
-        acceleration: The limits, n numbers.
-    """
-    low, high = -math.inf, math.inf
-    for twice, q1, q2 in zip((0.0, 2.0 * length), slopes, bends, strict=False):
-        for slope, bend, most in zip(q1, q2, acceleration, strict=True):
-            per_change = slope + twice * bend  # at the second end the square is square + 2 length u
-            if abs(per_change) > MIN_SHARE:
-                fixed = bend * square
-                a, b = (-most - fixed) / per_change, (most - fixed) / per_change
-                low, high = max(low, min(a, b)), min(high, max(a, b))
-    return _Window(low, high) if -math.inf < low <= high else None

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
 from types import MappingProxyType, ModuleType
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -200,12 +200,29 @@ class ToppRa:
             InvalidRequest: as ``time_path``.
             TimingFailed: The speed is too high to slow down in time, or there is no solution.
         """
+        rows = self.rows_to_rest(path, limits, s_start, speed, speed_limit=speed_limit, blend_share=blend_share)
+        return list(map(Phase._make, rows.tolist()))
+
+    def rows_to_rest(
+        self,
+        path: JointPath,
+        limits: JointLimits,
+        s_start: float,
+        speed: float,
+        *,
+        speed_limit: SpeedLimit | None = None,
+        blend_share: float = 1.0,
+    ) -> FloatArray:
+        """``continue_to_rest`` as an array, a row for each phase, (m, 5)."""
         core, gridpoints = _compiled(self, path, limits, speed_limit)
         if core is not None and 0.0 <= s_start <= path.length and speed >= 0.0 and 0.0 < blend_share <= 1.0:
-            rows = core.continue_to_rest(*_question(path, limits), gridpoints, s_start, speed, blend_share)
+            rows: FloatArray | None = _unless_failed(
+                core.continue_to_rest(*_question(path, limits), gridpoints, s_start, speed, blend_share)
+            )
             if rows is not None:
-                return list(map(Phase._make, rows))
-        return self.reference_continuation(path, limits, s_start, speed, speed_limit, blend_share)
+                return rows
+        phases = self.reference_continuation(path, limits, s_start, speed, speed_limit, blend_share)
+        return np.array(phases).reshape(-1, 5)
 
     def reference_continuation(
         self,
@@ -340,7 +357,7 @@ def time_with_peaks(
     if isinstance(timing, ToppRa) and torque_limits is not None:
         return _time_within_torques(timing, path, limits, speed_limit, torque_limits)
     core, gridpoints = _compiled(timing, path, limits, speed_limit)
-    timed = None if core is None else core.time_path(*_question(path, limits), gridpoints)
+    timed = None if core is None else _unless_failed(core.time_path(*_question(path, limits), gridpoints))
     if timed is None:
         return reference_time_with_peaks(timing, path, limits, speed_limit)
     motion, found = timed
@@ -386,6 +403,17 @@ def _compiled(
     if type(path) is not JointPath or type(limits) is not JointLimits or len(limits.velocity) != path.n:
         return None, 0
     return load_core(), gridpoints
+
+
+def _unless_failed(answer: Any) -> Any:
+    """What compiled code says of a motion.
+
+    Raises:
+        TimingFailed: in its words: there is none.
+    """
+    if isinstance(answer, str):
+        raise TimingFailed(answer)
+    return answer
 
 
 def _question(path: JointPath, limits: JointLimits) -> tuple[object, ...]:

@@ -32,16 +32,17 @@ def require_limits(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
         InvalidRequest: such a limit, limits of another length than the path's, or something that is no path.
     """
     instance("path", path, JointPath, "a JointPath")
-    share = np.abs(path(path.breaks, 1)).max(axis=0)
     for name in ORDERS if jerk else ORDERS[:2]:
         row: FloatArray | None = getattr(limits, name, None)
         if not isinstance(row, np.ndarray):
             raise InvalidRequest("limits", limits, "JointLimits")
         if row.shape != (path.n,):
             raise InvalidRequest(f"limits.{name}", row.shape, f"one number for each of the path's {path.n} joints")
-        bad = np.flatnonzero((share > MIN_SHARE) & ~((row > 0.0) & np.isfinite(row)))
-        if len(bad):
-            joint = int(bad[0])
+        bad = ~((row > 0.0) & np.isfinite(row))
+        if bad.any():
+            bad &= np.abs(path(path.breaks, 1)).max(axis=0) > MIN_SHARE
+        if bad.any():
+            joint = int(bad.argmax())
             expected = f"a positive, finite number: joint {joint} moves on this path"
             raise InvalidRequest(f"limits.{name}[{joint}]", float(row[joint]), expected)
     if limits.jerk.shape != (path.n,):

@@ -1,7 +1,9 @@
 #include "law.hpp"
 
+#include <cstdio>
 #include <limits>
 #include <optional>
+#include <string>
 
 #include "../arithmetic.hpp"
 #include "two_passes.hpp"
@@ -17,6 +19,21 @@ constexpr double tolerance = 1e-9, overshoot = 1e-9, rounding = 1e-14, most_dila
 
 void require(bool usual) {
     if (!usual) throw Unusual();
+}
+
+// Throws the message, or ``Unusual`` where limits are such that Python would say something else.
+[[noreturn]] void fail(const Segment& segment, const std::string& message) {
+    for (std::size_t j = 0; j < segment.path.joints; ++j)
+        for (const double limit : {segment.limits.velocity[j], segment.limits.acceleration[j]})
+            require(limit > 0.0 && std::isfinite(limit));
+    throw Failed("TOPP-RA" + message);
+}
+
+// A number as Python's ``:.6g`` writes it.
+std::string six_digits(double x) {
+    char out[32];
+    std::snprintf(out, sizeof out, "%.6g", x);
+    return out;
 }
 
 bool finite(const std::vector<double>& values) {
@@ -62,7 +79,7 @@ std::vector<double> grid_of(const Section& section, const Segment& segment, int 
     return grid;
 }
 
-// ds/dt at the grid points, one section after the other; none without a solution. ``unit``: about the motion's duration.
+// ds/dt at the grid points, one section after the other. ``unit``: about the motion's duration.
 std::vector<double> optimal_speeds(const Segment& segment, const std::vector<Section>& sections,
                                    const std::vector<std::vector<double>>& grids, double unit) {
     const Path& path = segment.path;
@@ -73,7 +90,8 @@ std::vector<double> optimal_speeds(const Segment& segment, const std::vector<Sec
             points.push_back((sections[k].start - segment.start) / length + grids[k][i] * (sections[k].length / length));
     points.push_back(1.0);
     for (std::size_t i = 0; i + 1 < points.size(); ++i)
-        if (!(points[i + 1] > points[i])) return {};
+        if (!(points[i + 1] > points[i]))
+            fail(segment, " on the segment from s = " + six_digits(segment.start) + ": grid points of a tiny blend coincide");
     const std::vector<std::size_t> joints = segment.moving_joints();
     const std::size_t n = joints.size();
     std::vector<double> first, second, squares, acceleration, tangent(path.joints);
@@ -113,23 +131,26 @@ std::vector<double> optimal_speeds(const Segment& segment, const std::vector<Sec
     require(finite(first) && finite(second) && finite(acceleration) && std::isfinite(scaled));
     const Grid grid{n, points.size(), first.data(), second.data(), nullptr, acceleration.data(), squares.data(), points.data()};
     std::vector<double> speeds = two_passes(grid, scaled);
-    if (speeds.empty() || !finite(speeds)) return {};
+    if (speeds.empty() || !finite(speeds))
+        fail(segment, ": no motion from s = " + six_digits(segment.start) + " at ds/dt = " + six_digits(segment.entry) +
+                          " to rest keeps the limits");
     for (double& speed : speeds) speed = speed * (length / unit);
     speeds[0] = segment.entry;
     return speeds;
 }
 
-// The motion with these speeds at the grid points and constant acceleration in between; none if it stands still.
-std::optional<std::vector<Phase>> constant_accelerations(const std::vector<Section>& sections,
-                                                         const std::vector<std::vector<double>>& grids,
-                                                         const std::vector<double>& speeds) {
+// The motion with these speeds at the grid points and constant acceleration in between.
+std::vector<Phase> constant_accelerations(const Segment& segment, const std::vector<Section>& sections,
+                                          const std::vector<std::vector<double>>& grids, const std::vector<double>& speeds) {
     std::vector<Phase> phases;
     std::size_t at = 0;
     for (std::size_t k = 0; k < sections.size(); ++k)
         for (std::size_t i = 0; i + 1 < grids[k].size(); ++i, ++at) {
             const double before = grids[k][i] * sections[k].length, after = grids[k][i + 1] * sections[k].length;
             const double v0 = speeds[at], v1 = speeds[at + 1];
-            if (!(v0 + v1 > 0.0)) return std::nullopt;
+            if (!(v0 + v1 > 0.0))
+                fail(segment, ": speed 0 from s = " + six_digits(sections[k].start + before) + " to " +
+                                  six_digits(sections[k].start + after));
             const double duration = 2.0 * (after - before) / (v0 + v1);
             require(duration != 0.0);
             phases.push_back({duration, sections[k].start + before, v0, (v1 - v0) / duration});
@@ -137,37 +158,40 @@ std::optional<std::vector<Phase>> constant_accelerations(const std::vector<Secti
     return phases;
 }
 
-std::optional<std::vector<Phase>> time_optimal(const Segment& segment, const std::vector<Section>& sections, int gridpoints, double unit) {
+// The fastest motion, ``unit`` being about its duration; ``Failed`` if there is none.
+std::vector<Phase> time_optimal(const Segment& segment, const std::vector<Section>& sections, int gridpoints, double unit) {
     std::vector<std::vector<double>> grids;
     for (const Section& section : sections) grids.push_back(grid_of(section, segment, gridpoints));
-    const std::vector<double> speeds = optimal_speeds(segment, sections, grids, unit);
-    if (speeds.empty()) return std::nullopt;
-    return constant_accelerations(sections, grids, speeds);
+    return constant_accelerations(segment, sections, grids, optimal_speeds(segment, sections, grids, unit));
 }
 
 // What Trajectory checks, with half its slack: what only nearly passes is left to Python.
-void require_lawful(const TimedPath& timed, const Path& path, const std::vector<std::size_t>& corners) {
+void require_lawful(const TimedPath& timed, const Path& path, const std::vector<std::size_t>& corners, const Span& span) {
     const std::size_t count = timed.durations.size();
-    const double length = path.length(), *c = timed.coefficients.data();
-    require(count > 0 && finite(timed.durations) && finite(timed.coefficients) && c[0] == 0.0);
+    const double *c = timed.coefficients.data();
+    require(count > 0 && span.end > span.begin && finite(timed.durations) && finite(timed.coefficients) && c[0] == span.begin);
     double jumps = 0.0, fastest = 0.0;
-    std::vector<double> arrivals;
+    std::vector<double> arrivals, slowest;
     for (std::size_t k = 0; k < count; ++k, c += 4) {
         const double h = timed.durations[k];
-        require(h > 0.0 && timed.ends[k] >= c[0]);
+        const auto rate = [&](double x) { return c[1] + x * (2.0 * c[2] + 3.0 * c[3] * x); };
+        require(h > 0.0 && timed.ends[k] >= c[0] && std::isfinite(2.0 * c[2] + 6.0 * c[3] * h));
         jumps += std::fabs(c[0] + h * (c[1] + h * (c[2] + h * c[3])) - timed.ends[k]);
-        arrivals.push_back(c[1] + h * (2.0 * c[2] + 3.0 * c[3] * h));
+        arrivals.push_back(rate(h));
+        const double turning = c[3] != 0.0 ? std::min(std::max(-c[2] / (3.0 * c[3]), 0.0), h) : 0.0;
+        slowest.push_back(std::min(std::min(c[1], arrivals.back()), rate(turning)));
         fastest = std::max(fastest, std::max(c[1], arrivals.back()));
     }
     const double slack = overshoot * fastest / 2.0;
-    require(finite(arrivals) && jumps <= (overshoot + rounding * length * static_cast<double>(count)) / 2.0);
+    require(finite(arrivals) && jumps <= (overshoot + rounding * path.length() * static_cast<double>(count)) / 2.0);
     c = timed.coefficients.data();
     for (std::size_t k = 0; k < count; ++k) {
-        const double departure = k == 0 ? 0.0 : arrivals[k - 1];
-        require(c[4 * k + 1] >= -slack && arrivals[k] >= -slack && std::fabs(departure - c[4 * k + 1]) <= slack);
+        const double departure = k > 0 ? arrivals[k - 1] : span.from_rest ? 0.0 : c[1];
+        require(slowest[k] >= -slack && std::fabs(departure - c[4 * k + 1]) <= slack);
     }
     require(arrivals.back() <= slack);
     for (const std::size_t corner : corners) {
+        if (!(span.begin < path.knots[corner] && path.knots[corner] < span.end)) continue;
         std::size_t k = 0;
         while (k < count && !(c[4 * k] == path.knots[corner] && c[4 * k + 1] <= slack)) ++k;
         require(k < count);
@@ -189,14 +213,14 @@ void locate(TimedPath& timed, const Path& path) {
 }
 
 // Computes what follows from the durations and the coefficients.
-void complete(TimedPath& timed, const Path& path, const std::vector<std::size_t>& corners) {
+void complete(TimedPath& timed, const Path& path, const std::vector<std::size_t>& corners, const Span& span) {
     timed.ends.clear();
     timed.knots.assign(1, 0.0);
     for (std::size_t k = 0; k < timed.durations.size(); ++k) {
-        timed.ends.push_back(k + 1 < timed.durations.size() ? timed.coefficients[4 * (k + 1)] : path.length());
+        timed.ends.push_back(k + 1 < timed.durations.size() ? timed.coefficients[4 * (k + 1)] : span.end);
         timed.knots.push_back(timed.knots.back() + timed.durations[k]);
     }
-    require_lawful(timed, path, corners);
+    require_lawful(timed, path, corners, span);
     locate(timed, path);
 }
 
@@ -217,20 +241,33 @@ std::vector<Phase> phases_of(const Law& law, const Segment& segment) {
     if (closed_form && (sections.size() == 1 || segment.length() < short_segment)) return *closed_form;
     double unit = slowest_seconds(sections);
     if (closed_form) unit = std::min(seconds(*closed_form), unit);
-    const auto optimal = time_optimal(segment, sections, law.gridpoints, unit);
-    require(optimal || closed_form);
-    if (!optimal) return *closed_form;
-    return closed_form && seconds(*closed_form) < seconds(*optimal) ? *closed_form : *optimal;
+    try {
+        std::vector<Phase> optimal = time_optimal(segment, sections, law.gridpoints, unit);
+        return closed_form && seconds(*closed_form) < seconds(optimal) ? *closed_form : optimal;
+    } catch (const Failed&) {
+        if (!closed_form) throw;
+        return *closed_form;
+    }
+}
+
+TimedPath lawful_motion(const Path& path, const std::vector<std::size_t>& corners, std::vector<double> durations,
+                        std::vector<double> coefficients, const Span& span) {
+    TimedPath timed;
+    timed.durations = std::move(durations);
+    timed.coefficients = std::move(coefficients);
+    complete(timed, path, corners, span);
+    return timed;
 }
 
 TimedPath time_path(const Law& law, const Path& path, const Limits& limits, const std::vector<std::size_t>& corners) {
     TimedPath timed;
+    const Span whole{0.0, path.length(), true};
     for (const Segment& segment : segments_of(path, limits, corners, 0.0, 0.0))
         for (const Phase& phase : phases_of(law, segment)) {
             timed.durations.push_back(phase.duration);
             for (const double c : {phase.position, phase.speed, phase.acceleration / 2.0, 0.0}) timed.coefficients.push_back(c);
         }
-    complete(timed, path, corners);
+    complete(timed, path, corners, whole);
     timed.peaks = trajectory_peaks(path, timed.motion(), limits);
     const double velocity = timed.peaks[0].ratio, acceleration = timed.peaks[1].ratio;
     if (std::max(velocity, acceleration) <= 1.0 + tolerance) return timed;
@@ -240,7 +277,7 @@ TimedPath time_path(const Law& law, const Path& path, const Limits& limits, cons
     const double powers[] = {1.0, factor, factor * factor, factor * factor * factor};
     for (double& duration : timed.durations) duration = duration * factor;
     for (std::size_t k = 0; k < timed.coefficients.size(); ++k) timed.coefficients[k] = timed.coefficients[k] / powers[k % 4];
-    complete(timed, path, corners);
+    complete(timed, path, corners, whole);
     return timed;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <stdexcept>
 #include <vector>
 
 #include "peaks.hpp"
@@ -12,6 +13,11 @@ namespace timing {
 
 struct Law {
     int gridpoints;  // of TOPP-RA; 0 for one constant speed on each blend
+};
+
+// There is no motion that keeps the limits: what ``TimingFailed`` of timing/profiles.py says.
+struct Failed : std::runtime_error {
+    using std::runtime_error::runtime_error;
 };
 
 // The motion along one segment, to rest.
@@ -27,10 +33,20 @@ struct TimedPath {
     Motion motion() const;
 };
 
+// From where to where in s a motion goes, and whether it begins at rest.
+struct Span {
+    double begin, end;
+    bool from_rest;
+};
+
+// A motion of these durations and coefficients along a part of a path, with what Trajectory computes when it is made.
+TimedPath lawful_motion(const Path& path, const std::vector<std::size_t>& corners, std::vector<double> durations,
+                        std::vector<double> coefficients, const Span& span);
+
 // The fastest motion of a law along a path that stops at these waypoints, slowed down if that exceeds a limit.
 TimedPath time_path(const Law& law, const Path& path, const Limits& limits, const std::vector<std::size_t>& corners);
 
-// The motion along the rest of a path from s on, where it has a speed; its limits are not verified.
+// The motion along the rest of a path from s on, where it has a speed; its limits are not verified. ``Failed`` if there is none.
 std::vector<Phase> continue_to_rest(const Law& law, const Path& path, const Limits& limits, const std::vector<std::size_t>& corners,
                                     double s, double speed, double blend_share);
 

@@ -89,6 +89,23 @@ def test_motions_that_go_on_from_a_speed_have_the_bits_of_the_reference(name: st
         assert compiled == reference
 
 
+class OtherPath(JointPath):
+    """A path of a class of one's own, about which compiled code says nothing."""
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_motion_made_of_its_arrays_has_the_bits_of_the_reference(name: str) -> None:
+    for seed in range(12):
+        robot, rng = load_robot(name), np.random.default_rng([seed, 4])
+        path = random_path(robot, rng)
+        law = (SCurve(20.0) if seed % 2 else ToppRa()).time_path(path, robot.limits)
+        first = int(rng.integers(0, len(law.durations)))
+        part = (float(law.coefficients[first, 0]), path.length)
+        rows = law.durations[first:], law.coefficients[first:], 1.0, part
+        compiled, reference = (Trajectory(made(path.waypoints, path.blends), *rows) for made in (JointPath, OtherPath))
+        assert [table.tobytes() for table in compiled.tables] == [table.tobytes() for table in reference.tables]
+
+
 @pytest.mark.parametrize("factor", [1e-300, 1e300])
 def test_what_is_too_extreme_is_left_to_the_reference(factor: float) -> None:
     robot = load_robot("planar2")
