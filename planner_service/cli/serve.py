@@ -36,6 +36,9 @@ def serve(
     state: Annotated[
         Path | None, option("FOLDER", "Folder for scenes, roadmaps and answers; default: none kept.")
     ] = None,
+    keep: Annotated[
+        int, option("MB", "Megabytes of answers that are kept; the oldest are deleted first.", min=1, max=1_000_000)
+    ] = 2_000,
     workers: options.Workers = None,
     queue: Annotated[int | None, option("N", "Requests that may wait; default: 16 per worker.", min=1)] = None,
     engine: Annotated[EngineName, option("Processes here, or actors on a Ray cluster.")] = (EngineName.PROCESSES),
@@ -56,7 +59,7 @@ def serve(
             raise InvalidRequest("--address", address, "with --engine ray only")
         chosen = Ray(address, workers) if engine is EngineName.RAY else Processes(workers)
         token = None if token_file is None else read_token(token_file)
-        settings = Settings(robot.load(), scene, chosen, state, queue)
+        settings = Settings(robot.load(), scene, chosen, state, queue, keep * 1_000_000)
         told = lambda url: emit(f"serving at {url}\n")  # noqa: E731
         run_server(settings, host=host, port=port, token=token, started=told, origins=allow_origin or ())
 

@@ -24,7 +24,7 @@ from planner_service.serve.app import create_app
 from planner_service.serve.connection import Connection
 from planner_service.serve.guard import LOOPBACK, Guard, checked_origins
 from planner_service.serve.server import PlanningServer
-from planner_service.serve.state.store import Store
+from planner_service.serve.state.store import MAX_BYTES, Store
 from planner_service.serve.work import ServerWork
 
 __all__ = ["MIN_TOKEN", "Settings", "new_server", "read_token", "serve"]
@@ -49,6 +49,7 @@ class Settings:
         engine: ``Processes`` on this machine, or ``Ray`` on a cluster.
         state: The folder that outlives the server; None for one that is deleted with it.
         capacity: Requests that may wait; None for so many per worker.
+        keep: Bytes of answers that are kept; beyond that the oldest are deleted.
     """
 
     robot: Robot | str
@@ -56,6 +57,7 @@ class Settings:
     engine: Processes | Ray
     state: Path | None = None
     capacity: int | None = None
+    keep: int = MAX_BYTES
 
 
 def new_server(settings: Settings) -> PlanningServer:
@@ -68,7 +70,7 @@ def new_server(settings: Settings) -> PlanningServer:
     scenes: list[Scene] = [load_scene(name) for name in settings.scenes]
     world = World(robot, scenes[0] if scenes else Scene())
     own = None if settings.state is not None else Path(tempfile.mkdtemp(prefix="planner-service-"))
-    store = Store(settings.state or own or Path())
+    store = Store(settings.state or own or Path(), max_bytes=settings.keep)
     try:
         backend = settings.engine.backend(ServerWork(world))
         capacity = settings.capacity or WAITING_PER_WORKER * backend.max_workers

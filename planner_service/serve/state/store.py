@@ -186,14 +186,15 @@ class Store:
         self._failure: OSError | None = None
         self._folder_lock = FolderLock(folder)
         try:
+            self._due, self._closing = threading.Event(), threading.Event()
             self._index = open_index(folder / "index.db")
             ended = self._rows("SELECT count(*), coalesce(sum(size), 0) FROM jobs WHERE ended IS NOT NULL")[0]
             self._jobs, self._bytes = int(ended[0]), int(ended[1])
+            self._shrink()
             sync_file(folder)
         except BaseException:
             self._folder_lock.release()
             raise
-        self._due, self._closing = threading.Event(), threading.Event()
         self._syncer = threading.Thread(target=self._sync_in_background, name="store sync", daemon=True)
         self._syncer.start()
 
@@ -511,6 +512,14 @@ class Store:
         if data is None or hashlib.sha256(data).hexdigest() != content:
             raise InvalidFile(self._folder / "index.db", ["damaged: the SHA-256 of a content is not its name"])
         return data
+
+    def _shrink(self) -> None:
+        """Delete what is beyond the limits, which may have been higher before, and give the room back to the disk."""
+        with self._writing():
+            self._make_room_beside("")
+        free, pages = (self._rows(f"PRAGMA {name}")[0][0] for name in ("freelist_count", "page_count"))
+        if free > pages // 2:
+            self._index.execute("VACUUM")
 
     def _make_room_beside(self, job: str) -> None:
         """Delete the jobs that ended first, as many as are too many."""

@@ -183,6 +183,20 @@ def test_the_jobs_that_ended_first_make_room(tmp_path: Path, limits: dict[str, i
     assert contents(tmp_path / "state") == {job.encode()[:10] for job in jobs[:2]}
 
 
+def test_a_folder_shrinks_to_a_smaller_limit_but_for_what_has_no_answer(tmp_path: Path) -> None:
+    store = Store(tmp_path / "state")
+    jobs = [accepted(store, str(k)) for k in range(9)]
+    for k, job in enumerate(jobs[:8]):
+        store.end(job, State.DONE, bytes([k]) * 100_000, ok=True)
+    store.close()
+    assert (tmp_path / "state" / "index.db").stat().st_size > 800_000
+    store = Store(tmp_path / "state", max_bytes=250_000)
+    assert [job.id for job in store.jobs()] == [jobs[8], jobs[7], jobs[6]]
+    assert store.work(jobs[8])
+    store.close()
+    assert (tmp_path / "state" / "index.db").stat().st_size < 400_000
+
+
 # What a folder goes through.
 
 
