@@ -23,7 +23,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, MissingDependenc
 from planner_service.files.json_reader import MAX_BYTES, parse_json
 from planner_service.files.schema import Record
 from planner_service.geometry.validation import number
-from planner_service.records.http.replies import read_reply
+from planner_service.records.http.sections import read_reply
 
 if TYPE_CHECKING:
     import httpx

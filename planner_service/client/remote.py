@@ -55,12 +55,10 @@ from planner_service.records.http.replies import (
     Checked,
     CheckReply,
     ExplainReply,
-    LineSections,
-    ReplannedRecord,
     RoadmapReply,
     RobotReply,
-    read_reply,
 )
+from planner_service.records.http.sections import LineSections, ReplannedRecord, read_reply
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.plan_reader import PlanReader
 from planner_service.records.request import RequestRecord, astray, goals_of

@@ -29,6 +29,7 @@ from pydantic import (
     ConfigDict,
     FailFast,
     Field,
+    GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -37,14 +38,17 @@ from pydantic import (
     model_validator,
 )
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.docstrings import fields_documented, in_json, summary
 from planner_service.files.json_writer import indented_json
 
 __all__ = [
     "ONE_PER_JOINT",
     "Count",
+    "Described",
     "FirstOnly",
     "GrownRecord",
     "Joints",
@@ -86,6 +90,9 @@ MAX_LABEL = 64
 MAX_HINTS = 100
 """Unknown keys of a file for which the nearest key is looked up, which takes far longer than naming the problem."""
 
+NAMED = re.compile(r"(?:An? )?``\w+``\.|")
+"""A docstring of a record that only names what the record is of."""
+
 R = TypeVar("R", bound="Record")
 T = TypeVar("T")
 
@@ -109,7 +116,32 @@ class Reading:
     models: dict[int, type[Record]] = field(default_factory=dict)
 
 
-class Record(BaseModel):
+class Described(BaseModel):
+    """A model whose JSON schema says in the words of docstrings what it and each of its fields is.
+
+    Attributes:
+        about: The class whose docstring says what those fields are of which the model's own says nothing.
+    """
+
+    about: ClassVar[type | None] = None
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Its JSON schema, in which docstrings say what it and each of its fields is."""
+        schema = handler(core)
+        own = handler.resolve_ref_schema(schema)
+        about = cls.about
+        said = ({} if about is None else fields_documented(about)) | fields_documented(cls)
+        own["description"] = in_json(summary(cls if about is None or not NAMED.fullmatch(summary(cls)) else about))
+        for name, info in cls.model_fields.items():
+            entry = own["properties"][info.alias or name]
+            entry.pop("title", None)
+            if name in said:
+                entry["description"] = in_json(said[name])
+        return schema
+
+
+class Record(Described):
     """A part of a file: an object with the keys that the class declares, and no others.
 
     Args:
@@ -125,7 +157,7 @@ class Record(BaseModel):
     def __init_subclass__(cls, makes: type[Any] | None = None, **settings: Any) -> None:
         super().__init_subclass__(**settings)
         if makes is not None:
-            cls.makes = makes
+            cls.makes = cls.about = makes
             if cls.models.setdefault(makes, cls) is not cls:
                 raise TypeError(f"two records of {makes.__name__}: a field of that type could be either")
 
@@ -435,6 +467,22 @@ def _one_per_joint(values: Any, info: ValidationInfo) -> Any:
     return values
 
 
+@dataclass(frozen=True)
+class _Entries(BeforeValidator):
+    """A check of how many entries a list has, which its JSON schema says, too."""
+
+    least: int = 0
+    most: int = 0
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = handler(core)
+        if schema.get("type") == "array":
+            schema |= ({"minItems": self.least} if self.least else {}) | {"maxItems": self.most}
+        return schema
+
+    __hash__ = object.__hash__  # so that a list of these may be optional
+
+
 def of_length(count: int, expected: str) -> BeforeValidator:
     """For a list: it has ``count`` entries, which is checked before any of them is looked at.
 
@@ -447,7 +495,7 @@ def of_length(count: int, expected: str) -> BeforeValidator:
             raise ValueError(expected)
         return values
 
-    return BeforeValidator(checked)
+    return _Entries(checked, least=count, most=count)
 
 
 class FirstOnly(FailFast):
@@ -464,7 +512,7 @@ def at_most(count: int) -> BeforeValidator:
             raise ValueError(f"at most {count:,} entries; there are {len(values):,}")
         return values
 
-    return BeforeValidator(checked)
+    return _Entries(checked, most=count)
 
 
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(_printable)]

@@ -376,7 +376,12 @@ def _carried_over(scene: Scene, first: Scene, other: Scene) -> Scene:
 
 
 class StepRecord(Record):
-    """A ``MotionStep`` or ``JointStep``: metres or radians."""
+    """A ``MotionStep`` or ``JointStep``: metres or radians.
+
+    Attributes:
+        kind: Whether no point of the robot moves farther than `size` between two samples, or no joint.
+        size: Metres of a point (motion), or radians of a joint (joint).
+    """
 
     kind: Literal["motion", "joint"]
     size: float
@@ -407,7 +412,16 @@ def _blocks(whole: dict[str, Any] | list[Any]) -> list[Any]:
 
 
 class _Head(Record):
-    """What plans and tasks have in common."""
+    """What plans and tasks have in common.
+
+    Attributes:
+        version: The version of the format.
+        robot: The robot.
+        scene: The scene at the start.
+        allowed: Pairs of names that its author allowed to touch.
+        edge_step: How far apart edges were sampled by the search; null if that is not known. Proofs do not sample.
+        made_with: Versions of this package and of the libraries that plans depend on, by name.
+    """
 
     version: Literal[3]
     made_with: Annotated[dict[Text, Text], at_most(100)]
@@ -472,14 +486,21 @@ Sections = Annotated[dict[str, JsonValue], AfterValidator(_shallow)]
 
 
 class PlanRecord(_Head):
-    """A plan file."""
+    """A plan file.
+
+    Attributes:
+        format: Tells plan files from others.
+        request: What was asked; null if its planner or timing law has no name to be made from.
+        result: The plan, or why there is none, and what it cost.
+        sections: Further parts of the file by name.
+    """
 
     format: Literal["planner-service/plan"]
     request: RequestRecord | None
     result: ResultRecord
     sections: Sections
 
-    makes = SavedPlan
+    makes = about = SavedPlan
 
     @classmethod
     def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:
@@ -487,7 +508,16 @@ class PlanRecord(_Head):
 
 
 class SegmentRecord(Record):
-    """One motion of a task; ``scene`` is null where the scene is as in the motion before, or at the start."""
+    """One motion of a task; ``scene`` is null where the scene is as in the motion before, or at the start.
+
+    Attributes:
+        name: The name of the motion.
+        gripper_width: Metres between the finger pads during it; null if that is not known.
+        scene: What the scene has become; null where it is as in the motion before, or at the start.
+        result: The plan of the motion, or why there is none.
+    """
+
+    about = Segment
 
     name: Text
     gripper_width: float | None
@@ -498,7 +528,23 @@ class SegmentRecord(Record):
 
 
 class TaskRecord(_Head):
-    """A task file."""
+    """A task file.
+
+    Attributes:
+        format: Tells task files from others.
+        task: What was asked, in words.
+        request: What all motions were asked to keep; its start and goals have no meaning. null if that is not known.
+        ok: Whether every motion has a plan.
+        failure: Why a motion has no plan; null if all have one.
+        counts: What the whole task took.
+        choosing: What looking for grasps and placements took, beyond the motions.
+        seconds: Wall time of all of it, in seconds.
+        notes: What a person should know beside it.
+        segments: The motions in order.
+        sections: Further parts of the file by name.
+    """
+
+    about = SavedTask
 
     format: Literal["planner-service/task"]
     task: Prose

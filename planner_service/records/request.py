@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from functools import cached_property
 from types import MappingProxyType, NoneType
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
 import numpy as np
-from pydantic import Discriminator, Field, JsonValue, Tag
+from pydantic import Discriminator, Field, GetJsonSchemaHandler, JsonValue, Tag, TypeAdapter
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.files.docstrings import fields_documented, in_json, summary
 from planner_service.files.schema import (
     Count,
     GrownRecord,
@@ -53,7 +56,11 @@ C = TypeVar("C", bound="ChoiceRecord")
 
 
 class JointGoal(Record):
-    """A configuration."""
+    """A configuration.
+
+    Attributes:
+        joints: Joint values in radians (metres for joints that slide).
+    """
 
     joints: Joints
 
@@ -67,7 +74,14 @@ class JointGoal(Record):
 
 
 class RoomRecord(Record):
-    """What a ``PoseGoal`` leaves open."""
+    """What a ``PoseGoal`` leaves open.
+
+    Attributes:
+        free_axis: Axis x, y, z in the tool frame about which any rotation is allowed; null for none.
+        candidates: How many poses are tried: the pose itself first, the others evenly spread.
+    """
+
+    about = PoseGoal
 
     position_tolerance: float
     orientation_tolerance: float
@@ -76,7 +90,12 @@ class RoomRecord(Record):
 
 
 class ToolGoal(Record):
-    """A pose of the tool, with room or without."""
+    """A pose of the tool, with room or without.
+
+    Attributes:
+        pose: Pose of the tool frame in the robot's base frame.
+        room: What may differ from that pose; null for nothing.
+    """
 
     pose: PoseRecord
     room: RoomRecord | None
@@ -116,9 +135,11 @@ class ChoiceRecord(Record):
 
     Attributes:
         what: What it is, for messages.
+        known: Those that there are, by name.
     """
 
     what: ClassVar[str]
+    known: ClassVar[Mapping[str, type[Any]]] = MappingProxyType({})
 
     name: Text
     settings: dict[str, JsonValue]
@@ -141,6 +162,18 @@ class ChoiceRecord(Record):
         """Its name and settings, None if they do not make it."""
         raise NotImplementedError
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Each that there is with its own settings."""
+        schema = super().__get_pydantic_json_schema__(core, handler)
+        own = handler.resolve_ref_schema(schema)
+        said = {name: each["description"] for name, each in own["properties"].items()}
+        whole = cls.model_fields["settings"].is_required()
+        description = own["description"]
+        own.clear()
+        own |= {"description": description, "oneOf": _choices(cls.known, said, whole)}
+        return schema
+
     def made(self, kind: str, known: Mapping[str, type[Any]]) -> Any:
         """What the name and the settings make.
 
@@ -158,9 +191,15 @@ class ChoiceRecord(Record):
 
 
 class PlannerRecord(ChoiceRecord):
-    """A planner; an optimisation has its method among its settings, a roadmap its hash."""
+    """A planner; an optimisation has its method among its settings, a roadmap its hash.
+
+    Attributes:
+        name: One of the planners.
+        settings: All of its settings.
+    """
 
     what = "planner"
+    known = MappingProxyType({**_PLANNERS, Optimise.name: Optimise})
 
     @classmethod
     def choice(cls, value: Any) -> dict[str, Any] | None:
@@ -181,9 +220,15 @@ class PlannerRecord(ChoiceRecord):
 
 
 class TimingRecord(ChoiceRecord):
-    """A timing law."""
+    """A timing law.
+
+    Attributes:
+        name: One of the timing laws.
+        settings: All of its settings.
+    """
 
     what = "timing law"
+    known = TIMINGS
 
     @classmethod
     def choice(cls, value: Any) -> dict[str, Any] | None:
@@ -200,6 +245,48 @@ def _choice(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | Non
     return {"name": chosen.name, "settings": {item.name: plain(getattr(chosen, item.name)) for item in fields(chosen)}}
 
 
+def _choices(known: Mapping[str, type[Any]], said: Mapping[str, str], whole: bool) -> list[JsonSchemaValue]:
+    """The JSON schemas of a name and its settings.
+
+    Args:
+        said: What the name and the settings are.
+        whole: Whether all settings have to be there.
+    """
+    schemas: list[JsonSchemaValue] = []
+    for name, kind in known.items():
+        settings = _settings(kind, said, whole)
+        schemas.append(
+            {
+                "title": name,
+                "description": in_json(summary(kind)),
+                "type": "object",
+                "properties": {
+                    "name": {"const": name, "type": "string", "description": said["name"]},
+                    "settings": settings | {"description": said["settings"]},
+                },
+                "required": ["name", "settings"] if whole or settings.get("required") else ["name"],
+                "additionalProperties": False,
+            }
+        )
+    return schemas
+
+
+def _settings(kind: type[Any], said: Mapping[str, str], whole: bool) -> JsonSchemaValue:
+    hints, words = get_type_hints(kind), fields_documented(kind)
+    properties, required = {}, []
+    for each in fields(kind):
+        usual = each.default_factory() if each.default_factory is not MISSING else each.default
+        if each.name == "method":
+            schema: JsonSchemaValue = {"oneOf": _choices(METHODS, said, whole)}
+        else:
+            schema = TypeAdapter(hints[each.name]).json_schema() | ({} if usual is MISSING else {"default": usual})
+        properties[each.name] = schema | {"description": in_json(words[each.name])}
+        if whole or usual is MISSING:
+            required.append(each.name)
+    schema = {"type": "object", "properties": properties, "additionalProperties": False}
+    return schema | ({"required": required} if required else {})
+
+
 class PayloadRecord(Record, makes=Payload):
     """A ``Payload``."""
 
@@ -207,7 +294,14 @@ class PayloadRecord(Record, makes=Payload):
 
 
 class RequestRecord(GrownRecord):
-    """A ``PlanRequest``."""
+    """A ``PlanRequest``.
+
+    Attributes:
+        start: Where from: joint values in radians (metres for joints that slide).
+        goals: Where to; one of them is reached.
+    """
+
+    about = PlanRequest
 
     start: Joints
     goals: Annotated[list[GoalRecord], Field(min_length=1), at_most(MAX_GOALS)]

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from planner_service.certify import (
     Certificate,
@@ -73,10 +73,14 @@ def _one_of(kind: type[enum.Enum]) -> Callable[[str], str]:
     return checked
 
 
-StageName = Annotated[str, AfterValidator(_one_of(Stage))]
-ReasonName = Annotated[str, AfterValidator(_one_of(Reason))]
-CauseName = Annotated[str, AfterValidator(_one_of(Cause))]
-SlipName = Annotated[str, AfterValidator(_one_of(Slip))]
+def _listed(kind: type[enum.Enum]) -> WithJsonSchema:
+    return WithJsonSchema({"type": "string", "enum": [member.value for member in kind]})
+
+
+StageName = Annotated[str, AfterValidator(_one_of(Stage)), _listed(Stage)]
+ReasonName = Annotated[str, AfterValidator(_one_of(Reason)), _listed(Reason)]
+CauseName = Annotated[str, AfterValidator(_one_of(Cause)), _listed(Cause)]
+SlipName = Annotated[str, AfterValidator(_one_of(Slip)), _listed(Slip)]
 
 
 class ContactRecord(schema.Record, makes=Contact):
@@ -86,7 +90,13 @@ class ContactRecord(schema.Record, makes=Contact):
 
 
 class BlockedRecord(schema.Record):
-    """One entry of ``Failure.blocked_by``."""
+    """One entry of ``Failure.blocked_by``.
+
+    Attributes:
+        a: The link, or the carried object.
+        b: What it hit.
+        share: Part in (0, 1] of the configurations found colliding in which these two touch.
+    """
 
     a: schema.Text
     b: schema.Text
@@ -98,11 +108,22 @@ class BlockedRecord(schema.Record):
 
 
 class LimitExcessRecord(schema.Record, makes=LimitExcess):
-    """A ``LimitExcess``."""
+    """A ``LimitExcess``.
+
+    Attributes:
+        joint: Its name.
+        needed: The position that it would need, in radians (metres if it slides).
+        limit: Its limit, which that is beyond, likewise.
+    """
 
 
 class SuggestionRecord(schema.Record, makes=Suggestion):
-    """A ``Suggestion``."""
+    """A ``Suggestion``.
+
+    Attributes:
+        slips: The mistakes.
+        pose: The pose that may have been meant, in the robot's base frame.
+    """
 
     slips: Annotated[list[SlipName], schema.at_most(len(Slip))]
     pose: PoseRecord
@@ -113,7 +134,12 @@ class SuggestionRecord(schema.Record, makes=Suggestion):
 
 
 class UnreachableRecord(schema.Record, makes=Unreachable):
-    """An ``Unreachable``."""
+    """An ``Unreachable``.
+
+    Attributes:
+        nearest: Joint values within the limits that come nearest in position; if they reach that, the nearest in
+            orientation; with MISSED, joint values for the pose. In radians (metres for joints that slide).
+    """
 
     cause: CauseName
 
@@ -124,7 +150,15 @@ class UnreachableRecord(schema.Record, makes=Unreachable):
 
 
 class FailureRecord(schema.GrownRecord):
-    """A ``Failure``."""
+    """A ``Failure``.
+
+    Attributes:
+        blocked_by: For a search, what was hit most often, most frequent first.
+        nearest_free: For an end in collision, the nearest free joint values found, in radians (metres for joints that
+            slide).
+    """
+
+    about = Failure
 
     stage: StageName
     reason: ReasonName
@@ -182,7 +216,20 @@ class CountsRecord(schema.GrownRecord, makes=CheckCounts):
 
 
 class StageRecord(schema.GrownRecord):
-    """A ``StageReport``."""
+    """A ``StageReport``.
+
+    Attributes:
+        stage: Which stage.
+        states: Configurations judged free or not.
+        edges: Edges judged.
+        distances: Clearance bounds of a pair in a configuration.
+        projections: Configurations moved to where they keep constraints.
+        seconds: Wall time in seconds.
+        length: L2 length of the path after the stage in joint space, in radians (metres for joints that slide); null
+            without one.
+    """
+
+    about = StageReport
 
     stage: StageName
     states: schema.Count
@@ -204,7 +251,14 @@ class StageRecord(schema.GrownRecord):
 
 
 class ExemptRecord(schema.GrownRecord, makes=ExemptInterval):
-    """An ``ExemptInterval``."""
+    """An ``ExemptInterval``.
+
+    Attributes:
+        s_start: Path length s at which it begins, in radians along the joint path.
+        s_end: Path length s at which it ends.
+        pairs: The names of each two.
+        reason: The rule that allows it.
+    """
 
     pairs: PairList
     reason: schema.Prose
@@ -212,19 +266,35 @@ class ExemptRecord(schema.GrownRecord, makes=ExemptInterval):
 
 
 class NearEndRecord(schema.Record, makes=NearEnd):
-    """A ``NearEnd``."""
+    """A ``NearEnd``.
+
+    Attributes:
+        s_start: Path length s, in radians, at which it begins.
+        s_end: Path length s at which it ends.
+    """
 
     pairs: PairList
 
 
 class RefusalRecord(schema.Record, makes=Refusal):
-    """A ``Refusal``."""
+    """A ``Refusal``.
+
+    Attributes:
+        s_start: Path length s, in radians, at which the stretch begins on which a pair could not be proven apart.
+        s_end: Path length s at which it ends.
+        s: Path length s on it at which the two are closest, as far as was looked.
+    """
 
     detail: schema.Prose
 
 
 class KeptBoundRecord(schema.Record, makes=KeptBound):
-    """A ``KeptBound``."""
+    """A ``KeptBound``.
+
+    Attributes:
+        bound: No deviation on the curve is larger, in `unit`; rounded up to a whole nanometre or nanoradian.
+        tolerance: How large it may be, in `unit`; `bound` exceeds it by less than the proof's slack.
+    """
 
 
 class KeptRecord(schema.Record, makes=Kept):
@@ -232,11 +302,31 @@ class KeptRecord(schema.Record, makes=Kept):
 
 
 class KeptRefusalRecord(schema.Record, makes=KeptRefusal):
-    """A ``KeptRefusal``."""
+    """A ``KeptRefusal``.
+
+    Attributes:
+        quantity: What it bounds, such as tilt, x, or a joint's name.
+        s_start: Path length s, in radians, at which the stretch around `s` begins on which it is not proven.
+        s_end: Path length s at which it ends.
+        s: Path length s at which the deviation is largest, as far as was looked.
+        deviation: The deviation at `s`, in `unit`; if `spent`, an upper bound of it on the stretch.
+        tolerance: How large it may be, in `unit`.
+    """
 
 
 class CertificateRecord(schema.GrownRecord):
-    """A ``Certificate``; its clearance is null where nothing can touch or nothing was proven."""
+    """A ``Certificate``; its clearance is null where nothing can touch or nothing was proven.
+
+    Attributes:
+        certified: Whether the whole curve, or the judged part of it, is proven.
+        clearance: Metres that every judged pair keeps on the whole curve, a lower bound in whole nanometres; null
+            when no pair is judged, or for a refused curve.
+        padding: Metres; every judged pair was proven farther apart than this.
+        refusal: The pair that is not proven apart, and where; null if there is none.
+        not_kept: The constraint that is not proven kept, and where; null if there is none.
+    """
+
+    about = Certificate
 
     certified: bool
     clearance: Unbounded
@@ -269,9 +359,13 @@ class CertificateRecord(schema.GrownRecord):
 
 
 class GripperMotionRecord(schema.GrownRecord):
-    """A ``GripperMotion``."""
+    """A ``GripperMotion``.
 
-    makes = GripperMotion
+    Attributes:
+        end_width: Metres between them after.
+    """
+
+    makes = about = GripperMotion
 
     start: float = Field(alias="start_width")
     end: float = Field(alias="end_width")
@@ -281,7 +375,13 @@ class GripperMotionRecord(schema.GrownRecord):
 
 
 class PeakRecord(schema.Record, makes=Peak):
-    """A ``Peak``."""
+    """A ``Peak``.
+
+    Attributes:
+        ratio: The largest value by its limit; null if it is infinite, as of the jerk where the acceleration jumps.
+        joint: Index of the joint, from 0.
+        time: Seconds from the beginning of the motion.
+    """
 
     ratio: Unbounded
 
@@ -291,13 +391,26 @@ class PeakRecord(schema.Record, makes=Peak):
 
 
 class PeaksRecord(schema.GrownRecord, makes=LimitPeaks):
-    """``LimitPeaks``."""
+    """``LimitPeaks``.
+
+    Attributes:
+        velocity: Where a velocity comes closest to its limit.
+        acceleration: Where an acceleration does.
+        jerk: Where a jerk does.
+    """
 
     torques: Annotated[list[PeakRecord], schema.at_most(MAX_ENTRIES)] = Field(default_factory=list)
 
 
 class MotionRecord(schema.Record):
-    """A ``MotionReport``; the duration with stops is null where there is none."""
+    """A ``MotionReport``; the duration with stops is null where there is none.
+
+    Attributes:
+        stop_duration: Seconds that the same polyline would take with a stop at each of its corners; null if the
+            timing law has no solution for that.
+    """
+
+    about = MotionReport
 
     peaks: PeaksRecord
     tool_speed: float
@@ -311,21 +424,47 @@ class MotionRecord(schema.Record):
 
 
 class FiguresRecord(schema.Record, makes=Figures):
-    """``Figures``."""
+    """``Figures``.
+
+    Attributes:
+        clearance: Metres between the nearest pair at any point; distances beyond the search radius count as that.
+        shortfall: Metres by which pairs are too near, summed over points and divided by the points per waypoint.
+    """
 
 
 class PolishRecord(schema.Record, makes=PolishReport):
-    """A ``PolishReport``."""
+    """A ``PolishReport``.
+
+    Attributes:
+        method: The name of the method.
+        iterations: Iterations of the method.
+    """
 
     note: schema.Prose
 
 
 class ImproveRecord(schema.Record, makes=ImproveReport):
-    """An ``ImproveReport``."""
+    """An ``ImproveReport``.
+
+    Attributes:
+        rounds: Rounds made of those that were asked for: no more once less than 2 % could be gained.
+        before: L2 length in joint space of the first path, shortened, its corners not yet blended, in radians.
+        after: The same of the shortest that was found.
+        bound: No path is shorter: the distance from the start to the nearest goal, in radians.
+    """
 
 
 class PathRecord(schema.Record):
-    """A ``JointPath``."""
+    """A ``JointPath``.
+
+    Attributes:
+        length: L2 length of the polyline in joint space, in radians (metres for joints that slide).
+        waypoints: Configurations, in radians (metres for joints that slide).
+        blends: For each waypoint the path length before and after it that its blend replaces, in radians; 0 keeps the
+            corner, a full stop. Empty for no blends.
+    """
+
+    about = JointPath
 
     length: float
     waypoints: schema.Rows
@@ -343,7 +482,17 @@ class PathRecord(schema.Record):
 
 
 class TrajectoryRecord(schema.Record):
-    """A ``Trajectory``, its path apart."""
+    """A ``Trajectory``, its path apart.
+
+    Attributes:
+        duration: Seconds.
+        durations: Seconds of each piece of s(t).
+        coefficients: Of each piece c0 to c3 of s = c0 + c1 x + c2 x^2 + c3 x^3, with x in seconds since the piece
+            began and s the path length in radians.
+        part: Path lengths s from which to which it runs; null for the whole path, from rest to rest.
+    """
+
+    about = Trajectory
 
     duration: float
     dilation: float
@@ -363,7 +512,16 @@ class TrajectoryRecord(schema.Record):
 
 
 class ResultRecord(schema.GrownRecord):
-    """A ``PlanResult``, without what only the process that made it knows: roadmap, trace and origin."""
+    """A ``PlanResult``, without what only the process that made it knows: roadmap, trace and origin.
+
+    Attributes:
+        ok: Whether there is a plan.
+        counts: What all stages took.
+        goal_index: Which of the requested goals the path reaches, from 0; null if none is reached.
+        failure: Why there is no plan; null with one.
+    """
+
+    about = PlanResult
 
     ok: bool
     failure: FailureRecord | None

@@ -55,11 +55,24 @@ def _require_unit(field: str, values: list[float]) -> None:
 
 
 class LimitsRecord(schema.Record, makes=JointLimits):
-    """``JointLimits``."""
+    """``JointLimits``.
+
+    Attributes:
+        lower: Least positions, in radians (metres for joints that slide).
+        upper: Largest positions, likewise.
+        velocity: Largest speeds, in rad/s (m/s).
+        acceleration: Largest accelerations, in rad/s^2 (m/s^2).
+        jerk: Largest jerks, in rad/s^3 (m/s^3).
+    """
 
 
 class NamedPoseRecord(schema.Record):
-    """A named configuration."""
+    """A named configuration.
+
+    Attributes:
+        name: The name of the pose.
+        q: Joint values in radians (metres for joints that slide).
+    """
 
     name: schema.Text
     q: schema.Joints
@@ -70,7 +83,12 @@ class NamedPoseRecord(schema.Record):
 
 
 class LockedJointRecord(schema.Record):
-    """One of ``Robot.locked_joints``."""
+    """One of ``Robot.locked_joints``.
+
+    Attributes:
+        name: The name of the joint.
+        position: Where it stays, in radians (metres if it slides).
+    """
 
     name: schema.Text
     position: float
@@ -81,7 +99,14 @@ class LockedJointRecord(schema.Record):
 
 
 class BodyRecord(schema.GrownRecord):
-    """A ``Body``."""
+    """A ``Body``.
+
+    Attributes:
+        placement: The joint frame in the frame of the parent body at q = 0: rows of a 4 x 4 matrix, lengths in
+            metres. The body's frame is that joint frame, moved by q along or about `axis`.
+    """
+
+    about = Body
 
     name: schema.Text
     parent: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
@@ -103,24 +128,48 @@ class BodyRecord(schema.GrownRecord):
 
 
 class LinkShapeRecord(schema.Record, makes=LinkShape):
-    """A ``LinkShape``."""
+    """A ``LinkShape``.
+
+    Attributes:
+        link: The name of the link.
+        body: Index of the body that carries it, in `bodies`.
+        shape: The solid.
+        pose: Pose of the shape in the frame of the body.
+    """
 
     link: schema.Text
     shape: ShapeRecord
 
 
 class LinkFrameRecord(schema.Record, makes=LinkFrame):
-    """A ``LinkFrame``."""
+    """A ``LinkFrame``.
+
+    Attributes:
+        link: The name of the link.
+        body: Index of the body that carries it, in `bodies`.
+        pose: Pose of the link's frame in that of the body.
+    """
 
 
 class AllowedContactRecord(schema.Record, makes=AllowedContact):
-    """An ``AllowedContact``."""
+    """An ``AllowedContact``.
+
+    Attributes:
+        links: The names of both, or of one link whose shapes may touch each other.
+        reason: Why they are never checked against each other.
+    """
 
     reason: schema.Prose
 
 
 class FingerTurnRecord(schema.Record):
-    """A ``FingerTurn``."""
+    """A ``FingerTurn``.
+
+    Attributes:
+        ratio: Its angle in radians by that of the leader.
+    """
+
+    about = FingerTurn
 
     axis: schema.Vector3
     point: schema.Vector3
@@ -139,6 +188,8 @@ Turns = Annotated[list[FingerTurnRecord], schema.at_most(MAX_JOINTS)]
 
 class GripperRecord(schema.GrownRecord):
     """A ``Gripper``."""
+
+    about = Gripper
 
     joints: Texts
     links: Texts
@@ -179,21 +230,43 @@ class GripperRecord(schema.GrownRecord):
 
 
 class RetreatRecord(schema.Record, makes=ExemptRetreat):
-    """An ``ExemptRetreat``."""
+    """An ``ExemptRetreat``.
+
+    Attributes:
+        pose: The name of the pose.
+        to: Where it ends, in radians (metres for joints that slide).
+        pairs: The names of each two links.
+        reason: Why they are not checked.
+    """
 
     pairs: Pairs
     reason: schema.Prose
 
 
 class LinkInertiaRecord(schema.Record, makes=LinkInertia):
-    """A ``LinkInertia``."""
+    """A ``LinkInertia``.
+
+    Attributes:
+        link: The name of the link, or of a load.
+        body: Index of the body that carries it, in `bodies`.
+        mass: Kilograms.
+        tensor: ixx, ixy, ixz, iyy, iyz, izz about the centre of mass, in kg m^2.
+        pose: Pose of the axes of `tensor`, at the centre of mass, in the frame of the body.
+    """
 
     mass: Annotated[float, Field(gt=0.0, le=1e9)]
     tensor: Annotated[schema.Numbers, schema.of_length(6, "6 finite numbers")]
 
 
 class DynamicsRecord(schema.Record):
-    """A ``Dynamics``."""
+    """A ``Dynamics``.
+
+    Attributes:
+        effort: Largest torque of each joint in Nm (force in N of one that slides); 0 where it is not known.
+        links: The links with a mass.
+    """
+
+    about = Dynamics
 
     effort: schema.Joints
     links: Annotated[list[LinkInertiaRecord], schema.at_most(MAX_SHAPES)]
@@ -206,7 +279,25 @@ class DynamicsRecord(schema.Record):
 
 
 class RobotRecord(schema.GrownRecord):
-    """A ``Robot`` with its hash, which has to be that of its content."""
+    """A ``Robot`` with its hash, which has to be that of its content.
+
+    Attributes:
+        name: The name of the robot.
+        hash: SHA-256 of all that decides about motions.
+        joint_names: The joints that move, in the order of all joint values.
+        limits: Limits of these joints.
+        named_poses: Configurations by name; home is one of them.
+        tool_frame: The link whose frame is the tool's.
+        tool_body: Index in `bodies` of the body that carries the tool frame.
+        tool_placement: The tool frame in the frame of that body: rows of a 4 x 4 matrix, lengths in metres.
+        allowed_contacts: Pairs of links that are never checked against each other.
+        gripper: The gripper; null without one.
+        retreats: Motions out of named poses during which some pairs are not checked.
+        locked_joints: Joints that could move and do not; for information, not part of `hash`.
+        continuous: Whether each joint turns without end; empty if none does. Planning goes the shortest way round.
+    """
+
+    about = Robot
 
     name: schema.Text
     hash: schema.Text

@@ -71,25 +71,47 @@ def unpacked(field: str, text: str, kind: str, columns: int) -> FloatArray:
 
 
 class BoxRecord(KindRecord, makes=Box):
-    """A ``Box``."""
+    """A ``Box``.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        size: Full edge lengths along x, y and z, in metres.
+    """
 
     kind: Literal["box"] = "box"
 
 
 class SphereRecord(KindRecord, makes=Sphere):
-    """A ``Sphere``."""
+    """A ``Sphere``.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        radius: Metres.
+    """
 
     kind: Literal["sphere"] = "sphere"
 
 
 class CylinderRecord(KindRecord, makes=Cylinder):
-    """A ``Cylinder``."""
+    """A ``Cylinder``.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        radius: Metres.
+        length: Full length in metres.
+    """
 
     kind: Literal["cylinder"] = "cylinder"
 
 
 class CapsuleRecord(KindRecord, makes=Capsule):
-    """A ``Capsule``."""
+    """A ``Capsule``.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        radius: Metres.
+        length: Metres between the centres of both caps.
+    """
 
     kind: Literal["capsule"] = "capsule"
 
@@ -108,7 +130,15 @@ def _within_reason(vertices: str, info: ValidationInfo) -> str:
 
 
 class MeshRecord(Record):
-    """A ``Mesh``: the corners of its hull, packed."""
+    """A ``Mesh``: the corners of its hull, packed.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        vertices: The corners of its convex hull in metres, each once: base64 of rows of three little-endian 64-bit
+            floats.
+    """
+
+    about = Mesh
 
     kind: Literal["mesh"] = "mesh"
     vertices: Annotated[Packed, AfterValidator(_within_reason)]
@@ -160,7 +190,12 @@ ShapeRecord = Annotated[
 
 
 class PartRecord(Record):
-    """One of the parts of a ``Compound``."""
+    """One of the parts of a ``Compound``.
+
+    Attributes:
+        shape: A convex solid.
+        pose: Its pose in the compound's own frame.
+    """
 
     shape: ShapeRecord
     pose: PoseRecord
@@ -171,16 +206,30 @@ class PartRecord(Record):
 
 
 class CompoundRecord(KindRecord):
-    """A ``Compound``."""
+    """A ``Compound``.
 
-    makes = Compound
+    Attributes:
+        kind: Tells kinds of solids apart.
+        parts: Its convex parts.
+    """
+
+    makes = about = Compound
 
     kind: Literal["compound"] = "compound"
     parts: Annotated[list[PartRecord], at_most(1_000)]
 
 
 class CloudRecord(Record):
-    """A ``PointCloud``: its cells, packed."""
+    """A ``PointCloud``: its cells, packed.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        resolution: Edge length of the cubic cells, in metres.
+        cells: The indices i, j, k of each occupied cell, which is between index and index + 1 times the resolution:
+            base64 of rows of three little-endian 64-bit integers.
+    """
+
+    about = PointCloud
 
     kind: Literal["cloud"] = "cloud"
     resolution: float
@@ -196,7 +245,15 @@ class CloudRecord(Record):
 
 
 class HeightsRecord(Record):
-    """A ``HeightField``: its heights row by row, packed."""
+    """A ``HeightField``: its heights row by row, packed.
+
+    Attributes:
+        kind: Tells kinds of solids apart.
+        columns: Heights in a row, which runs along x.
+        heights: Heights in metres, row by row along y: base64 of little-endian 64-bit floats.
+    """
+
+    about = HeightField
 
     kind: Literal["heights"] = "heights"
     cell: float
@@ -230,13 +287,25 @@ SolidRecord = Annotated[
 
 
 class ObstacleRecord(Record, makes=Obstacle):
-    """An ``Obstacle``."""
+    """An ``Obstacle``.
+
+    Attributes:
+        name: What messages and contacts call it; no other object of the scene has this name.
+        shape: The solid.
+        pose: Pose of the shape in the robot's base frame.
+    """
 
     shape: SolidRecord
 
 
 class AttachedRecord(GrownRecord, makes=Attached):
-    """An ``Attached`` object."""
+    """An ``Attached`` object.
+
+    Attributes:
+        name: What messages and contacts call it; no other object of the scene has this name.
+        shape: The solid that is carried.
+        pose: Pose of the shape in the tool frame.
+    """
 
     shape: SolidRecord
     touch_links: Annotated[list[Text], at_most(1_000)]
@@ -245,7 +314,17 @@ class AttachedRecord(GrownRecord, makes=Attached):
 
 
 class SceneRecord(Record):
-    """A ``Scene`` with its hash, which has to be that of its content."""
+    """A ``Scene`` with its hash, which has to be that of its content.
+
+    Attributes:
+        name: The name of the scene.
+        description: What it is, for a person.
+        hash: SHA-256 of all that is in it.
+        obstacles: What stands in it.
+        attached: What the tool carries.
+    """
+
+    about = Scene
 
     name: Text
     description: str
@@ -273,7 +352,13 @@ NameOrObstacle = Annotated[
 
 
 class WorldRecord(Record):
-    """What a task's scene has become by a motion: obstacles that are as they were by name, others whole, in order."""
+    """What a task's scene has become by a motion: obstacles that are as they were by name, others whole, in order.
+
+    Attributes:
+        obstacles: What stands in it: the names of obstacles that are as they were in the task's scene, and other
+            obstacles whole.
+        attached: What the tool carries.
+    """
 
     obstacles: Annotated[list[NameOrObstacle], at_most(MAX_OBJECTS)]
     attached: Annotated[list[AttachedRecord], at_most(MAX_OBJECTS)]

@@ -19,7 +19,12 @@ Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no boun
 
 
 class PoseRecord(Record, makes=Pose):
-    """A ``Pose``."""
+    """A ``Pose``.
+
+    Attributes:
+        position: x, y, z in metres.
+        quaternion: Orientation as a unit quaternion w, x, y, z.
+    """
 
     quaternion: Vector4 = Field(alias="quaternion_wxyz")
 
@@ -33,7 +38,15 @@ class KindRecord(Record):
 
 
 class RegionRecord(KindRecord):
-    """A ``ToolRegion``; a coordinate without a bound is null."""
+    """A ``ToolRegion``; a coordinate without a bound is null.
+
+    Attributes:
+        kind: Tells kinds of constraints apart.
+        lower: Least coordinates x, y, z of the constrained frame's origin in `frame`, in metres; null for no bound.
+        upper: Largest coordinates, likewise.
+    """
+
+    about = ToolRegion
 
     kind: Literal["tool region"] = "tool region"
     name: Text
@@ -66,7 +79,12 @@ def _or_infinity(bounds: Sequence[float | None], infinity: float) -> tuple[float
 
 
 class JointRangeRecord(KindRecord, makes=JointRange):
-    """A ``JointRange``."""
+    """A ``JointRange``.
+
+    Attributes:
+        kind: Tells kinds of constraints apart.
+        upper: The same; above `lower`.
+    """
 
     kind: Literal["joint range"] = "joint range"
 

@@ -222,7 +222,7 @@ class RRT(_BiasedTree):
     """One tree from the start (LaValle & Kuffner, IJRR 20(5), 2001).
 
     Attributes:
-        range: Longest edge.
+        range: Longest edge, in joint distance (rad).
         goal_bias: Share of the samples that are a goal.
     """
 
@@ -234,7 +234,7 @@ class RRTstar(_Rewiring):
     """One tree that is rewired for ever shorter paths (Karaman & Frazzoli, IJRR 30(7), 2011).
 
     Attributes:
-        range: Longest edge of the tree before rewiring.
+        range: Longest edge of the tree before rewiring, in joint distance (rad).
         goal_bias: Share of the samples that are a goal.
         checks: States after which it ends with its best path; without one it goes on.
     """
@@ -246,7 +246,10 @@ class RRTstar(_Rewiring):
 class InformedRRTstar(_Rewiring):
     """RRTstar that samples only where a shorter path may run (Gammell, Srinivasa & Barfoot, IROS 2014).
 
-    Attributes: those of ``RRTstar``.
+    Attributes:
+        range: Longest edge of the tree before rewiring, in joint distance (rad).
+        goal_bias: Share of the samples that are a goal.
+        checks: States after which it ends with its best path; without one it goes on.
     """
 
     name: ClassVar[str] = "informedrrtstar"
@@ -256,7 +259,10 @@ class InformedRRTstar(_Rewiring):
 class SORRTstar(_Rewiring):
     """InformedRRTstar over batches sorted by promise (Gammell, Barfoot & Srinivasa, IEEE T-RO 34(4), 2018).
 
-    Attributes: those of ``RRTstar``.
+    Attributes:
+        range: Longest edge of the tree before rewiring, in joint distance (rad).
+        goal_bias: Share of the samples that are a goal.
+        checks: States after which it ends with its best path; without one it goes on.
     """
 
     name: ClassVar[str] = "sorrtstar"
@@ -281,7 +287,7 @@ class AORRTC(_Search):
     """RRTConnect repeated with a shrinking bound on the path's length (Wilson et al., arXiv 2505.10542).
 
     Attributes:
-        range: Longest edge.
+        range: Longest edge, in joint distance (rad).
         checks: States after which it ends with its best path; without one it goes on. OMPL's own
             shortening of a path is not interrupted and may add a few thousand.
     """
@@ -309,7 +315,8 @@ class FMT(_Batch):
 class BFMT(_Batch):
     """FMT from both ends at once (Starek et al., IROS 2015).
 
-    Attributes: that of ``FMT``.
+    Attributes:
+        samples: Free samples of the first batch.
     """
 
     name: ClassVar[str] = "bfmt"
@@ -320,7 +327,7 @@ class KPIECE1(_BiasedTree):
     """One tree that grows where a grid of its projection is least covered (Sucan & Kavraki, WAFR 2008).
 
     Attributes:
-        range: Longest edge.
+        range: Longest edge, in joint distance (rad).
         goal_bias: Share of the extensions that aim at a goal.
     """
 
@@ -332,7 +339,7 @@ class BKPIECE1(_Tree):
     """KPIECE1 from both ends at once.
 
     Attributes:
-        range: Longest edge.
+        range: Longest edge, in joint distance (rad).
     """
 
     name: ClassVar[str] = "bkpiece1"
@@ -343,7 +350,7 @@ class LBKPIECE1(_Tree):
     """BKPIECE1 that judges an edge only once a path needs it.
 
     Attributes:
-        range: Longest edge.
+        range: Longest edge, in joint distance (rad).
     """
 
     name: ClassVar[str] = "lbkpiece1"

@@ -14,7 +14,7 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
@@ -25,22 +25,21 @@ from planner_service.records.http.replies import (
     VERBS,
     AcceptedReply,
     JobsReply,
-    MessageReply,
     RobotReply,
     RunsReply,
-    SampledReply,
     SceneReply,
     ScenesReply,
     StoredReply,
     Verb,
 )
 from planner_service.records.http.robot_by_hash import robot_by_hash
+from planner_service.records.http.trajectories import TRAJECTORIES
+from planner_service.serve.docs_page import FILES, SECURITY
 from planner_service.serve.documentation import (
-    SECURITY,
     Handler,
     Operation,
+    data,
     described,
-    documentation_page,
     header,
     operation,
     query,
@@ -81,7 +80,7 @@ def create_app(server: PlanningServer) -> Starlette:
             await server.stop()
 
     addresses: list[tuple[str, str, Handler]] = [(o.method, o.path, _heeded(o)) for o in OPERATIONS]
-    addresses += [("GET", "/openapi.json", get_openapi), ("GET", "/docs", get_docs)]
+    addresses += [("GET", "/openapi.json", get_openapi), *(("GET", path, get_docs) for path in FILES)]
     routes = [Route(path, partial(handler, server), methods=[method]) for method, path, handler in addresses]
     for route in routes:
         (route.methods or set()).discard("HEAD")
@@ -253,23 +252,37 @@ async def _closed(request: Request) -> None:
 
 # What routes take and answer.
 
-WAIT = header("Prefer", f"wait, or wait=SECONDS (at most {MAX_WAIT}): hold the response until there is an answer")
+WAIT = header(
+    "Prefer", f"wait, or wait=SECONDS (at most {MAX_WAIT}): hold the response until there is an answer", "wait"
+)
 AGAIN = header("Idempotency-Key", "Sent again, it gets the same answer; and a closed connection cancels nothing")
 IF_MATCH = header("If-Match", 'The version that is to be changed, such as "3"')
 IS_NEW = header("If-None-Match", "* for a new scene only")
-VERSION = query("version", {"type": "integer", "minimum": 1})
-PAGE = (query("limit", {"type": "integer", "minimum": 1, "maximum": 1000}), query("after", {"type": "string"}))
-ROBOT = query(
-    "robot", {"type": "string", "enum": ["whole", "hash"], "default": "whole"}, 'hash: {"hash": ...} in its place'
+VERSION = query("version", {"type": "integer", "minimum": 1}, "Which version; the latest if not given")
+PAGE = (
+    query("limit", {"type": "integer", "minimum": 1, "maximum": 1000, "default": 100}, "How many at most"),
+    query("after", {"type": "string"}, "`next` of the page before"),
 )
-FINISHED = query("finished", {"type": "string", "enum": ["remove", "keep"]})
+ROBOT = query(
+    "robot", {"type": "string", "enum": ["whole", "hash"], "default": "whole"}, "Whether plans have the whole robot"
+)
+FINISHED = query(
+    "finished", {"type": "string", "enum": ["remove", "keep"], "default": "remove"}, "What becomes of an answer"
+)
 NEGOTIATED = ("json", "csv", "npy")
 """Formats that are looked at first where only Accept says which."""
 
-TRAJECTORY = reply("The motions", SampledReply, MessageReply)
-TRAJECTORY["content"] |= {each.media: {} for each in FORMATS.values() if each.media != JSON}
-DONE = {204: {"description": "Successful Response"}}
-CHANGED, UNCHANGED = {200: reply("Changed", StoredReply)}, (400, 404, 412, 413, 415, 422, 429, 503)
+DEVIATION = "What is kept of the proven curves, and how far what is drawn between can be from these"
+TRAJECTORY = reply("The motions, by `format`", *TRAJECTORIES, Deviation=DEVIATION)
+TRAJECTORY["content"] |= {each.media: {"schema": data(each.media)} for each in FORMATS.values() if each.media != JSON}
+DONE = {204: {"description": "Done"}}
+ETAG_TOLD = "The version, in quotes, for `If-Match`"
+SCENE = reply("The scene", SceneReply, ETag=ETAG_TOLD)
+CHANGED = {200: reply("Changed", StoredReply, ETag=ETAG_TOLD)}
+UNCHANGED = (400, 404, 412, 413, 415, 422, 429, 503)
+LATER = {"Location": "Where the answer will be", "Retry-After": "Seconds after which it may be there"}
+ACCEPTED = reply("Accepted; there is no answer yet", AcceptedReply, **LATER)
+FOUND_AT = "Where the answer stays: `/plans/ID`"
 
 
 # Plans: the outcome of a request of any kind.
@@ -286,8 +299,8 @@ async def list_plans(server: PlanningServer, request: Request) -> Response:
     "GET /plans/{plan}",
     "Get the answer of a request",
     {
-        200: reply("The plan file, the task file, or the answer of another kind", *ANSWERS),
-        202: reply("It is not finished", AcceptedReply),
+        200: reply("The plan file, the task file, or the answer of another kind", *ANSWERS, Content_Location=FOUND_AT),
+        202: ACCEPTED,
     },
     (400, 404, 408, 410, 422, 503, 507),
     WAIT,
@@ -341,7 +354,7 @@ async def get_events(server: PlanningServer, request: Request) -> Response:
 @operation(
     "GET /plans/{plan}/view",
     "Open a plan or a task in the viewer",
-    {303: {"description": "The page is at this address"}},
+    {303: {"description": "The page is at the address in `Location`"}},
     (404, 409, 422, 503),
 )
 async def view_plan(server: PlanningServer, request: Request) -> Response:
@@ -352,7 +365,7 @@ async def view_plan(server: PlanningServer, request: Request) -> Response:
 @operation(
     "DELETE /plans/{plan}",
     "Cancel a request, or remove its answer",
-    DONE | {202: reply("It is being cancelled", AcceptedReply)},
+    DONE | {202: reply("It is being cancelled", AcceptedReply, Location="Where its answer will be")},
     (400, 404, 503),
     FINISHED,
 )
@@ -405,7 +418,7 @@ async def list_scenes(server: PlanningServer, _: Request) -> Response:
     return _json({"scenes": [listed(entry) for entry in await asyncio.to_thread(server.store.scenes)]})
 
 
-@operation("GET /scenes/{name}", "Get a scene", {200: reply("The scene", SceneReply)}, (400, 404, 503), VERSION)
+@operation("GET /scenes/{name}", "Get a scene", {200: SCENE}, (400, 404, 503), VERSION)
 async def get_scene(server: PlanningServer, request: Request) -> Response:
     """Its latest version, or the given one."""
     number = _whole(request, "version", 1, 10**15) if "version" in request.query_params else None
@@ -416,7 +429,7 @@ async def get_scene(server: PlanningServer, request: Request) -> Response:
 @operation(
     "PUT /scenes/{name}",
     "Store a scene",
-    CHANGED | {201: reply("New", StoredReply)},
+    CHANGED | {201: reply("New", StoredReply, ETag=ETAG_TOLD)},
     UNCHANGED,
     IF_MATCH,
     IS_NEW,
@@ -523,9 +536,12 @@ async def get_openapi(_server: PlanningServer, _: Request) -> Response:
     return _json(described(OPERATIONS))
 
 
-async def get_docs(_server: PlanningServer, _: Request) -> Response:
-    """The same as a page."""
-    return HTMLResponse(documentation_page(described(OPERATIONS)), headers={"Content-Security-Policy": SECURITY})
+async def get_docs(_server: PlanningServer, request: Request) -> Response:
+    """The same as a page, or a file that the page loads."""
+    path, media = FILES[request.scope["route"].path]
+    packed = {"Content-Encoding": "gzip"} if path.suffix == ".gz" else {}
+    headers = {"Content-Security-Policy": SECURITY, "Cache-Control": "no-cache", **packed}
+    return Response(await asyncio.to_thread(path.read_bytes), media_type=media, headers=headers)
 
 
 # All of them.
@@ -534,9 +550,9 @@ async def get_docs(_server: PlanningServer, _: Request) -> Response:
 def _asked(kind: str, verb: Verb) -> Operation:
     """A request for work of one kind: all of them are jobs."""
     work: Any = update_wrapper(partial(_work, kind), verb.body, ("__doc__",), ())
-    answered = reply("The answer; that there is no plan is one", *verb.answers)
+    answered = reply("The answer; that there is no plan is one", *verb.answers, Content_Location=FOUND_AT)
     replies, refused = (
-        {202: reply("Accepted", AcceptedReply), 200: answered},
+        {202: ACCEPTED, 200: answered},
         (400, 408, 410, 413, 415, 422, 429, 503, 507),
     )
     parameters = (WAIT, AGAIN, ROBOT) if verb.is_file else (WAIT, AGAIN)

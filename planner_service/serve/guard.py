@@ -13,6 +13,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from planner_service.errors import InvalidRequest
+from planner_service.serve.docs_page import FILES
 from planner_service.serve.problems import PROBLEM_JSON, Problem
 
 __all__ = ["MAX_BODY", "MAX_HEAD", "Guard", "checked_origins"]
@@ -23,8 +24,8 @@ MAX_BODY = 20_000_000
 MAX_HEAD = 32_000
 """Bytes of an address and the headers."""
 
-OPEN = frozenset({"/health", "/ready"})
-"""Addresses that need no token."""
+OPEN = frozenset({"/health", "/ready", "/openapi.json", *FILES})
+"""Addresses that need no token; a browser sends none when it opens the documentation, which is no secret."""
 
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 

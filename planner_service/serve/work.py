@@ -37,11 +37,10 @@ from planner_service.records.http.replies import (
     CheckedState,
     CheckReply,
     ExplainReply,
-    LineSections,
     ProofReply,
-    ReplannedRecord,
     RoadmapReply,
 )
+from planner_service.records.http.sections import LineSections, ReplannedRecord
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify
 from planner_service.records.scene import PlanReading, SceneRecord

@@ -26,10 +26,19 @@ class NoPathRecord(Record):
     """A ``NoPath``.
 
     Attributes:
-        walls: For each the numbers of its lower and its upper corner, and of its pair, (w, 2 k + 1).
-        region: For each of its boxes the numbers of its lower and its upper corner, (r, 2 k).
-        witness: For each wall a point of each solid, and how deep it lies in it, (w, 8).
+        walls: For each the numbers of its lower and its upper corner, and of its pair: base64 of rows of 2 k + 1
+            little-endian 64-bit integers.
+        region: For each of its boxes the numbers of its lower and its upper corner: base64 of rows of 2 k
+            little-endian 64-bit integers, for k joints.
+        witness: For each wall a point of each solid and how deep it lies in it, in metres: base64 of rows of 8
+            little-endian 64-bit floats.
+        range_lower: Least value of each of these joints, in radians (metres if it slides); of a joint without end a
+            whole turn is cut.
+        range_upper: Largest value of each, likewise.
+        divisions: Into how many parts the range of each is cut.
     """
+
+    about = NoPath
 
     joints: Annotated[list[Text], Few]
     pairs: PairList
@@ -85,7 +94,14 @@ class NoPathRecord(Record):
 
 
 class ReachedRecord(Record):
-    """A ``Reached``; a clearance is null where there is nothing to hit."""
+    """A ``Reached``; a clearance is null where there is nothing to hit.
+
+    Attributes:
+        clearance: Proven lower bound of the smallest gap, in metres, of the reached configurations that are nearest
+            to the other side; null if there is nothing to hit.
+    """
+
+    about = Reached
 
     nearest: Annotated[list[Joints], of_length(2, "two configurations")]
     gap: float

@@ -153,14 +153,23 @@ Deadline = Annotated[float, Field(ge=MIN_DEADLINE, le=MAX_DEADLINE)] | None
 
 
 class SceneVersion(Record):
-    """One version of a stored scene."""
+    """One version of a stored scene.
+
+    Attributes:
+        name: The name of the scene.
+        version: Which version of it; the server keeps the last 20.
+    """
 
     name: Text
     version: Annotated[Count, Field(ge=1)]
 
 
 class AfterTask(Record):
-    """The world that a finished pick, place or pick-and-place leaves, with its gripper as it stands then."""
+    """The world that a finished pick, place or pick-and-place leaves, with its gripper as it stands then.
+
+    Attributes:
+        after: The id of the finished task.
+    """
 
     after: Text
 
@@ -180,7 +189,11 @@ SceneReference = Annotated[
 
 
 class PlannerBody(PlannerRecord):
-    """A planner: its name, and those of its settings that are not as usual."""
+    """A planner: its name, and those of its settings that are not as usual.
+
+    Attributes:
+        settings: Those of its settings that are not as usual.
+    """
 
     settings: dict[str, JsonValue] = Field(default_factory=dict)
 
@@ -194,7 +207,11 @@ class PlannerBody(PlannerRecord):
 
 
 class TimingBody(TimingRecord):
-    """A timing law: its name, and those of its settings that are not as usual."""
+    """A timing law: its name, and those of its settings that are not as usual.
+
+    Attributes:
+        settings: Those of its settings that are not as usual.
+    """
 
     settings: dict[str, JsonValue] = Field(default_factory=dict)
 
@@ -215,7 +232,12 @@ class ToolGoalBody(ToolGoal):
 
 
 class JointGoalBody(JointGoal):
-    """A configuration, or the name of a pose of the robot."""
+    """A configuration, or the name of a pose of the robot.
+
+    Attributes:
+        joints: Joint values in radians (metres for joints that slide), or the name of a pose of the robot such as
+            home.
+    """
 
     joints: Configuration
 
@@ -234,7 +256,23 @@ class Given(Record):
 
 
 class SettingsBody(Given):
-    """How motions are planned: a ``PlanRequest`` without its start and its goals."""
+    """How motions are planned: a ``PlanRequest`` without its start and its goals.
+
+    Attributes:
+        planner: The search, which runs only when no straight line is free; balancedrrtconnect if not given.
+            `optimise` does not search but improves straight lines, free or not.
+        improve: Further searches for a shorter path, whose best parts are joined: rounds of at most three times the
+            states of the first search. They end early once less than 2 % can be gained.
+        retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; null for as
+            many as time and checks allow, the later ones longer.
+        constraints: What has to hold along the whole motion, ends included, beside what objects that are carried ask
+            for. They are searched by balancedrrtconnect, and not optimised.
+        payload: What the tool carries, by its mass, all along; for toppra with torque.
+        torque_scale: Part in (0, 1] of the joints' efforts that may be used; for toppra with torque.
+        padding: Metres that the search keeps from everything, except from what is closer at an end, near that end.
+    """
+
+    about = PlanRequest
 
     planner: PlannerBody = Field(default_factory=lambda: PlannerBody(name=DEFAULT.planner.name))
     timing: TimingBody = Field(default_factory=lambda: TimingBody(name="toppra"))
@@ -264,7 +302,12 @@ class SettingsBody(Given):
 
 
 class RequestBody(SettingsBody):
-    """A ``PlanRequest``."""
+    """A ``PlanRequest``.
+
+    Attributes:
+        start: Where from: joint values in radians (metres for joints that slide), or the name of a pose.
+        goals: Where to; one of them is reached.
+    """
 
     start: Configuration
     goals: Goals
@@ -294,6 +337,8 @@ class SentRequest:
 class PaceBody(Given):
     """How fast a given line is followed."""
 
+    about = Pace
+
     timing: TimingBody = Field(default_factory=lambda: TimingBody(name=Trapezoidal.name))
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
@@ -308,6 +353,8 @@ class PaceBody(Given):
 
 class HandlingBody(Given):
     """How an object is taken or set down."""
+
+    about = Handling
 
     support: Text | None = None
     support_gap: Annotated[float, Field(description=f"Metres, at most {MAX_SUPPORT_GAP:g}")] = 0.005
@@ -340,7 +387,7 @@ class InWorld(Body):
     """A request for work in a world.
 
     Attributes:
-        scene: The world.
+        scene: The world: the name of a stored scene, one version of it, or what a finished task has left.
         gripper_width: Metres between the finger pads; as the robot or the task left it if not given.
     """
 
@@ -349,13 +396,29 @@ class InWorld(Body):
 
 
 class PlanBody(InWorld):
-    """A motion to be planned."""
+    """A motion to be planned.
+
+    Attributes:
+        request: Where from, where to, and how.
+    """
 
     request: RequestBody
 
 
 class CertifyBody(Body):
-    """Waypoints in a scene, or a finished plan or task, to be proven free."""
+    """Waypoints in a scene, or a finished plan or task, to be proven free.
+
+    Attributes:
+        scene: The world of the waypoints.
+        gripper_width: Metres between the finger pads; as the robot or the task left it if not given.
+        waypoints: Configurations of the polyline, in radians (metres for joints that slide).
+        blends: For each waypoint the path length before and after it that is rounded, in radians; sharp corners if
+            not given.
+        padding: Metres by which every pair has to be apart.
+        exempt: Stretches on which pairs need not be apart.
+        constraints: What else has to hold on the whole curve.
+        part: Path lengths s from which to which it is judged, in radians; null for all of it.
+    """
 
     plan: Text | None = Field(default=None, description="The id of a finished plan or task, instead of waypoints")
     scene: SceneReference | None = None
@@ -379,7 +442,12 @@ Edge = Annotated[list[Configuration], of_length(2, "two configurations")]
 
 
 class CheckBody(InWorld):
-    """Configurations and straight edges to be checked."""
+    """Configurations and straight edges to be checked.
+
+    Attributes:
+        states: Configurations to be checked.
+        edges: Straight motions to be checked, each as its two ends.
+    """
 
     states: Annotated[list[Configuration], at_most(MAX_STATES)] = Field(default_factory=list)
     edges: Annotated[list[Edge], at_most(MAX_STATES)] = Field(default_factory=list)
@@ -389,7 +457,14 @@ Poses = Annotated[list[PoseRecord], Field(min_length=1), at_most(MAX_POSES)]
 
 
 class PickBody(InWorld):
-    """An object to be taken."""
+    """An object to be taken.
+
+    Attributes:
+        q: Where the robot stands: joint values in radians (metres for joints that slide), or the name of a pose.
+        target: The name of the obstacle to be taken.
+        grasps: Poses of the tool in the robot's base frame, best first; from above if not given.
+        handling: How it is taken.
+    """
 
     q: Configuration
     target: Text
@@ -398,7 +473,13 @@ class PickBody(InWorld):
 
 
 class PlaceBody(InWorld):
-    """A carried object to be set down."""
+    """A carried object to be set down.
+
+    Attributes:
+        carried: The name of the attached object.
+        poses: Poses of the object in the robot's base frame, best first.
+        handling: How it is set down.
+    """
 
     q: Configuration | None = Field(default=None, description="Where the robot stands; where the task before ended")
     carried: Text
@@ -412,7 +493,17 @@ class PlaceBody(InWorld):
 
 
 class PickPlaceBody(InWorld):
-    """An object to be taken and set down on another one."""
+    """An object to be taken and set down on another one.
+
+    Attributes:
+        target: The name of the obstacle to be taken.
+        onto: The name of the obstacle that it is set down on.
+        poses: Poses of the object in the robot's base frame, best first; the middle of `onto` if not given.
+        start: Where the robot starts and ends: joint values in radians (metres for joints that slide), or the name of
+            a pose.
+        request: Planner, timing, seed, padding and limits of all motions.
+        upright: Radians by which the object may lean while it is carried from how it stood; null for any.
+    """
 
     target: Text
     onto: Text
@@ -446,7 +537,18 @@ Targets = Annotated[
 
 
 class MoveLinearBody(InWorld):
-    """A straight motion of the tool, or several with rounded corners."""
+    """A straight motion of the tool, or several with rounded corners.
+
+    Attributes:
+        zone: Metres before and after a corner of the line that may be rounded; 0 stops at each corner.
+        points: Points of the tool line at which inverse kinematics is solved, on every straight piece.
+        max_joint_rate: Radians that a joint may turn per metre of the line, beyond which the line is refused as too
+            near a singularity.
+        partial: Whether a part of the line is an answer, if not all of it can be followed.
+        pace: How fast it is followed.
+        padding: Metres that everything has to keep.
+        constraints: What else has to hold on the whole line.
+    """
 
     start: Configuration
     goal: Targets = Field(description="A pose, a displacement in metres, or a list of these")
@@ -460,7 +562,16 @@ class MoveLinearBody(InWorld):
 
 
 class ReplanBody(Body):
-    """A robot that executes a plan, for which a new motion is wanted."""
+    """A robot that executes a plan, for which a new motion is wanted.
+
+    Attributes:
+        plan: The id of the plan that the robot executes, or of what replanning returned before.
+        at_time: Seconds on the clock of that motion at which the robot is now.
+        latency: Seconds from now until the new motion may begin.
+        scene: The world from now on; that of the plan if not given.
+        goals: Where to; the goals of the plan if not given.
+        request: Planner, timing, seed, padding and limits of the new motion; those of the plan if not given.
+    """
 
     plan: Text = Field(description="The id of the plan, or of what replanning returned before")
     at_time: float
@@ -479,7 +590,14 @@ class ReplanBody(Body):
 
 
 class ExplainBody(InWorld):
-    """A request, to explain why it has no plan."""
+    """A request, to explain why it has no plan.
+
+    Attributes:
+        request: The request that has no plan.
+        plans: Plans that may be tried at most.
+        remedies: Remedies after which no more are looked for.
+        time_limit: Seconds for all of it; null for as long as it takes.
+    """
 
     request: RequestBody
     plans: Annotated[Count, Field(ge=1, le=1_000)] = 60
@@ -488,7 +606,13 @@ class ExplainBody(InWorld):
 
 
 class RoadmapBody(InWorld):
-    """A roadmap to be grown."""
+    """A roadmap to be grown.
+
+    Attributes:
+        planner: The planner that grows it: prm, prmstar or lazyprm.
+        seed: Decides every random choice.
+        padding: Metres that the roadmap keeps from everything.
+    """
 
     planner: PlannerBody
     seed: Count = 0
@@ -496,7 +620,13 @@ class RoadmapBody(InWorld):
 
 
 class SceneBody(Record):
-    """A scene to be stored."""
+    """A scene to be stored.
+
+    Attributes:
+        description: What it is, for a person.
+        obstacles: What stands in it.
+        attached: What the tool carries.
+    """
 
     description: str = ""
     obstacles: Annotated[list[ObstacleRecord], at_most(MAX_OBJECTS)]
@@ -508,21 +638,37 @@ class SceneBody(Record):
 
 
 class AddEdit(Record):
-    """Adds an obstacle."""
+    """Adds an obstacle.
+
+    Attributes:
+        op: Tells kinds of changes apart.
+        obstacle: What is added; no other obstacle has its name.
+    """
 
     op: Literal["add"]
     obstacle: ObstacleRecord
 
 
 class RemoveEdit(Record):
-    """Takes an obstacle away."""
+    """Takes an obstacle away.
+
+    Attributes:
+        op: Tells kinds of changes apart.
+        name: The obstacle that is taken away.
+    """
 
     op: Literal["remove"]
     name: Text
 
 
 class MoveEdit(Record):
-    """Puts an obstacle somewhere else."""
+    """Puts an obstacle somewhere else.
+
+    Attributes:
+        op: Tells kinds of changes apart.
+        name: The obstacle that is moved.
+        pose: Its new pose, in the robot's base frame.
+    """
 
     op: Literal["move"]
     name: Text
@@ -530,7 +676,11 @@ class MoveEdit(Record):
 
 
 class EditsBody(Record):
-    """Changes to a scene, made in their order, all of them or none."""
+    """Changes to a scene, made in their order, all of them or none.
+
+    Attributes:
+        edits: Each applies to what those before it left.
+    """
 
     edits: Annotated[
         list[Annotated[AddEdit | RemoveEdit | MoveEdit, Field(discriminator="op")]],

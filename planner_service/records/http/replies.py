@@ -8,22 +8,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-import numpy as np
-from pydantic import BaseModel, Field, JsonValue
+from pydantic import ConfigDict, Field, JsonValue, WithJsonSchema
 
 from planner_service.collision import CheckCounts, Contact
-from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.schema import Count, GrownRecord, Joints, Prose, Record, Rows, Text, at_most, read_record
-from planner_service.geometry.arrays import read_only
+from planner_service.errors import InvalidRequest
+from planner_service.files.schema import Count, Described, GrownRecord, Joints, Prose, Record, Text, at_most
 from planner_service.infeasibility.remedies import Explanation, Remedy
-from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import World
 from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.http import bodies
-from planner_service.records.http.bodies import MAX_STATES, PaceBody
+from planner_service.records.http.bodies import MAX_STATES
+from planner_service.records.http.sections import PlanSections
+from planner_service.records.http.trajectories import TRAJECTORIES
 from planner_service.records.plan_file import MAX_SEGMENTS, PlanRecord, SavedPlan, StepRecord, TaskRecord
 from planner_service.records.recertify import ProvenMotion
 from planner_service.records.result import (
@@ -31,14 +29,10 @@ from planner_service.records.result import (
     CertificateRecord,
     ContactRecord,
     CountsRecord,
-    FailureRecord,
     PairList,
-    PathRecord,
-    TrajectoryRecord,
 )
 from planner_service.records.robot import RobotRecord
-from planner_service.records.scene import PlanReading, SceneRecord
-from planner_service.replanning.result import Outcome, Replanned
+from planner_service.records.scene import SceneRecord
 from planner_service.roadmap import Roadmap
 from planner_service.scene.scene import Scene
 
@@ -53,30 +47,20 @@ __all__ = [
     "CheckedState",
     "ExplainReply",
     "JobsReply",
-    "LineSections",
-    "MessageReply",
     "ProblemReply",
     "ProofReply",
-    "ReplannedRecord",
     "RoadmapReply",
     "RobotReply",
     "RunsReply",
-    "SampledReply",
     "SceneReply",
     "ScenesReply",
     "StoredReply",
     "Verb",
-    "read_reply",
 ]
 
 R = TypeVar("R", bound=Record)
 
 MAX_REMEDIES = 1_000
-
-
-def read_reply(model: type[R], document: Any, source: str, joints: int | None = None) -> R:
-    """The answer that a document is; InvalidFile, naming ``source``, if it is something else."""
-    return read_record(model, document, Path(source), PlanReading(joints=joints))
 
 
 # Checks and proofs.
@@ -104,26 +88,46 @@ class Checked:
 
 
 class StateReply(Record, makes=CheckedState):
-    """A ``CheckedState``."""
+    """A ``CheckedState``.
+
+    Attributes:
+        free: Whether nothing touches.
+        contacts: What touches, deepest first; empty if it is free.
+    """
 
     contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
 
 
 class CheckReply(Record, makes=Checked):
-    """A ``Checked``."""
+    """A ``Checked``.
+
+    Attributes:
+        states: For each configuration whether it is free, and what touches.
+        edges: For each straight motion whether it is free.
+    """
 
     states: Annotated[list[StateReply], at_most(MAX_STATES)]
     edges: Annotated[list[bool], at_most(MAX_STATES)]
 
 
 class CertificateReply(Record):
-    """The proof of waypoints."""
+    """The proof of waypoints.
+
+    Attributes:
+        certificate: What is proven of the curve through the waypoints, or what is not.
+    """
 
     certificate: CertificateRecord
 
 
 class MotionProof(GrownRecord):
-    """A ``ProvenMotion``; with ``gripper`` if the gripper moves before it."""
+    """A ``ProvenMotion``; with ``gripper`` if the gripper moves before it.
+
+    Attributes:
+        name: The name of the motion.
+    """
+
+    about = ProvenMotion
 
     name: Text
     certificate: CertificateRecord
@@ -135,83 +139,30 @@ class MotionProof(GrownRecord):
 
 
 class ProofReply(Record):
-    """What proving a finished plan or task again has found."""
+    """What proving a finished plan or task again has found.
+
+    Attributes:
+        certified: Whether all motions are proven, and fit to each other.
+        problems: What is not, in words; empty if certified.
+        motions: The proofs of the motions, as far as they were proven.
+    """
 
     certified: bool
     problems: list[Prose]
     motions: Annotated[list[MotionProof], at_most(MAX_SEGMENTS)]
 
 
-# What plans hold beside what was asked: sections of plan files.
-
-
-class LineSections(GrownRecord):
-    """Those of a motion along a line: how fast it was to be, and the share of the line that it covers, if not all."""
-
-    fraction: float | None = None
-    pace: PaceBody | None = None
-
-    @classmethod
-    def of_plan(cls, plan: SavedPlan, source: str) -> LineSections:
-        """Those of a plan; InvalidFile if they are something else."""
-        known = {name: plan.sections[name] for name in cls.model_fields if name in plan.sections}
-        return read_reply(cls, known, source)
-
-
-class StopRecord(Record):
-    """A stop that is not proven, with its path."""
-
-    path: PathRecord
-    trajectory: TrajectoryRecord
-
-    @classmethod
-    def fields_of(cls, value: Trajectory) -> dict[str, Any]:
-        return {"path": value.path, "trajectory": value}
-
-    @cached_property
-    def value(self) -> Trajectory:
-        return self.trajectory.along(self.path.value)
-
-
-class ReplannedRecord(Record):
-    """What a ``Replanned`` holds beside its motion; the section ``replanned`` of a plan file."""
-
-    outcome: Text
-    splice: float
-    ahead: Rows
-    failure: FailureRecord | None
-    stop: StopRecord | None
-
-    @cached_property
-    def value(self) -> Outcome:
-        names = [outcome.value for outcome in Outcome]
-        if self.outcome not in names:
-            raise InvalidRequest("outcome", self.outcome, f"one of {', '.join(names)}")
-        return Outcome(self.outcome)
-
-    @classmethod
-    def of_plan(cls, plan: SavedPlan, source: str) -> Replanned:
-        """What replanning has made, of the plan that its motion is.
-
-        Raises:
-            InvalidFile: The plan is another one.
-        """
-        n = plan.robot.n
-        record = read_reply(cls, plan.sections.get("replanned"), source, n)
-        outcome, arguments = record.value, record.arguments
-        if plan.request is None or (outcome is Outcome.UNSAFE) == plan.result.ok:
-            raise InvalidFile(source, ["replanned: expected a request, and a motion unless nothing is safe"])
-        ahead = read_only(np.array(record.ahead, dtype=np.float64).reshape(-1, n))
-        return Replanned(
-            **arguments | {"outcome": outcome, "ahead": ahead, "result": plan.result, "request": plan.request}
-        )
-
-
 # Explanations.
 
 
 class RemedyReply(Record):
-    """A ``Remedy``: the plan has its request and its scene."""
+    """A ``Remedy``: the plan has its request and its scene.
+
+    Attributes:
+        plan: The plan that it gives, with its request and its scene.
+    """
+
+    about = Remedy
 
     text: Prose
     plan: PlanRecord
@@ -225,7 +176,13 @@ class RemedyReply(Record):
 
 
 class ExplainReply(Record):
-    """An ``Explanation``: why the plan ``result`` has failed, and what helps."""
+    """An ``Explanation``: why the plan ``result`` has failed, and what helps.
+
+    Attributes:
+        result: The plan file of the request as it is.
+    """
+
+    about = Explanation
 
     result: PlanRecord
     no_path: NoPathRecord | None
@@ -256,14 +213,30 @@ class ExplainReply(Record):
 
 
 class WidthRange(Record):
-    """Metres between the finger pads."""
+    """Metres between the finger pads.
+
+    Attributes:
+        lower: The smallest.
+        upper: The largest.
+    """
 
     lower: float
     upper: float
 
 
 class RobotReply(Record):
-    """The robot, whole in ``robot`` as plan files have it, and how its motions are checked."""
+    """The robot, whole in ``robot`` as plan files have it, and how its motions are checked.
+
+    Attributes:
+        name: The name of the robot.
+        hash: SHA-256 of all that decides about motions; plans of this robot have the same.
+        joint_names: The joints that move, in the order of all joint values.
+        named_poses: Joint values by the name of the pose, in radians (metres for joints that slide).
+        gripper: How wide the gripper opens; null without one.
+        robot: The whole robot, as plan files have it.
+        allowed: Pairs of names that may touch.
+        edge_step: How far apart edges are sampled by the search; null if that is not known. Proofs do not sample.
+    """
 
     name: Text
     hash: Text
@@ -303,7 +276,13 @@ class SceneReply(SceneRecord):
 
 
 class StoredReply(Record):
-    """A scene as it is stored now."""
+    """A scene as it is stored now.
+
+    Attributes:
+        name: The name of the scene.
+        version: Counts from 1.
+        hash: SHA-256 of all that is in it.
+    """
 
     name: Text
     version: Version
@@ -311,22 +290,45 @@ class StoredReply(Record):
 
 
 class ScenesReply(Record):
-    """All scenes."""
+    """All scenes.
+
+    Attributes:
+        scenes: The latest version of each.
+    """
 
     scenes: list[StoredReply]
 
 
+Settings = Annotated[
+    dict[str, JsonValue], WithJsonSchema({"type": "object", "additionalProperties": {"type": "number"}})
+]
+
+
 class BuiltReply(Record):
-    """How a roadmap was grown."""
+    """How a roadmap was grown.
+
+    Attributes:
+        planner: The name of the planner that grew it.
+        settings: The planner's settings.
+        seed: The seed of its random choices.
+        counts: What growing it took.
+    """
 
     planner: Text
-    settings: dict[str, JsonValue]
+    settings: Settings
     seed: Count
     counts: CountsRecord
 
 
 class RoadmapReply(Record):
-    """A roadmap that the server keeps under its hash."""
+    """A roadmap that the server keeps under its hash.
+
+    Attributes:
+        id: Its hash, which names it: `{"name": "roadmap", "settings": {"hash": ID}}` is a planner that searches it.
+        milestones: Configurations in it.
+        edges: Straight motions between them.
+        built: How it was grown; null if that is not known.
+    """
 
     id: Text
     milestones: Count
@@ -343,7 +345,15 @@ class RoadmapReply(Record):
 
 
 class AcceptedReply(Record):
-    """A request that has no answer yet; ``position`` counts those before it in the queue."""
+    """A request that has no answer yet; ``position`` counts those before it in the queue.
+
+    Attributes:
+        id: Names the request; its answer will be at `/plans/ID`.
+        kind: What was asked for: the address without its slash, such as plans or pick_place.
+        state: Whether it waits for a worker or runs.
+        position: Requests before it in the queue; null once it runs.
+        links: Addresses by purpose: `self` of the answer, `events` of its stages as they end.
+    """
 
     id: str
     kind: str
@@ -353,7 +363,16 @@ class AcceptedReply(Record):
 
 
 class JobReply(Record):
-    """A request in a list."""
+    """A request in a list.
+
+    Attributes:
+        id: Names the request.
+        kind: What was asked for, such as plans or pick_place.
+        state: Where it is; lost if two workers died of it.
+        created: When it was accepted, in seconds since 1970-01-01 UTC.
+        ok: Whether the answer is a plan, a proof or another success; null as long as there is no answer.
+        reason: Why it is not; null if it is or there is no answer.
+    """
 
     id: str
     kind: str
@@ -364,92 +383,71 @@ class JobReply(Record):
 
 
 class JobsReply(Record):
-    """Requests, newest first; ``next`` is what to ask for as ``after`` to get more."""
+    """Requests, newest first; ``next`` is what to ask for as ``after`` to get more.
+
+    Attributes:
+        plans: Those of this page.
+        next: What to ask for as `after` to get the next page; null on the last.
+    """
 
     plans: list[JobReply]
     next: str | None
 
 
-class MotionSamples(Record):
-    """A motion in time: seconds from its own beginning, and rows of one number for each joint."""
-
-    name: Text
-    begin: Annotated[float, Field(description="Seconds of motion before it")]
-    duration: Annotated[float, Field(description="Seconds")]
-    t: Annotated[list[float], Field(description="Seconds, the first 0, the last the duration")]
-    positions: Annotated[list[list[float]], Field(description="rad, or m of a joint that slides")]
-    velocities: Annotated[list[list[float]], Field(description="rad/s, or m/s")]
-    accelerations: Annotated[list[list[float]], Field(description="rad/s^2, or m/s^2")]
-
-
-class GripperEvent(GrownRecord):
-    """What the gripper does while the arm stands before a motion."""
-
-    at: Annotated[float, Field(description="Seconds of motion before it")]
-    before: Annotated[str, Field(description="The name of the motion that follows")]
-    width: Annotated[float | None, Field(description="Metres between the fingers")] = None
-    suction: Annotated[bool | None, Field(description="Whether it sucks from now on")] = None
-
-
-class DeviationReply(Record):
-    """Bounds of how far a joint can be from the proven curve, in rad (or m), by what is drawn between points."""
-
-    linear: float
-    cubic: float
-    quintic: float
-
-
-class SampledReply(Record):
-    """Motions ready to run, format json."""
-
-    robot: Text
-    joint_names: list[str]
-    units: Annotated[list[Literal["rad", "m"]], Field(description="Of each joint")]
-    dt: Annotated[float, Field(description="Seconds between points")]
-    deviation: DeviationReply
-    motions: list[MotionSamples]
-    events: list[GripperEvent]
-
-
-class MessageReply(BaseModel):
-    """Motions in the shape of a message of ROS, or as actions of LeRobot; which members there are depends on it."""
-
-    motions: list[dict[str, JsonValue]] | None = None
-    header: dict[str, JsonValue] | None = None
-    joint_names: list[str] | None = None
-    points: list[dict[str, JsonValue]] | None = None
-    trajectory: JsonValue = None
-    joint_trajectory: dict[str, JsonValue] | None = None
-    actions: list[dict[str, float]] | None = None
-    fps: float | None = None
-
-
 class RunsReply(Record):
-    """That the server runs, or is ready."""
+    """That the server runs, or is ready.
+
+    Attributes:
+        ok: Always true: a problem says if it does not, or is not.
+    """
 
     ok: Literal[True]
 
 
-class ProblemReply(BaseModel):
-    """What is wrong with a request (RFC 9457); some kinds have more members."""
+class ProblemReply(Described):
+    """What is wrong with a request (RFC 9457); some kinds have more members.
+
+    Attributes:
+        type: Tells kinds of problems apart: `urn:problem-type:planner-service:` and the kind.
+        title: What kind of problem it is, in words.
+        status: The HTTP status.
+        detail: What is wrong, in a sentence that names the field, the value and what would be right.
+        field: The field that is wrong, such as request.start.
+        value: What was found there; a text if it is long.
+        expected: What would be right.
+        problems: All problems of a body, each with its place.
+        reason: Why a request has ended without an answer, such as WORKER_LOST.
+        kind: Of an unknown name, what it should be the name of.
+        name: The name that is unknown.
+        available: Names that are known.
+        package: The package that is not installed on the server.
+        extra: The extra of planner-service that brings it.
+    """
+
+    model_config = ConfigDict(extra="allow")
 
     type: str
     title: str
     status: int
     detail: str
     field: str | None = None
-    value: Any = None
+    value: JsonValue = None
     expected: str | None = None
     problems: list[str] | None = None
     reason: str | None = None
+    kind: str | None = None
+    name: JsonValue = None
+    available: list[str] | None = None
+    package: str | None = None
+    extra: str | None = None
 
 
-OTHERS: tuple[type[BaseModel], ...] = (
-    *(AcceptedReply, JobsReply, RunsReply, ProblemReply, SampledReply, MessageReply),
-    *(RobotReply, SceneReply, ScenesReply, StoredReply),
-    *(LineSections, ReplannedRecord),
+OTHERS: tuple[type[Described], ...] = (
+    *(AcceptedReply, JobsReply, RunsReply, ProblemReply),
+    *(RobotReply, SceneReply, ScenesReply, StoredReply, PlanSections),
+    *TRAJECTORIES,
 )
-"""Those that no verb has; the last two are sections of plans."""
+"""Those that no verb has; the sections are those of plans and tasks."""
 
 
 @dataclass(frozen=True)

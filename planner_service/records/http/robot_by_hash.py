@@ -7,8 +7,9 @@ import re
 from pathlib import Path
 
 from planner_service.files.json_reader import parse_json
+from planner_service.files.schema import Record, Text
 
-__all__ = ["robot_by_hash"]
+__all__ = ["RobotHash", "robot_by_hash"]
 
 OURS = b'{"version":3,'
 """How compact files begin, the end of which is the robot."""
@@ -17,6 +18,16 @@ ROBOT = b',"robot":{'
 """What comes before it; within a robot there is no other, and in a text its quotes would be escaped."""
 
 HASH = re.compile(rb'"hash":"([0-9a-f]{64})"')
+
+
+class RobotHash(Record):
+    """What stands for the robot with `?robot=hash`.
+
+    Attributes:
+        hash: Its hash, as `GET /robot` has it.
+    """
+
+    hash: Text
 
 
 def robot_by_hash(answer: bytes) -> bytes:

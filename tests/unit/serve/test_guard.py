@@ -102,13 +102,14 @@ def test_a_body_that_grows_too_large_is_refused_though_it_did_not_say_so(monkeyp
     assert asked(None, {}, content=pieces()).status_code == 413
 
 
-def test_without_the_token_nothing_is_told_but_that_the_server_runs() -> None:
+def test_without_the_token_nothing_is_told_but_that_the_server_runs_and_what_it_takes() -> None:
     for sent in ("Bearer ", f"Bearer {TOKEN[1:]}", f"bearer {TOKEN}", TOKEN, f"Basic {TOKEN}", None):
         headers = {} if sent is None else {"Authorization": sent}
-        for path in ("/plans", "/metrics", "/docs", "/nothing", "/health/"):
+        for path in ("/plans", "/metrics", "/docs/", "/docs/page", "/nothing", "/health/"):
             response = asked(TOKEN, headers, path)
             assert (response.status_code, response.headers["www-authenticate"]) == (401, "Bearer")
-        assert asked(TOKEN, headers, "/health").status_code == 200
+        for path in ("/health", "/docs", "/docs/page.js", "/openapi.json"):
+            assert asked(TOKEN, headers, path).status_code == 200
     assert asked(TOKEN, {"Authorization": f"Bearer {TOKEN}"}).status_code == 200
 
 
