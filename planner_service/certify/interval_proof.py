@@ -1,10 +1,11 @@
 """The bisection behind a certificate: which pairs are proven apart on which stretches of a curve.
 
 Clearance bounds at both ends of a stretch and a bound of the motion in between prove a pair apart on all of it: on the
-way the gap shrinks by no more than the two move (Schwarzer, Saha & Latombe, IEEE T-RO 21(3), 2005). What is not proven
-is cut in half. All pairs share one tree over the whole curve, so that a configuration is placed once, and each pair
-goes only as deep as it has to. A pair with a bundle of pieces gives way to those with what is in it once the bundle is
-larger than the motion.
+way the gap shrinks by no more than the two move (Schwarzer, Saha & Latombe, IEEE T-RO 21(3), 2005). So do bounds along
+one direction at both ends, less what the two leave straight lines on the way, which shrinks with the square of the
+stretch: the better of both counts. What is not proven is cut in half. All pairs share one tree over the whole curve, so
+that a configuration is placed once, and each pair goes only as deep as it has to. A pair with a bundle of pieces gives
+way to those with what is in it once the bundle is larger than the motion.
 
 Of one straight edge only a verdict is wanted: proven free, proven to collide, or neither. A stretch is closed as soon
 as its bound suffices. The middle of the edge is looked at first, for a bound there counts in both directions and most

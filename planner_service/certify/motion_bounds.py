@@ -80,6 +80,15 @@ class _Arm:
     the outermost joint inwards. Two bodies move against each other by no more than each moves against the last body
     that carries both, together.
 
+    Along one direction they come closer by less (native/places.cpp: bends). Let the joints go evenly from a to b, by
+    d_k each. The second derivative of where a point is, by joints k and j, is no longer than r_k where j is at or
+    inside k, for joint j turns the velocity that k gives. So a point leaves the line from its one place to the other by
+    no more than ``sum r_k d_k (d_k / 8 + sum d_j / 4)``, j inside k; and along a direction that stays as it is for the
+    last body that carries both, two bodies come no closer than at the nearer end, less what each leaves its line there.
+    Where joint k strays from going evenly by e_k at most, ``r_k e_k`` is added: a function whose slopes are in [m, M]
+    leaves the line between its ends, h apart, by no more than ``h (M - m) / 4``. A straight line strays by nothing, and
+    around a corner, blended or not, slopes go from those before it to those after it and not back.
+
     Attributes:
         n: Length of q.
         limits: Of q, lower and upper, (2, n).

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker, tables_of
-from planner_service.certify import MARGIN, Certifier
+from planner_service.certify import MARGIN, Certifier, interval_proof
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, backends, native_kernel
@@ -27,7 +27,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
-from planner_service.scene.scene import Attached, Scene
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.reference.pair_proof import nearest
 from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.collision.test_edge_sampling import points_of
@@ -126,6 +126,39 @@ def test_a_bound_knows_that_the_arm_unfolds_on_the_way() -> None:
     assert radii[:, 1, 1].max() < 1.01
     bound = motion.motions(radii[:1], radii[1:], path.travel([path.length]))[2, 0, 1]
     assert bound >= 3 * 0.5 + 1 * 1.5 + 3 * 0.5
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=seeds)
+def test_what_is_proven_of_a_curve_is_kept_between_its_samples_too(robot: Robot, seed: int) -> None:
+    """Among random boxes, carrying things, on straight pieces and around corners, of the robot against itself, too."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.7, 0.7, (12, 3)).tolist()
+    boxes = [Box(tuple(size)) for size in rng.uniform(0.01, 0.2, (12, 3)).tolist()]
+    boxed = tuple(Obstacle(f"box {k}", box, Pose(tuple(places[k]))) for k, box in enumerate(boxes))
+    allowed = [(held.name, f"box {k}") for held in HELD for k in range(4)]
+    certifier = Certifier(robot, Scene(boxed, HELD), allowed=allowed)
+    for _ in range(6):
+        path = curve(robot, rng)
+        found = certifier.certify(path)
+        if found.certified:
+            assert found.clearance <= certifier.clearances(path(np.linspace(0.0, path.length, 1500))).min() + 1e-6
+
+
+def test_what_is_proven_of_two_arms_on_a_body_that_turns_is_kept_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Directions stay as they are for that body, not for the world."""
+    monkeypatch.setattr(interval_proof, "FRACTION", 0.99)  # bounds that are a little too large are noticed
+    certifier, rng = Certifier(built(tmp_path, TWINS), Scene()), np.random.default_rng(3)
+    proven = 0
+    for _ in range(600):
+        path = JointPath(rng.uniform([-1.0, -0.5, -3.0], 2.9, (2, 3)))
+        found = certifier.certify(path)
+        if found.certified:
+            proven += 1
+            assert found.clearance <= certifier.clearances(path(np.linspace(0.0, path.length, 300))).min() + 1e-6
+    assert proven > 100
 
 
 BLOCK = Attached("block", Box((0.045, 0.045, 0.045)), Pose((0.01, 0.0, 0.0)), FINGERS)

@@ -69,6 +69,39 @@ void Curve::at(double s, double* q, double* travel) const {
     }
 }
 
+bool Curve::strays(double start, double end, double* out) const {
+    std::fill(out, out + n_, 0.0);
+    if (t_.pieces == 0) return true;
+    const double *first = t_.breaks, *last = t_.breaks + t_.pieces;  // without the end of the last piece
+    const auto before = static_cast<std::size_t>(std::upper_bound(first + 1, last, start) - first) - 1;
+    const auto after = static_cast<std::size_t>(std::lower_bound(first + 1, last, end) - first) - 1;
+    bool turns = false;
+    for (std::size_t piece = before; piece <= after; ++piece) {
+        const bool blend = t_.rows[piece] >= 0;
+        if (!blend && (piece == before || t_.rows[piece - 1] >= 0)) continue;
+        if (turns) return false;
+        turns = true;
+        const double *one, *two;
+        double share = 1.0;
+        if (blend) {
+            one = t_.blends + static_cast<std::size_t>(t_.rows[piece]) * (2 + 3 * n_) + 2 + n_;
+            two = one + n_;
+            share = turned(piece, end) - turned(piece, start);
+        } else {
+            one = t_.tangents + static_cast<std::size_t>(t_.lines[piece - 1]) * n_;
+            two = t_.tangents + static_cast<std::size_t>(t_.lines[piece]) * n_;
+        }
+        for (std::size_t k = 0; k < n_; ++k) out[k] = 0.25 * (end - start) * (share * std::fabs(two[k] - one[k]));
+    }
+    return true;
+}
+
+double Curve::turned(std::size_t piece, double s) const {
+    const double* blend = t_.blends + static_cast<std::size_t>(t_.rows[piece]) * (2 + 3 * n_);
+    const double y = std::min(std::max((s - blend[0]) / blend[1], -1.0), 1.0), square = y * y;
+    return 0.5 + y * (0.625 - 0.125 * square * square);
+}
+
 void Curve::on_piece(std::size_t piece, double s, double* q, double* moved) const {
     if (t_.rows[piece] >= 0) {
         on_blend(static_cast<std::size_t>(t_.rows[piece]), s, q, moved);

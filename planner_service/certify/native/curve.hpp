@@ -23,6 +23,10 @@ class Curve {
     // q and travel, n numbers each, at s.
     void at(double s, double* q, double* travel) const;
 
+    // How far each joint strays at most, between two places, from going evenly from the one to the other; false if there is
+    // more than one corner in between.
+    bool strays(double start, double end, double* out) const;
+
   private:
     std::size_t n_;
     PathTables t_;
@@ -31,6 +35,7 @@ class Curve {
 
     // ``moved``: how far each joint moves from the start of the piece to s.
     void on_piece(std::size_t piece, double s, double* q, double* moved) const;
+    double turned(std::size_t piece, double s) const;  // on a blend, which share of its turn is made
     void on_line(std::size_t line, double s, double* q) const;
     void on_blend(std::size_t row, double s, double* q, double* moved) const;
 };

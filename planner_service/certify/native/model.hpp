@@ -2,7 +2,8 @@
 // and the pairs to prove apart. Built once from the tables of motion_bounds.py, then only read, from any thread.
 //
 // Everything here repeats the arithmetic of the Python modules of this folder, operation by operation, so that both
-// give equal bits; what it means and why it is right is said there. It shares no code with the search.
+// give equal bits, but that around a hull a box is measured where these measure its corners; what it means and why it is
+// right is said there. It shares no code with the search.
 #pragma once
 
 #include <cstddef>
@@ -28,6 +29,7 @@ struct Terms {
 struct Hull {
     std::size_t padded, outer_padded;
     const double *corners, *outer;
+    double half[3];  // of the box around them
 };
 
 struct Solid {
@@ -79,6 +81,10 @@ struct Model {
     std::vector<Link> links;
     std::vector<Pair> pairs;
     std::size_t judged = 0;  // of these, without bundles
+    // Spheres around all that rides on a body are pieces, too, behind the others that ride. Pairs of these stand for several
+    // roots; which one for each pair, or -1.
+    std::vector<Pair> crowds;
+    std::vector<int> crowd_of;
 };
 
 // A lower bound of the signed gap of a pair, and the unit direction, in the axes of its second piece, that proves it.
@@ -101,6 +107,10 @@ struct Variant {
     const char* name;
     // A cheap bound, no larger than that of ``rough``.
     double (*glance)(const Facing& facing);
+    // The bound along one vector of any length; -infinity if that is none.
+    void (*along)(const Terms& terms, const Facing& facing, const double* vector, Bound& out);
+    // The best along the centres' line and along hints, as of ``rough``.
+    void (*hinted)(const Terms& terms, const Facing& facing, const double* hints, int count, Bound& out);
     // hints: directions to try besides, xyz each, at most three.
     void (*rough)(const Terms& terms, const Facing& facing, const double* hints, int count, Bound& out);
     void (*refined)(const Terms& terms, const Facing& facing, int rounds, Bound& bound);

@@ -9,6 +9,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -153,6 +155,7 @@ class Prover {
         add_pieces(pieces, riding);
         add_links(links);
         add_pairs(pairs);
+        add_crowds();
         require(limits.shape(0) == 2 && limits.shape(1) == static_cast<std::size_t>(model_.dof), "limits of another robot");
         limits_.assign(limits.data(), limits.data() + 2 * limits.shape(1));
     }
@@ -248,6 +251,8 @@ class Prover {
     std::vector<int> roots_;
     std::vector<double> limits_;  // the lower ones, then the upper ones
 
+    const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
+
     bool read(nb::handle q, double slack, double* out) const {
         const auto n = static_cast<std::size_t>(model_.dof);
         Anything array;
@@ -300,7 +305,11 @@ class Prover {
         }
         for (std::size_t k = 0; k < hulls.size(); ++k) {
             const auto &every = model_.corners[2 * k], &outer = model_.corners[2 * k + 1];
-            model_.shapes.push_back({every.size() / 3, outer.size() / 3, every.data(), outer.data()});
+            Hull hull{every.size() / 3, outer.size() / 3, every.data(), outer.data(), {}};
+            for (std::size_t i = 0; i < 3; ++i)
+                for (std::size_t j = 0; j < hull.padded; ++j)
+                    hull.half[i] = std::max(hull.half[i], std::fabs(every[i * hull.padded + j]));
+            model_.shapes.push_back(hull);
         }
     }
 
@@ -369,6 +378,82 @@ class Prover {
             if (!child[static_cast<std::size_t>(k)]) roots_.push_back(k);
     }
 
+    // Spheres around what rides on each body with more than one piece, and pairs of these that stand for several roots.
+    void add_crowds() {
+        std::map<int, std::vector<std::size_t>> riders;
+        for (std::size_t k = 0; k < model_.riding; ++k) riders[model_.pieces[k].body].push_back(k);
+        std::map<int, int> sphere;
+        std::vector<Piece> spheres;
+        for (const auto& [body, pieces] : riders) {
+            if (pieces.size() < 2 || body == 0) continue;
+            sphere[body] = static_cast<int>(model_.riding + spheres.size());
+            spheres.push_back(around(pieces));
+        }
+        const auto more = static_cast<int>(spheres.size()), riding = static_cast<int>(model_.riding);
+        model_.pieces.insert(model_.pieces.begin() + riding, spheres.begin(), spheres.end());
+        model_.riding += spheres.size();
+        model_.crowd_of.assign(model_.pairs.size(), -1);
+        std::map<std::pair<int, int>, std::vector<int>> together;
+        for (Pair& pair : model_.pairs)
+            if (pair.second >= riding) pair.second += more;
+        for (const int k : roots_) {
+            const Pair& pair = pair_of(k);
+            const auto standing_for = [&](int piece) {
+                if (piece >= riding + more) return piece;
+                const auto found = sphere.find(model_.pieces[static_cast<std::size_t>(piece)].body);
+                return found == sphere.end() ? piece : found->second;
+            };
+            const std::pair<int, int> of{standing_for(pair.first), standing_for(pair.second)};
+            if (pair.own + pair.other > 0) together[of].push_back(k);
+        }
+        for (const auto& [pieces, pairs] : together) {
+            if (pairs.size() < 2) continue;
+            for (const int k : pairs) model_.crowd_of[static_cast<std::size_t>(k)] = static_cast<int>(model_.crowds.size());
+            Pair crowd = pair_of(pairs[0]);
+            crowd.first = pieces.first;
+            crowd.second = pieces.second;
+            crowd.child = crowd.children = 0;
+            model_.crowds.push_back(crowd);
+        }
+    }
+
+    // A sphere around pieces of one body, as a piece.
+    Piece around(const std::vector<std::size_t>& pieces) {
+        Piece out = model_.pieces[pieces[0]];
+        double low[3], high[3];
+        for (int i = 0; i < 3; ++i) {
+            low[i] = std::numeric_limits<double>::infinity();
+            high[i] = -low[i];
+            for (const std::size_t k : pieces) {
+                const Piece& piece = model_.pieces[k];
+                low[i] = std::min(low[i], piece.frame[4 * i + 3] - piece.solid.radius);
+                high[i] = std::max(high[i], piece.frame[4 * i + 3] + piece.solid.radius);
+            }
+        }
+        out.solid = Solid{};
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) out.frame[4 * i + j] = i == j ? 1.0 : 0.0;
+            out.frame[4 * i + 3] = 0.5 * (low[i] + high[i]);
+        }
+        for (const std::size_t k : pieces) {
+            const Piece& piece = model_.pieces[k];
+            double square = 0.0;
+            for (int i = 0; i < 3; ++i) {
+                const double step = piece.frame[4 * i + 3] - out.frame[4 * i + 3];
+                square += step * step;
+            }
+            out.solid.radius = std::max(out.solid.radius, (std::sqrt(square) + piece.solid.radius) * (1.0 + model_.terms.rounding));
+        }
+        out.solid.ball = out.solid.radius;
+        out.first = model_.links.size();
+        for (std::size_t row = 0; row < out.count; ++row) {
+            Link link = model_.links[model_.pieces[pieces[0]].first + row];
+            for (const std::size_t k : pieces) link.far = std::max(link.far, model_.links[model_.pieces[k].first + row].far);
+            model_.links.push_back(link);
+        }
+        return out;
+    }
+
     std::uint16_t steps(std::int64_t value, int piece) const {
         const auto most = static_cast<std::int64_t>(model_.pieces[static_cast<std::size_t>(piece)].count);
         return static_cast<std::uint16_t>(whole(value, 0, std::min<std::int64_t>(most, 65535), "no such joint"));
@@ -415,7 +500,7 @@ class Hulls {
             const int which = whole(hulls.data()[column], -1, static_cast<std::int64_t>(corners_.size()) - 1, "no such hull");
             if (which < 0) continue;
             const auto& corners = corners_[static_cast<std::size_t>(which)];
-            const Hull hull{corners.size() / 3, 0, corners.data(), nullptr};
+            const Hull hull{corners.size() / 3, 0, corners.data(), nullptr, {}};
             for (std::size_t k = 0; k < count; ++k) {
                 const double* n = directions.data() + 3 * p * k + column;
                 heights.data()[p * k + column] = variant_->height(hull, n[0], n[p], n[2 * p]);

@@ -34,22 +34,35 @@ void place_body(const Body& body, const double* q, double* out) {
 
 }  // namespace
 
+double* Shelf::take() {
+    if (!free_.empty()) {
+        double* out = free_.back();
+        free_.pop_back();
+        return out;
+    }
+    if (left_ == 0) {
+        blocks_.emplace_back(new double[AT_ONCE * each_]);  // nothing is read before it is written
+        left_ = AT_ONCE;
+    }
+    return blocks_.back().get() + each_ * (AT_ONCE - left_--);
+}
+
 Places::Places(const Model& model, const Variant& variant, bool plain)
     : model_(model),
       variant_(variant),
       plain_(plain),
       per_bodies_(12 * model.bodies.size()),
-      per_poses_(12 * model.riding),
-      per_radii_(model.depth * model.riding) {}
+      of_poses_(12),
+      of_radii_(model.depth) {}
 
 std::size_t Places::add(double s, const double* q, const double* travel) {
     const std::size_t node = s_.size(), count = model_.bodies.size();
     s_.push_back(s);
+    q_.insert(q_.end(), q, q + model_.dof);
     travel_.insert(travel_.end(), travel, travel + model_.dof);
     bodies_.resize(bodies_.size() + per_bodies_);
-    poses_.resize(poses_.size() + per_poses_);
-    radii_.resize(radii_.size() + per_radii_);
-    known_.resize(known_.size() + model_.riding, 0);
+    poses_.resize(poses_.size() + model_.riding, nullptr);
+    radii_.resize(radii_.size() + model_.riding, nullptr);
     double* out = bodies_.data() + node * per_bodies_;
     for (std::size_t k = 0; k < count; ++k) {
         const Body& body = model_.bodies[k];
@@ -65,16 +78,18 @@ std::size_t Places::add(double s, const double* q, const double* travel) {
 }
 
 void Places::clear() {
-    s_.clear();
-    travel_.clear();
-    bodies_.clear();
-    poses_.clear();
-    radii_.clear();
-    known_.clear();
+    keep({});
 }
 
 void Places::keep(const std::vector<std::size_t>& nodes) {
     const auto n = static_cast<std::size_t>(model_.dof);
+    std::vector<bool> kept(count(), false);
+    for (const std::size_t node : nodes) kept[node] = true;
+    for (std::size_t at = 0; at < poses_.size(); ++at) {
+        if (kept[at / model_.riding]) continue;
+        if (poses_[at] != nullptr) of_poses_.give(poses_[at]);
+        if (radii_[at] != nullptr) of_radii_.give(radii_[at]);
+    }
     const auto moved = [](auto& values, std::size_t each, std::size_t from, std::size_t to) {
         const auto first = values.begin() + static_cast<std::ptrdiff_t>(from * each);
         std::copy(first, first + static_cast<std::ptrdiff_t>(each), values.begin() + static_cast<std::ptrdiff_t>(to * each));
@@ -83,39 +98,37 @@ void Places::keep(const std::vector<std::size_t>& nodes) {
         const std::size_t from = nodes[to];
         if (from == to) continue;
         moved(s_, 1, from, to);
+        moved(q_, n, from, to);
         moved(travel_, n, from, to);
         moved(bodies_, per_bodies_, from, to);
-        moved(poses_, per_poses_, from, to);
-        moved(radii_, per_radii_, from, to);
-        moved(known_, model_.riding, from, to);
+        moved(poses_, model_.riding, from, to);
+        moved(radii_, model_.riding, from, to);
     }
     s_.resize(nodes.size());
+    q_.resize(nodes.size() * n);
     travel_.resize(nodes.size() * n);
     bodies_.resize(nodes.size() * per_bodies_);
-    poses_.resize(nodes.size() * per_poses_);
-    radii_.resize(nodes.size() * per_radii_);
-    known_.resize(nodes.size() * model_.riding);
+    poses_.resize(nodes.size() * model_.riding);
+    radii_.resize(nodes.size() * model_.riding);
 }
 
 const double* Places::pose(int piece, std::size_t node) {
     const auto k = static_cast<std::size_t>(piece);
     const Piece& found = model_.pieces[k];
     if (k >= model_.riding) return found.frame;
-    double* out = poses_.data() + node * per_poses_ + 12 * k;
-    std::uint8_t& known = known_[node * model_.riding + k];
-    if ((known & 1U) == 0U) {
+    double*& out = poses_[node * model_.riding + k];
+    if (out == nullptr) {
+        out = of_poses_.take();
         compose(bodies_.data() + node * per_bodies_ + 12 * found.body, found.frame, out);
-        known = static_cast<std::uint8_t>(known | 1U);
     }
     return out;
 }
 
 const double* Places::radii(std::size_t piece, std::size_t node) {
-    double* out = radii_.data() + node * per_radii_ + model_.depth * piece;
-    if ((known_[node * model_.riding + piece] & 2U) == 0U) {
+    double*& out = radii_[node * model_.riding + piece];
+    if (out == nullptr) {
+        out = of_radii_.take();
         find_radii(piece, node, out);
-        std::uint8_t& known = known_[node * model_.riding + piece];
-        known = static_cast<std::uint8_t>(known | 2U);
     }
     return out;
 }
@@ -146,10 +159,9 @@ void Places::find_radii(std::size_t piece, std::size_t node, double* out) {
         const double w = c[0] * P[2] + c[1] * P[6] + c[2] * P[10];
         const double across = u * u + v * v, square = across + w * w;
         double support;
-        if (solid.hull != nullptr) {
-            support = variant_.height(*solid.hull, u, v, w);
-        } else {
-            support = std::fabs(u) * solid.half[0] + std::fabs(v) * solid.half[1] + std::fabs(w) * solid.half[2];
+        const double* half = solid.hull != nullptr ? solid.hull->half : solid.half;
+        support = std::fabs(u) * half[0] + std::fabs(v) * half[1] + std::fabs(w) * half[2];
+        if (solid.hull == nullptr) {
             if (solid.disc > 0.0) support = support + solid.disc * std::sqrt(across);
             if (solid.ball > 0.0) support = support + solid.ball * std::sqrt(square);
         }
@@ -250,6 +262,8 @@ double Places::motion_about(const Pair& pair) {
 void Places::begin_stretches(std::size_t count) {
     moved_.assign(count * model_.riding, -1);
     motions_.clear();
+    bent_.assign(count * model_.riding, -1);
+    bends_.clear();
 }
 
 const double* Places::motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b) {
@@ -280,6 +294,59 @@ double Places::pair_motion(const Pair& pair, std::size_t stretch, std::size_t a,
     double out = motions(static_cast<std::size_t>(pair.first), stretch, a, b)[pair.own];
     if (pair.other > 0) out += motions(static_cast<std::size_t>(pair.second), stretch, a, b)[pair.other];
     return out;
+}
+
+const double* Places::bends(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b, const double* strays) {
+    std::int32_t& at = bent_[stretch * model_.riding + piece];
+    const std::size_t each = model_.depth + 1;
+    if (at >= 0) return bends_.data() + static_cast<std::size_t>(at) * each;
+    const double *moved = motions(piece, stretch, a, b), *one = radii(piece, a), *two = radii(piece, b);
+    at = static_cast<std::int32_t>(bends_.size() / each);
+    bends_.resize(bends_.size() + each);
+    double* out = bends_.data() + bends_.size() - each;
+    const auto n = static_cast<std::size_t>(model_.dof);
+    const double *start = q_.data() + a * n, *end = q_.data() + b * n;
+    const Piece& found = model_.pieces[piece];
+    double swept = 0.0, strayed = 0.0;
+    out[0] = 0.0;
+    for (std::size_t k = 0; k < found.count; ++k) {
+        const Link& link = model_.links[found.first + k];
+        const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
+        out[k + 1] = out[k];
+        if (body.column < 0) continue;
+        const double many = std::fabs(body.multiplier), turn = std::fabs(end[body.column] - start[body.column]) * many;
+        const double radius = body.slides ? 1.0 : std::min(0.5 * (one[k] + two[k]) + 0.5 * moved[k], link.far);
+        const double aside = (body.slides ? 1.0 : std::min(radius + strayed, link.far)) * (strays[body.column] * many);
+        out[k + 1] = out[k] + (0.125 * turn * (radius * turn + 2.0 * swept) + aside);
+        swept += radius * turn;
+        strayed += aside;
+    }
+    return out;
+}
+
+double Places::pair_bend(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b, const double* strays) {
+    double out = bends(static_cast<std::size_t>(pair.first), stretch, a, b, strays)[pair.own];
+    if (pair.other > 0) out += bends(static_cast<std::size_t>(pair.second), stretch, a, b, strays)[pair.other];
+    return out;
+}
+
+void Places::turned(const Pair& pair, std::size_t from, std::size_t to, const double* n, double* out) {
+    std::copy(n, n + 3, out);
+    if (static_cast<std::size_t>(pair.second) >= model_.riding) return;
+    const Piece& first = model_.pieces[static_cast<std::size_t>(pair.first)];
+    const std::size_t carrier = pair.own < first.count ? static_cast<std::size_t>(model_.links[first.first + pair.own].body) : 0;
+    const auto out_of = [&](const double* frame) {
+        const double x = out[0], y = out[1], z = out[2];
+        for (std::size_t i = 0; i < 3; ++i) out[i] = frame[4 * i] * x + frame[4 * i + 1] * y + frame[4 * i + 2] * z;
+    };
+    const auto into = [&](const double* frame) {
+        const double x = out[0], y = out[1], z = out[2];
+        for (std::size_t i = 0; i < 3; ++i) out[i] = frame[i] * x + frame[4 + i] * y + frame[8 + i] * z;
+    };
+    out_of(pose(pair.second, from));
+    into(bodies_.data() + from * per_bodies_ + 12 * carrier);
+    out_of(bodies_.data() + to * per_bodies_ + 12 * carrier);
+    into(pose(pair.second, to));
 }
 
 }  // namespace proof

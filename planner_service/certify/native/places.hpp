@@ -4,11 +4,26 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "model.hpp"
 
 namespace proof {
+
+// Room for so many doubles at a time, which stays where it is, and is used again.
+class Shelf {
+  public:
+    explicit Shelf(std::size_t each) : each_(each) {}
+    double* take();
+    void give(double* room) { free_.push_back(room); }
+
+  private:
+    static constexpr std::size_t AT_ONCE = 64;
+    std::size_t each_, left_ = 0;
+    std::vector<std::unique_ptr<double[]>> blocks_;
+    std::vector<double*> free_;
+};
 
 class Places {
   public:
@@ -34,6 +49,13 @@ class Places {
     void begin_stretches(std::size_t count);
     double pair_motion(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b);
 
+    // How much closer the pieces of a pair come along a fixed direction than they are along it at both ends, at most; a
+    // stretch as above, between whose ends no joint strays farther than ``strays`` says (bends in motion_bounds.py).
+    double pair_bend(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b, const double* strays);
+    // A direction in the axes of the second piece at one node, as it is in them at another: seen from the last body that
+    // carries both pieces it stays as it is.
+    void turned(const Pair& pair, std::size_t from, std::size_t to, const double* n, double* out);
+
     // How far the pieces of a pair move against each other, at most, while each joint travels so far from a node, in
     // whatever direction; the node and the travel (the caller's) are set first.
     void begin_about(std::size_t node, const double* travel);
@@ -45,11 +67,14 @@ class Places {
     const Model& model_;
     const Variant& variant_;
     bool plain_;
-    std::size_t per_bodies_, per_poses_, per_radii_;
-    std::vector<double> s_, travel_, bodies_, poses_, radii_;
-    std::vector<std::uint8_t> known_;  // of each node and riding piece: 1 its pose, 2 its radii
+    std::size_t per_bodies_;
+    std::vector<double> s_, q_, travel_, bodies_;
+    std::vector<double*> poses_, radii_;  // of each node and riding piece; nullptr: not known yet
+    Shelf of_poses_, of_radii_;
     std::vector<double> motions_;      // of stretches and riding pieces, depth + 1 each
     std::vector<std::int32_t> moved_;  // where in these; -1: not yet
+    std::vector<double> bends_;        // the same
+    std::vector<std::int32_t> bent_;
 
     std::size_t about_node_ = 0;
     const double* about_travel_ = nullptr;
@@ -62,6 +87,7 @@ class Places {
     void find_radii(std::size_t piece, std::size_t node, double* out);
     const double* motions_about(std::size_t piece);
     const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
+    const double* bends(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b, const double* strays);
 };
 
 }  // namespace proof

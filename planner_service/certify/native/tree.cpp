@@ -80,11 +80,23 @@ std::size_t Tree::place(double s) {
 
 // What spheres and looks at both ends leave open of some roots.
 bool Tree::begin(const std::vector<Root>& roots) {
-    const std::size_t first = rows_.size();
+    const std::size_t first = rows_.size(), crowds = model_.crowds.size();
+    std::vector<std::vector<int>> together(crowds * spans_.size());
     for (const Root& root : roots) {
+        const bool still = !(spans_[root.span].end > spans_[root.span].start);
+        const int crowd = model_.crowd_of[static_cast<std::size_t>(root.pair)];
+        if (trail_ == nullptr && !still && crowd >= 0) {
+            together[root.span * crowds + static_cast<std::size_t>(crowd)].push_back(root.pair);
+            continue;
+        }
         const std::int64_t asked = out_.asked;
-        if (!(spans_[root.span].end > spans_[root.span].start) || sift(root.pair, {root.span, 0, 0}))
-            leave(root.pair, {root.span, 0, 0});
+        if (still || sift(root.pair, {root.span, 0, 0})) leave(root.pair, {root.span, 0, 0});
+        charge_.bounds(out_.asked - asked);
+    }
+    for (std::size_t k = 0; k < together.size(); ++k) {
+        if (together[k].empty()) continue;
+        const std::int64_t asked = out_.asked;
+        sift_crowd(model_.crowds[k % crowds], together[k], {k / crowds, 0, 0});
         charge_.bounds(out_.asked - asked);
     }
     return ends(rows_, first, 0, terms_.near);
@@ -135,20 +147,18 @@ bool Tree::ends(std::vector<Row>& rows, std::size_t first, int hints, double clo
 bool Tree::sift(int number, const Part& part) {
     const Pair& pair = pair_of(number);
     const Part one{part.span, part.level + 1, 2 * part.index}, two{part.span, part.level + 1, 2 * part.index + 1};
-    const Stretch &left = stretch_of(one), &right = stretch_of(two);
-    const Bound found = places_.sphere_apart(pair, left.right);
-    ++out_.asked;
-    const double before = places_.pair_motion(pair, number_of(one), left.left, left.right);
-    const double after = places_.pair_motion(pair, number_of(two), right.left, right.right);
-    const double motion = std::max(before, after), wanted = std::max(enough_, std::min(terms_.far, smallest_));
-    if (found.gap - before >= wanted && found.gap - after >= wanted) {  // both: what is no number proves nothing
+    const Look seen = look(pair, part);
+    const Bound& found = seen.found;
+    const double motion = std::max(seen.before, seen.after);
+    if (seen.apart()) {
         out_.proven = std::min(out_.proven, found.gap - motion);
+        const Stretch &left = stretch_of(one), &right = stretch_of(two);
         const double none[3] = {};
         note(number, places_.s(left.left), places_.s(left.right), none, found.n);
         note(number, places_.s(right.left), places_.s(right.right), found.n, none);
         return false;
     }
-    const bool near = found.gap < wanted;
+    const bool near = found.gap < seen.wanted;
     const double size = near ? model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius : motion;
     if (!pair.leaf() && size_of(pair) >= size) {
         for (int child = pair.child; child < pair.child + pair.children; ++child)
@@ -161,6 +171,30 @@ bool Tree::sift(int number, const Part& part) {
     if (first) leave(number, one);
     if (second) leave(number, two);
     return false;
+}
+
+// The same of pairs that a sphere around all that rides on a body stands for: where it is near, or halving ends, each is
+// looked at by itself.
+void Tree::sift_crowd(const Pair& crowd, const std::vector<int>& pairs, const Part& part) {
+    const Look seen = look(crowd, part);
+    if (seen.apart()) {
+        out_.proven = std::min(out_.proven, seen.found.gap - std::max(seen.before, seen.after));
+    } else if (seen.found.gap < seen.wanted || part.level == HALVINGS) {
+        for (const int pair : pairs)
+            if (sift(pair, part)) leave(pair, part);
+    } else {
+        sift_crowd(crowd, pairs, {part.span, part.level + 1, 2 * part.index});
+        sift_crowd(crowd, pairs, {part.span, part.level + 1, 2 * part.index + 1});
+    }
+}
+
+Tree::Look Tree::look(const Pair& pair, const Part& part) {
+    const Part one{part.span, part.level + 1, 2 * part.index}, two{part.span, part.level + 1, 2 * part.index + 1};
+    const Stretch &left = stretch_of(one), &right = stretch_of(two);
+    ++out_.asked;
+    return {places_.sphere_apart(pair, left.right), places_.pair_motion(pair, number_of(one), left.left, left.right),
+            places_.pair_motion(pair, number_of(two), right.left, right.right),
+            std::max(enough_, std::min(terms_.far, smallest_))};
 }
 
 // A part of a span that is to be looked at more closely.
@@ -317,7 +351,9 @@ Tree::Judged Tree::judge(const std::vector<Ask>& asks, const std::vector<double>
             }
             Facing& facing = facings[k - first] = places_.facing(pair, asks[k].node);
             const double* tries = hints.data() + 3 * static_cast<std::size_t>(each) * k;
-            variant_.rough(terms_, facing, tries, each, bound);
+            if (each == 3 && trail_ == nullptr) variant_.hinted(terms_, facing, tries, each, bound);
+            else variant_.rough(terms_, facing, tries, each, bound);
+            found.enough[k] = trail_ == nullptr && closes(k, bound);  // a better one would not prove more
         }
         found.bad = tighten(asks, first, last, close, facings, found);
         first = last;
@@ -351,16 +387,47 @@ std::ptrdiff_t Tree::tighten(const std::vector<Ask>& asks, std::size_t first, st
     return worst < 0 || ends[static_cast<std::size_t>(worst)].gap > enough_ ? -1 : worst;
 }
 
+// What is proven of a row by bounds along one direction at both ends, that of either; -infinity if less than wanted.
+double Tree::bent(const Row& row, double wanted) {
+    const Stretch& stretch = stretches_[row.stretch];
+    const double least = std::min(row.before.gap, row.after.gap);
+    if (trail_ != nullptr || stretch.left == stretch.right || least < wanted) return -INFINITE;
+    double* strays = strays_.data() + row.stretch * q_.size();
+    std::int8_t& even = evenness_[row.stretch];
+    if (even < 0) even = curve_.strays(places_.s(stretch.left), places_.s(stretch.right), strays) ? 1 : 0;
+    if (even == 0) return -INFINITE;
+    const Pair& pair = pair_of(row.pair);
+    const double bend = places_.pair_bend(pair, row.stretch, stretch.left, stretch.right, strays);
+    if (least - bend < wanted) return -INFINITE;
+    const bool nearer_before = row.before.gap < row.after.gap;
+    for (const bool from_before : {nearer_before, !nearer_before}) {
+        const Bound& known = from_before ? row.before : row.after;
+        const std::size_t from = from_before ? stretch.left : stretch.right, to = from_before ? stretch.right : stretch.left;
+        double n[3];
+        Bound found{};
+        places_.turned(pair, from, to, known.n, n);
+        ++out_.asked;
+        variant_.along(terms_, places_.facing(pair, to), n, found);
+        const double bound = std::min(known.gap, found.gap) - bend;
+        if (bound >= wanted) return bound;
+    }
+    return -INFINITE;
+}
+
 // Accept the rows that are proven; the others' stretches are numbered anew.
 void Tree::keep() {
     const double wanted = enough_ > 0.0 ? std::max(enough_, terms_.fraction * smallest_) : enough_;
     std::vector<std::ptrdiff_t> number(stretches_.size(), -1);
     std::size_t left = 0;
+    strays_.resize(stretches_.size() * q_.size());
+    evenness_.assign(stretches_.size(), -1);
+    const std::int64_t asked = out_.asked;
     for (const Row& row : rows_) {
         const Stretch& stretch = stretches_[row.stretch];
         const double motion = row.motion;
         const double one = row.before.gap, two = row.after.gap;
-        const double bound = std::min(0.5 * (one + two - motion), std::min(one, two));
+        double bound = std::min(0.5 * (one + two - motion), std::min(one, two));
+        if (!(bound >= wanted)) bound = bent(row, wanted);
         if (bound >= wanted) {
             out_.proven = std::min(out_.proven, bound);
             note(row.pair, places_.s(stretch.left), places_.s(stretch.right), row.before.n, row.after.n);
@@ -370,6 +437,7 @@ void Tree::keep() {
         rows_[left++] = row;
     }
     rows_.resize(left);
+    charge_.bounds(out_.asked - asked);
     std::size_t used = 0;
     for (std::size_t k = 0; k < stretches_.size(); ++k) {
         if (number[k] < 0) continue;

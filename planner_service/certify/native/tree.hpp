@@ -92,6 +92,8 @@ class Tree {
     std::vector<Stretch> stretches_;
     std::vector<Row> rows_;
     std::vector<double> q_, travel_, unused_;
+    std::vector<double> strays_;          // of each stretch and joint
+    std::vector<std::int8_t> evenness_;   // of each stretch whether it strays in a known way; -1: not asked yet
 
     const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
     double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }
@@ -101,6 +103,13 @@ class Tree {
     bool begin(const std::vector<Root>& roots);
     bool ends(std::vector<Row>& rows, std::size_t first, int hints, double close);
     bool sift(int pair, const Part& part);
+    void sift_crowd(const Pair& crowd, const std::vector<int>& pairs, const Part& part);
+    struct Look {  // at the middle of a part
+        Bound found;
+        double before, after, wanted;
+        bool apart() const { return found.gap - before >= wanted && found.gap - after >= wanted; }  // both: for what is no number
+    };
+    Look look(const Pair& pair, const Part& part);
     void leave(int pair, const Part& part);
     std::size_t number_of(const Part& part) const;
     const Stretch& stretch_of(const Part& part);
@@ -116,6 +125,7 @@ class Tree {
     void refine(const Facing& facing, int rounds, Bound& bound) const;
     std::ptrdiff_t tighten(const std::vector<Ask>& asks, std::size_t first, std::size_t last, double close,
                            std::vector<Facing>& facings, Judged& found);
+    double bent(const Row& row, double wanted);
     void keep();
     void forget();
 };
