@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -25,7 +26,7 @@ from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set, projector_of
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
+from planner_service.path.trajectory import LimitPeaks, Trajectory
 from planner_service.planning.request import Goals, Pace, PlanRequest
 from planner_service.planning.result import (
     Failure,
@@ -61,6 +62,7 @@ __all__ = [
     "StageEntry",
     "certified_path",
     "certify",
+    "motion_report",
     "narrower",
     "require_proven",
     "timed",
@@ -477,9 +479,9 @@ def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting)
         try:
             limit = tool_speed_limit(path, pace, robot)
             trajectory, ratios = away(lambda: time_with_peaks(pace.timing, path, limits, limit, torque_limits))
-            tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
-            if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
-                factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
+            speed = None if pace.max_tool_speed is None else away(lambda: peak_tool_speed(robot, trajectory))
+            if speed is not None and pace.max_tool_speed is not None and speed > pace.max_tool_speed:
+                factor, speed = speed / pace.max_tool_speed, pace.max_tool_speed
                 trajectory, ratios = trajectory.dilated(factor), ratios.dilated(factor)
                 if torque_limits is not None:
                     ratios = replace(ratios, torques=torque_limits.samples(trajectory).peaks())
@@ -487,8 +489,23 @@ def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting)
         except TimingFailed as failed:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
-        settle = robot.settle_time if path.length > 0.0 else 0.0
-        return trajectory, MotionReport(ratios, tool_speed, trajectory.duration, stops, settle)
+        return trajectory, motion_report(robot, trajectory, ratios, stops, speed)
+
+
+def motion_report(
+    robot: Robot, trajectory: Trajectory, ratios: LimitPeaks, stops: float, speed: float | None = None
+) -> MotionReport:
+    """How a robot moves.
+
+    Args:
+        stops: Seconds with a stop at each corner.
+        speed: The tool's peak speed; measured when it is looked at if None.
+    """
+    settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
+    if speed is not None:
+        return MotionReport(ratios, speed, trajectory.duration, stops, settle)
+    measure = partial(peak_tool_speed, robot, trajectory)
+    return MotionReport.measuring(measure, ratios, trajectory.duration, stops, settle)
 
 
 def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:

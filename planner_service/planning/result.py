@@ -5,8 +5,8 @@ from __future__ import annotations
 import enum
 import math
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
@@ -187,7 +187,7 @@ class MotionReport:
     Attributes:
         peaks: How close velocity, acceleration and jerk come to the limits; the ratio of a jerk is infinite where the
             acceleration jumps.
-        tool_speed: Largest speed of the tool frame's origin, in m/s.
+        tool_speed: Largest speed of the tool frame's origin, in m/s. A plan's is measured when it is first looked at.
         duration: Seconds.
         stop_duration: Seconds the same polyline would take with a stop at each of its corners; infinite if the timing
             law has no solution for that.
@@ -199,6 +199,32 @@ class MotionReport:
     duration: float
     stop_duration: float
     settle_time: float
+
+    @classmethod
+    def measuring(
+        cls,
+        tool_speed: Callable[[], float],
+        peaks: LimitPeaks,
+        duration: float,
+        stop_duration: float,
+        settle_time: float,
+    ) -> MotionReport:
+        """A report whose ``tool_speed`` is what a function returns, called when somebody wants to know."""
+        report = object.__new__(cls)
+        known = {"peaks": peaks, "duration": duration, "stop_duration": stop_duration, "settle_time": settle_time}
+        report.__dict__.update(known, _measure=tool_speed)
+        return report
+
+    def __getattr__(self, name: str) -> float:
+        """The tool's speed, if it has not been measured yet."""
+        measure = self.__dict__.get("_measure") if name == "tool_speed" else None
+        if measure is None:
+            raise AttributeError(name, name=name, obj=self)
+        speed = self.__dict__["tool_speed"] = measure()
+        return float(speed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def __str__(self) -> str:
         ratios = {name: getattr(self.peaks, name).ratio for name in ORDERS}

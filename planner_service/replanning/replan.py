@@ -32,6 +32,7 @@ from planner_service.planning.accounting import (
     PlanAccounting,
     PlanContext,
     certify,
+    motion_report,
     narrower,
     require_proven,
     tool_speed_limit,
@@ -46,7 +47,7 @@ from planner_service.replanning.result import OldMotion, Outcome, Replanned, req
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.scene.names import Names
 from planner_service.scene.scene import KIND_SUFFIXES
-from planner_service.timing.laws import TimingFailed, ToppRa, peak_tool_speed
+from planner_service.timing.laws import TimingFailed, ToppRa
 from planner_service.timing.limit_check import TOLERANCE, peaks
 
 __all__ = ["replan"]
@@ -450,9 +451,7 @@ def _certify(call: _Call, path: JointPath, s_end: float, exempt: Sequence[Exempt
 
 def _report(call: _Call, trajectory: Trajectory, ratios: LimitPeaks | None = None) -> MotionReport:
     """How a motion moves, its peaks compared with the requested limits."""
-    robot, ratios = call.checker.robot, ratios or peaks(trajectory, call.limits)
-    settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
-    return MotionReport(ratios, peak_tool_speed(robot, trajectory), trajectory.duration, math.inf, settle)
+    return motion_report(call.checker.robot, trajectory, ratios or peaks(trajectory, call.limits), math.inf)
 
 
 def _slow_enough(call: _Call, report: MotionReport) -> MotionReport:
@@ -464,9 +463,9 @@ def _slow_enough(call: _Call, report: MotionReport) -> MotionReport:
     if report.peaks.highest > 1.0 + 2.0 * TOLERANCE:  # one for that with which it was made
         detail = f"it would exceed limits by {report.peaks.highest - 1.0:.2%}"
         raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
-    speed, most = report.tool_speed, call.pace.max_tool_speed
-    if most is not None and speed > most * (1.0 + ROUNDING):
-        detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
+    most = call.pace.max_tool_speed
+    if most is not None and report.tool_speed > most * (1.0 + ROUNDING):
+        detail = f"the tool would move at {report.tool_speed:.6g} m/s, faster than {most:.6g}"
         raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
     return report
 
