@@ -257,6 +257,7 @@ class BalancedSearch:
         range: float,
         seed: int,
         projector: Projector | None = None,
+        longest: float = ...,
     ) -> None: ...
     def run(self, start: Sequence[float], goals: Sequence[Sequence[float]], /) -> list[list[float]]:
         """A path from the start to the goal reached first; only an exception ends it without one."""

@@ -2,9 +2,9 @@
 
 An optimiser that has converged need not be free of collisions, so its optimum is checked.
 
-With ``PlanRequest.improve``, each round searches with a fresh seed, where a path can be shorter at all, and shortens
-what it finds; then the best parts of the shortest paths are joined, and what that gains is shortened again. A round has
-so many states, and no clock has a say in it: the same request gives the same path on any machine.
+With ``PlanRequest.improve``, each round searches with a fresh seed for a path that is not much longer than the best,
+and shortens what it finds; then the best parts of the shortest paths are joined, and what that gains is shortened
+again. A round has so many states, and no clock has a say in it: the same request gives the same path on any machine.
 """
 
 from __future__ import annotations
@@ -49,8 +49,12 @@ ENOUGH = 0.02
 JOINED, JUDGED = 4, 24
 """Paths that are joined, and edges that may be judged for it in a round."""
 
-TIMES_THE_FIRST, LEAST_STATES = 3, 3_000
-"""What the search of a round may check: as often as the first search the states of that, at least so many."""
+TIMES_THE_FIRST, LEAST_STATES, MOST_STATES = 3, 3_000, 20_000
+"""What the search of a round may check: as often as the first search the states of that, within these."""
+
+LONGER = 1.3
+"""Times the best length that the path of a round may have before it is shortened. On public problems of arms with 8 and
+14 joints, 16 rounds come within 1.34, 1.08, 1.10 and 1.82, 1.24, 1.31 times the best known (p95) with 1.0, 1.3, 1.6."""
 
 SHARE = 0.5
 """The part of the time and the states left that all rounds may take; the rest is for blends and the proof."""
@@ -213,7 +217,7 @@ class Rounds:
         if self.problem.projector is None:
             problem = nearer(problem, polyline_length(best))
         try:
-            with ledger.limited(states=max(LEAST_STATES, TIMES_THE_FIRST * self.states)):
+            with ledger.limited(states=min(MOST_STATES, max(LEAST_STATES, TIMES_THE_FIRST * self.states))):
                 return self.planner.search(problem).waypoints
         except CheckBudgetSpent:
             if ledger.room() == 0:
@@ -222,18 +226,20 @@ class Rounds:
 
 
 def nearer(problem: SearchProblem, length: float) -> SearchProblem:
-    """The same problem, in the box around all that is on a path shorter than ``length`` (Gammell et al., IROS 2014).
+    """The same problem for paths no longer than ``LONGER`` times ``length``, in the box around all that is on them.
 
-    Such a path stays in an ellipsoid with its ends as foci. Goals that are farther away are left out.
+    Such a path stays in an ellipsoid with its ends as foci (Gammell et al., IROS 2014). Goals that are farther away
+    than ``length`` are left out.
     """
     lower, upper = [problem.start], [problem.start]
     goals = [goal for goal in problem.goals if joint_distance(problem.start, goal) < length]
+    longest = LONGER * length
     for goal in goals:
         way = goal - problem.start
         square = float(way @ way)
-        widths = 0.5 * np.sqrt(way * way + (length * length - square))  # of an ellipsoid with axes length and that root
+        widths = 0.5 * np.sqrt(way * way + (longest * longest - square))  # the root is the length of the other axes
         middle = 0.5 * (problem.start + goal)
         lower += [middle - widths, goal]
         upper += [middle + widths, goal]
     bounds = np.maximum(problem.lower, np.min(lower, axis=0)), np.minimum(problem.upper, np.max(upper, axis=0))
-    return replace(problem, goals=np.array(goals), lower=bounds[0], upper=bounds[1])
+    return replace(problem, goals=np.array(goals), lower=bounds[0], upper=bounds[1], longest=longest)

@@ -381,6 +381,7 @@ class SearchProblem:
         reach: Cost of moving each joint, shape (n,), as ``Robot.reach``; None for the same cost for all.
         grown: Called with the milestones (N, n) and edges of each tree that the search drops or ends with.
         projector: Keeps the constraints on edges; None without any.
+        longest: Length that no path may have more of; a planner that cannot keep to it may return a longer one.
 
     Raises:
         InvalidRequest: Shapes disagree, or a number is not finite or outside the bounds.
@@ -396,6 +397,7 @@ class SearchProblem:
     reach: FloatArray | None = None
     grown: Callable[[FloatArray, list[tuple[int, int]]], None] | None = None
     projector: _core.Projector | None = None
+    longest: float = math.inf
 
     def __post_init__(self) -> None:
         fields = (self.start, self.goals, self.lower, self.upper)

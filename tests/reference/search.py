@@ -50,13 +50,16 @@ class ReferenceSearch:
         self._weights = metric(problem)
         self._radius = RADIUS * self._distance(self._lower, self._upper)
         self._moving = MOST_MOVING / len(self._lower)
+        self._bound, self._bounded = problem.longest, problem.longest < math.inf
         self._generator = _Generator(seed)
         self._start, self._goal = _Tree(self._weights), _Tree(self._weights)
+        self._ends: dict[_Tree, Sequence[Configuration]] = {}
         self._refuted = self._left_out = self._idle = 0
         self._projector, self._stride = problem.projector, longest
 
     def run(self, start: Configuration, goals: Sequence[Configuration]) -> list[Configuration]:
-        """A path; empty if constraints left nothing to judge for long."""
+        """A path; empty if constraints, or the bound of its length, left nothing to judge for long."""
+        self._ends = {self._start: [start], self._goal: goals}
         self._start.add(start, -1, confirmed=True)
         for goal in goals:
             self._goal.add(goal, -1, confirmed=True)
@@ -65,7 +68,7 @@ class ReferenceSearch:
             from_start = len(self._start.nodes) <= len(self._goal.nodes)
             tree, other = (self._start, self._goal) if from_start else (self._goal, self._start)
             node = self._extended(tree)
-            met = -1 if node < 0 else self._connected(other, tree.nodes[node])
+            met = -1 if node < 0 else self._connected(other, tree.nodes[node], tree.costs[node])
             if met < 0:
                 continue
             at_start, at_goal = (node, met) if from_start else (met, node)
@@ -94,13 +97,23 @@ class ReferenceSearch:
 
     def _extended(self, tree: _Tree) -> int:
         """The node by which a tree grew towards a random configuration; -1 if it did not grow."""
-        drawn = tuple(
-            low + (high - low) * self._generator.uniform() for low, high in zip(self._lower, self._upper, strict=True)
-        )
-        nearest, distance = tree.nearest(drawn)
+        if self._bounded:
+            drawn, most = self._drawn_within(tree)
+            nearest, distance = tree.nearest(drawn, most)
+            self._idle += 1
+            if nearest < 0:
+                return -1
+        else:
+            drawn = tuple(
+                low + (high - low) * self._generator.uniform()
+                for low, high in zip(self._lower, self._upper, strict=True)
+            )
+            nearest, distance = tree.nearest(drawn)
         if self._moving < 1.0:
             drawn = self._some_held(drawn, tree.nodes[nearest])
             distance = self._distance(tree.nodes[nearest], drawn)
+            if self._bounded and tree.way(nearest, drawn) + self._rest(tree, drawn) > self._bound:
+                return -1
         if tree.blocked[nearest] and distance > self._radius and self._left_out < MAX_LEFT_OUT:
             self._left_out += 1
             return -1
@@ -109,6 +122,8 @@ class ReferenceSearch:
         if self._projector is not None:
             node = self._walked(self._projector, tree, nearest, drawn, self._longest, target_is_node=False)
         else:
+            if self._bounded:
+                self._idle = 0
             fresh = self._step(tree.nodes[nearest], drawn, distance, self._longest)
             if self._step_is_free(tree.nodes[nearest], fresh, Known.START):
                 node = tree.add(fresh, nearest, confirmed=not self._coarse)
@@ -116,6 +131,39 @@ class ReferenceSearch:
             return node
         tree.blocked[nearest] = True
         return -1
+
+    def _drawn_within(self, tree: _Tree) -> tuple[Configuration, float]:
+        """Where a path that is short enough may go, and how long its way from the root of a tree to there may be."""
+        goals = self._ends[self._goal]
+        goal = goals[int(self._generator.uniform() * len(goals))]
+        drawn = self._drawn_between(self._ends[self._start][0], goal)
+        least = self._rest(self._goal if tree is self._start else self._start, drawn)
+        return drawn, least + (self._bound - self._rest(tree, drawn) - least) * self._generator.uniform()
+
+    def _drawn_between(self, a: Configuration, b: Configuration) -> Configuration:
+        """From the ellipsoid of all that is on a way from a to b within the bound, within the limits."""
+        between = _length(a, b)
+        along, across = 0.5 * self._bound, 0.5 * math.sqrt(max(0.0, self._bound * self._bound - between * between))
+        ball, square, radius, share = list[float](), 0.0, 0.0, 0.0
+        for _ in a:
+            x = -6.0
+            for _ in range(12):
+                x += self._generator.uniform()
+            square += x * x
+            radius = max(radius, self._generator.uniform())
+            ball.append(x)
+        scale = radius / math.sqrt(square) if square > 0.0 else 0.0
+        axis = [(y - x) / between if between > 0.0 else 0.0 for x, y in zip(a, b, strict=True)]
+        for x, y in zip(ball, axis, strict=True):
+            share += x * y
+        return tuple(
+            min(max(0.5 * (p + q) + scale * (across * x + (along - across) * (share * y)), low), high)
+            for p, q, x, y, low, high in zip(a, b, ball, axis, self._lower, self._upper, strict=True)
+        )
+
+    def _rest(self, tree: _Tree, q: Configuration) -> float:
+        """The least length of a way from a configuration of a tree to where the other one is rooted."""
+        return min(_length(q, end) for end in self._ends[self._goal if tree is self._start else self._start])
 
     def _some_held(self, drawn: Configuration, q: Configuration) -> Configuration:
         """What was drawn, with the values of q in some joints, each by the same chance; none if it were all."""
@@ -128,9 +176,11 @@ class ReferenceSearch:
             squared += w * ((y - x) * (y - x))
         return math.sqrt(squared)
 
-    def _connected(self, tree: _Tree, target: Configuration) -> int:
+    def _connected(self, tree: _Tree, target: Configuration, cost: float) -> int:
         """The node by which a tree reached the target, growing towards it step by step; -1 if it did not."""
-        node, distance = tree.nearest(target)
+        node, distance = tree.nearest(target, self._bound - cost)
+        if node < 0:
+            return -1
         if self._projector is not None:
             node = self._walked(self._projector, tree, node, target, math.inf, target_is_node=True)
             return node if tree.nodes[node] == target else -1
@@ -211,6 +261,7 @@ class _Tree:
         blocked: Whether a step from the node was not free.
         confirmed: Whether all samples of the edge from the parent were judged.
         cut_off: Whether the node is no longer part of the tree.
+        costs: Of each node, the length of its way from the root.
     """
 
     def __init__(self, weights: Sequence[float]) -> None:
@@ -220,6 +271,7 @@ class _Tree:
         self.blocked: list[bool] = []
         self.confirmed: list[bool] = []
         self.cut_off: list[bool] = []
+        self.costs: list[float] = []
         self._points = np.full((64, len(weights)), _FAR_AWAY)
 
     def add(self, q: Configuration, parent: int, *, confirmed: bool) -> int:
@@ -233,13 +285,27 @@ class _Tree:
         self.blocked.append(False)
         self.confirmed.append(confirmed)
         self.cut_off.append(False)
+        self.costs.append(0.0 if parent < 0 else self.way(parent, q))
         return count
 
-    def nearest(self, q: Configuration) -> tuple[int, float]:
-        """The node nearest to q, of several the first, and its distance."""
+    def way(self, node: int, q: Configuration) -> float:
+        """The length of the way from the root over a node to a configuration."""
+        return self.costs[node] + _length(self.nodes[node], q)
+
+    def nearest(self, q: Configuration, most: float = math.inf) -> tuple[int, float]:
+        """The node nearest to q, of several the first, and its distance; -1 if no way from the root over a node to q
+        is so short."""
         squares = np.zeros(len(self.nodes))
         for column, value, weight in zip(self._points[: len(self.nodes)].T, q, self._weights, strict=True):
             squares = squares + weight * ((value - column) * (value - column))
+        if most < math.inf:
+            plain = np.zeros(len(self.nodes))
+            for column, value in zip(self._points[: len(self.nodes)].T, q, strict=True):
+                plain = plain + (value - column) * (value - column)
+            short = self.costs + np.sqrt(plain) <= most
+            if not short.any():
+                return -1, math.inf
+            squares[~short] = math.inf
         node = int(np.argmin(squares))
         return node, math.sqrt(squares[node])
 
@@ -257,6 +323,14 @@ class _Tree:
             out.append(self.nodes[node])
             node = self.parents[node]
         return out
+
+
+def _length(a: Configuration, b: Configuration) -> float:
+    """The length of the straight way between two configurations."""
+    square = 0.0
+    for x, y in zip(a, b, strict=True):
+        square += (y - x) * (y - x)
+    return math.sqrt(square)
 
 
 class _Generator:

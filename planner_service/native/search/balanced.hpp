@@ -1,6 +1,7 @@
 // RRT-Connect with balanced trees and dynamic domains, as search/planners.py says.
 #pragma once
 
+#include <limits>
 #include <utility>
 
 #include "tree.hpp"
@@ -14,10 +15,12 @@ struct Grown {
 
 class BalancedSearch {
   public:
-    BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed);
+    // ``longest``: of the path, between start and goal as their distances are without weights; for no bound, infinity.
+    BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed,
+                   double longest = std::numeric_limits<double>::infinity());
 
     // The path from the start to the goal that is reached first. Without constraints only an exception of the oracle ends
-    // it without one; with them also that nothing was left to judge for long: the path is then empty.
+    // it without one; with them, or a bound, also that nothing was left to judge for long: the path is then empty.
     std::vector<Configuration> run(const Configuration& start, const std::vector<Configuration>& goals);
 
     // Both trees as they are.
@@ -25,9 +28,13 @@ class BalancedSearch {
 
   private:
     int extended(Tree& tree);
-    int connected(Tree& tree, const Configuration& target);
+    int connected(Tree& tree, const Configuration& target, double cost);
     int walked(Tree& tree, int node, const Configuration& target, double most, bool target_is_node);
     void hold_some(const Configuration& q);
+    bool bounded() const { return longest_ < std::numeric_limits<double>::infinity(); }
+    double draw_bounded(const Tree& tree);
+    double rest(const Tree& tree, const Configuration& q) const;
+    double way(const Tree& tree, int node, const Configuration& q) const;
     bool step_is_free(const Configuration& from, const Configuration& to, Known known);
     bool confirmed(Tree& tree, int node);
     bool confirm(Tree& tree, int node);
@@ -36,7 +43,8 @@ class BalancedSearch {
 
     Oracle& oracle_;
     Space space_;
-    double range_, radius_, moving_;
+    double range_, radius_, moving_, longest_;
+    std::vector<Configuration> starts_, goals_;
     Generator generator_;
     Tree start_, goal_;
     int refuted_ = 0;      // paths with an edge that was not free after all

@@ -7,6 +7,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <limits>
 #include <tuple>
 
 #include "../collision/kernel.hpp"
@@ -125,13 +126,14 @@ void bind(nb::module_& m) {
         .def(
             "__init__",
             [](BalancedSearch* self, Oracle& oracle, const Configuration& lower, const Configuration& upper,
-               const Configuration& weights, double range, std::uint64_t seed, constraints::Projector* projector) {
+               const Configuration& weights, double range, std::uint64_t seed, constraints::Projector* projector,
+               double longest) {
                 if (upper.size() != lower.size() || weights.size() != lower.size())
                     throw std::invalid_argument("a lower and an upper bound and a weight for each joint");
-                new (self) BalancedSearch(oracle, Space(lower, upper, weights, projector), range, seed);
+                new (self) BalancedSearch(oracle, Space(lower, upper, weights, projector), range, seed, longest);
             },
             nb::arg("oracle"), nb::arg("lower"), nb::arg("upper"), nb::arg("weights"), nb::arg("range"),
-            nb::arg("seed"), nb::arg("projector") = nb::none(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 8>())
+            nb::arg("seed"), nb::arg("projector") = nb::none(), nb::arg("longest") = std::numeric_limits<double>::infinity(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 8>())
         .def("run", &BalancedSearch::run, nb::call_guard<nb::gil_scoped_release>())
         .def("grown", [](const BalancedSearch& self) {
             auto grown = self.grown();

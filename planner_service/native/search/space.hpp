@@ -2,6 +2,7 @@
 // What differs for joints that go round, follow others or keep to a constraint belongs here.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <utility>
@@ -29,6 +30,35 @@ class Space {
 
     void draw(Generator& generator, Configuration& q) const {
         for (std::size_t k = 0; k < dof(); ++k) q[k] = lower_[k] + (upper_[k] - lower_[k]) * generator.uniform();
+    }
+
+    // Draws from the ellipsoid of all that is on a way from a to b no longer than ``longest``, within the bounds (Gammell et
+    // al., IROS 2014). Only its shape is exact: a direction has a sum of uniform numbers in each joint, which every machine
+    // rounds alike.
+    void draw_between(Generator& generator, const Configuration& a, const Configuration& b, double longest, Configuration& q) const {
+        const double between = length(a.data(), b.data());
+        const double along = 0.5 * longest, across = 0.5 * std::sqrt(std::max(0.0, longest * longest - between * between));
+        double square = 0.0, radius = 0.0, share = 0.0;
+        for (double& x : q) {
+            x = -6.0;
+            for (int k = 0; k < 12; ++k) x += generator.uniform();
+            square += x * x;
+            radius = std::max(radius, generator.uniform());  // the largest of n is distributed as a radius in an n-ball
+        }
+        const double scale = square > 0.0 ? radius / std::sqrt(square) : 0.0;
+        for (std::size_t k = 0; k < dof() && between > 0.0; ++k) share += q[k] * ((b[k] - a[k]) / between);
+        for (std::size_t k = 0; k < dof(); ++k) {
+            const double axis = between > 0.0 ? (b[k] - a[k]) / between : 0.0;
+            const double x = 0.5 * (a[k] + b[k]) + scale * (across * q[k] + (along - across) * (share * axis));
+            q[k] = std::min(std::max(x, lower_[k]), upper_[k]);
+        }
+    }
+
+    // The length of the straight way between two configurations.
+    double length(const double* a, const double* b) const {
+        double total = 0.0;
+        for (std::size_t k = 0; k < dof(); ++k) total += (b[k] - a[k]) * (b[k] - a[k]);
+        return std::sqrt(total);
     }
 
     // Summed in joint order, without fused operations: equal bits on every processor.

@@ -90,10 +90,11 @@ void Tree::widen(std::size_t capacity) {
     capacity_ = capacity;
 }
 
-int Tree::add(const Configuration& q, int parent, bool confirmed) {
+int Tree::add(const Configuration& q, int parent, bool confirmed, double cost) {
     if (parents_.size() == capacity_) widen(2 * capacity_);
     for (std::size_t k = 0; k < dof_; ++k) column(k)[parents_.size()] = q[k];
     parents_.push_back(parent);
+    costs_.push_back(cost);
     confirmed_.push_back(confirmed ? 1 : 0);
     cut_off_.push_back(0);
     blocked_.push_back(0);
@@ -107,6 +108,33 @@ void Tree::get(int node, Configuration& q) const {
 int Tree::nearest(const Configuration& q, double& squared) const {
     static const Nearest nearest_of = fastest();
     return nearest_of(Columns{values_.data(), space_.weights().data(), capacity_, dof_, parents_.size()}, q.data(), squared);
+}
+
+int Tree::nearest_within(const Configuration& q, double most, double& squared) const {
+    const int any = nearest(q, squared);
+    Configuration at(dof_);
+    get(any, at);
+    if (cost(any) + space_.length(at.data(), q.data()) <= most) return any;
+    const Configuration& weights = space_.weights();
+    int found = -1;
+    squared = std::numeric_limits<double>::infinity();
+    for (std::size_t first = 0; first < parents_.size(); first += SIDE_BY_SIDE) {
+        double weighted[SIDE_BY_SIDE] = {}, plain[SIDE_BY_SIDE] = {};
+        for (std::size_t k = 0; k < dof_; ++k) {
+            const double* values = column(k) + first;
+            for (std::size_t i = 0; i < SIDE_BY_SIDE; ++i) {
+                const double difference = q[k] - values[i], square = difference * difference;
+                weighted[i] += weights[k] * square;
+                plain[i] += square;
+            }
+        }
+        for (std::size_t i = 0; i < SIDE_BY_SIDE && first + i < parents_.size(); ++i) {
+            if (!(weighted[i] < squared) || !(costs_[first + i] + std::sqrt(plain[i]) <= most)) continue;
+            squared = weighted[i];
+            found = static_cast<int>(first + i);
+        }
+    }
+    return found;
 }
 
 void Tree::cut(int node) {

@@ -25,10 +25,15 @@ class Tree {
     bool confirmed(int node) const { return confirmed_[index(node)] != 0; }
     void confirm(int node) { confirmed_[index(node)] = 1; }
 
-    int add(const Configuration& q, int parent, bool confirmed);
+    // The length of the way from the root to a node, where the search bounds it.
+    double cost(int node) const { return costs_[index(node)]; }
+
+    int add(const Configuration& q, int parent, bool confirmed, double cost = 0.0);
     void get(int node, Configuration& q) const;
     // The node nearest to q, of several the first, and its squared distance.
     int nearest(const Configuration& q, double& squared) const;
+    // The same of those over which the way from the root to q is no longer than ``most``; -1 if there is none.
+    int nearest_within(const Configuration& q, double most, double& squared) const;
     // Takes a node and all that grew from it out of the tree.
     void cut(int node);
 
@@ -42,6 +47,7 @@ class Tree {
     std::size_t dof_, capacity_ = 0;
     std::vector<double> values_;  // all values of the first joint, then of the second, ...; far away where no node is
     std::vector<int> parents_;
+    std::vector<double> costs_;
     std::vector<std::uint8_t> blocked_, confirmed_, cut_off_;
 };
 

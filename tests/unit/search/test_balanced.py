@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from itertools import pairwise
@@ -25,6 +26,7 @@ from planner_service import (
 )
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent
 from planner_service.geometry.arrays import FloatArray
+from planner_service.path.joint_path import polyline_length
 from planner_service.search.problem import SearchOracle, SearchProblem, TieredOracle
 from tests.reference.edges import ReferenceOracle
 from tests.reference.search import ReferenceSearch
@@ -49,10 +51,14 @@ def problem(checker: CollisionChecker, points: FloatArray, seed: int = 0, **more
     return SearchProblem(points[0], points[1:], *bounds, oracle, seed, poll, checker.reach, **more)
 
 
-def outcome(checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000) -> tuple[Any, ...]:
+def outcome(
+    checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000, longest: float = math.inf
+) -> tuple[Any, ...]:
     """All that a search gives and counts: the path or the limit it met, the trees, the counts and hits, the ends."""
     grown: list[Any] = []
-    asked = problem(checker, points, seed, grown=lambda nodes, edges: grown.append((nodes.tolist(), edges)))
+    asked = problem(
+        checker, points, seed, grown=lambda nodes, edges: grown.append((nodes.tolist(), edges)), longest=longest
+    )
     assert isinstance(asked.oracle, SearchOracle)
     path: Any = None
     try:
@@ -63,10 +69,13 @@ def outcome(checker: CollisionChecker, points: FloatArray, seed: int, states: in
     return path, grown, checker.counts, checker.ledger.hits, asked.oracle.boxed_in(), asked.oracle.last_hit
 
 
-def reference(checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000) -> tuple[Any, ...]:
+def reference(
+    checker: CollisionChecker, points: FloatArray, seed: int, states: int = 20_000, longest: float = math.inf
+) -> tuple[Any, ...]:
     """The same of the search in Python, which asks the checker edge by edge."""
     limits, oracle = checker.robot.limits, ReferenceOracle(checker)
-    asked = SearchProblem(points[0], points[1:], limits.lower, limits.upper, oracle, seed, reach=checker.reach)
+    bounds = limits.lower, limits.upper
+    asked = SearchProblem(points[0], points[1:], *bounds, oracle, seed, reach=checker.reach, longest=longest)
     run = ReferenceSearch(asked, BalancedRRTConnect().range, seed)
     path: Any = None
     try:
@@ -88,6 +97,26 @@ def test_it_gives_the_bits_and_counts_of_its_reference_with_any_step_and_judge(n
         assert compiled[:4] == reference(CollisionChecker(robot, scene, padding=0.001), points, seed)
     if name == "planar2":
         assert compiled == outcome(CollisionChecker(robot, scene, padding=0.001, backend="fcl"), points, seed)
+
+
+@pytest.mark.parametrize(("name", "where"), CASES)
+def test_with_a_bound_it_gives_the_bits_and_counts_of_its_reference_and_no_longer_path(name: str, where: str) -> None:
+    robot, scene = load_robot(name), load_scene(where)
+    for seed, share in ((0, 1.2), (1, 1.6)):
+        points = ends(robot, scene, seed)
+        longest = share * math.dist(*points)
+        compiled = outcome(CollisionChecker(robot, scene, padding=0.001), points, seed, 3_000, longest)
+        assert compiled[:4] == reference(CollisionChecker(robot, scene, padding=0.001), points, seed, 3_000, longest)
+        if not isinstance(compiled[0], str):
+            assert polyline_length(np.array(compiled[0])) <= longest * (1.0 + 1e-12)
+
+
+def test_a_bound_that_leaves_nothing_ends_the_search_without_a_path() -> None:
+    robot = load_robot("wxai_dual")
+    checker = CollisionChecker(robot, load_scene("post"))
+    points = ends(robot, load_scene("post"), 0)
+    asked = problem(checker, points, longest=0.5 * math.dist(*points))
+    assert BalancedRRTConnect().search(asked).waypoints is None
 
 
 def tight_ends(robot: Robot, scene: Scene, seed: int) -> FloatArray:
