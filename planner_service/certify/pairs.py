@@ -183,7 +183,7 @@ class ProofPairs:
         self.riding = tuple(riding)
         self._twice = robot.links & frozenset(scene.names)
         owners = [piece.owner for piece in riding] + [("object", o.name) for o in scene.obstacles]
-        self._called = {self._label(owner): owner for owner in owners}
+        self._called = {self._label(owner): owner for owner in dict.fromkeys(owners)}
         self.owners = frozenset(self._called)
         self._may_touch = self._contacts(robot, scene, allowed)
         self._obstacles: list[range] = []
@@ -239,6 +239,8 @@ class ProofPairs:
 
     def _crowd(self, scene: Scene, solids: Sequence[Sequence[tuple[Shape, Frame]]]) -> list[int]:
         """Obstacles of few pieces, none of them large, that nothing may touch, if together they have many."""
+        if sum(map(len, solids)) < MANY:
+            return []
         touched = {owner for pair in self._may_touch for owner in pair}
         few = [k for k, o in enumerate(scene.obstacles) if ("object", o.name) not in touched and len(solids[k]) < MANY]
         if sum(len(solids[k]) for k in few) < MANY:
@@ -320,20 +322,22 @@ class ProofPairs:
         plain = name not in self._twice and not name.endswith((" (link)", " (object)"))
         return name if plain else f"{name} ({kind})"
 
-    def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[tuple[Owner, Owner]]:
+    def _contacts(
+        self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]
+    ) -> frozenset[tuple[Owner, Owner]]:
         """Owners that may touch, either of them first."""
-        contacts = {(("link", a), ("link", b)) for a, b in (c.links for c in robot.allowed_contacts)}
-        shaped = {shape.link for shape in robot.shapes}
+        contacts = set[tuple[Owner, Owner]]()
         for attached in scene.attached:
             for link in attached.touch_links:
-                if link not in shaped:
+                if link not in (shaped := {shape.link for shape in robot.shapes}):
                     raise UnknownName("touch link", link, shaped)
                 contacts.add((("object", attached.name), ("link", link)))
         for a, b in pairs_of_names("allowed", allowed):
             self.check_name("link or object", a)
             self.check_name("link or object", b)
             contacts.add((self._called[a], self._called[b]))
-        return contacts | {(b, a) for a, b in contacts}
+        known = _contacts_of(robot)
+        return known.union(contacts, ((b, a) for a, b in contacts)) if contacts else known
 
     def _listed(self) -> tuple[IntArray, IntArray]:
         """The pairs, and the children of each."""
@@ -341,7 +345,7 @@ class ProofPairs:
         standing = tuple((self._pieces[run.start].owner, len(run)) for run in self._obstacles)
         few = sum(count for _, count in standing) <= FEW_STANDING
         plain, begins = (_plain_pairs if few else _plain_pairs.__wrapped__)(
-            kinds, standing, frozenset(self._may_touch), tuple(self._moving_with)
+            kinds, standing, self._may_touch, tuple(self._moving_with)
         )
         if not self._trees:
             return plain, np.zeros((len(plain), 2), dtype=np.intp)
@@ -421,6 +425,13 @@ def _gathered(pieces: Sequence[tuple[Shape, Frame]]) -> Pieces:
     frames = np.zeros((len(pieces), 4, 4))
     frames[:, :3], frames[:, 3, 3] = np.array([frame for _, frame in pieces]).reshape(-1, 3, 4), 1.0
     return Pieces(tuple(shape for shape, _ in pieces), frames)
+
+
+@lru_cache(maxsize=16)
+def _contacts_of(robot: Robot) -> frozenset[tuple[Owner, Owner]]:
+    """Links that the robot allows to touch, either of them first: in every scene the same."""
+    contacts = [(("link", a), ("link", b)) for a, b in (c.links for c in robot.allowed_contacts)]
+    return frozenset([*contacts, *((b, a) for a, b in contacts)])
 
 
 @lru_cache(maxsize=16)

@@ -38,6 +38,7 @@ __all__ = [
     "NearPairs",
     "make_backend",
     "measuring_kernel",
+    "require_backend",
 ]
 
 
@@ -218,14 +219,19 @@ class NativeBackend:
         return next(self.narrow_phase.touching(q, pairs), None)
 
 
-def make_backend(name: BackendName, robot: Robot, parts: Parts) -> CollisionBackend:
-    """The backend of that name.
+def require_backend(name: BackendName) -> BackendName:
+    """The name of a backend.
 
     Raises:
-        InvalidRequest: no such backend.
+        InvalidRequest: there is none of that name.
     """
     if not isinstance(name, str) or name not in get_args(BackendName):
         raise InvalidRequest("backend", name, '"native" or "fcl"')
+    return name
+
+
+def make_backend(name: BackendName, robot: Robot, parts: Parts) -> CollisionBackend:
+    """The backend of that name."""
     narrow_phase = NarrowPhase(robot, parts)
     if name == "fcl":
         return FclBackend(narrow_phase)

@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike
 from planner_service.collision.backends import (
     BackendName,
     Collision,
+    CollisionBackend,
     FirstHit,
     NativeBackend,
     NearPairs,
     make_backend,
     measuring_kernel,
+    require_backend,
 )
 from planner_service.collision.budget import CancelToken, CheckBudgetSpent, CheckCounts, Ledger, SearchStopped
 from planner_service.collision.clearance import Clearances
@@ -112,7 +114,7 @@ class CollisionChecker:
             raise InvalidRequest("edge_step", edge_step, "a rule such as MotionStep(0.010)")
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
-        self.backend = backend
+        self.backend = require_backend(backend)
         self.ledger = Ledger()
         self._variants: dict[_Key, CollisionChecker] = {}
         self._preparing: dict[_Key, Prepared[CollisionChecker]] = {}
@@ -129,11 +131,10 @@ class CollisionChecker:
         self.edge_step: EdgeStep = step if finest is None else FinestStep((step, MotionStep(finest)))
         self._last = _Last()
         self._coarse_segments = coarse_segments_of(self.edge_step)
-        self._backend = make_backend(self.backend, self.robot, parts)
         self._lower = [value - LIMIT_SLACK for value in self.robot.bounds[0].tolist()]
         self._upper = [value + LIMIT_SLACK for value in self.robot.bounds[1].tolist()]
-        self._rows_at_once = self._backend.rows_at_once
-        self._kernel = self._configured_kernel()
+        if not self.quick:
+            _ = self._compiled  # now, as a call with a time limit cannot leave it halfway
 
     def variant(
         self,
@@ -178,6 +179,7 @@ class CollisionChecker:
     def counting_anew(self) -> CollisionChecker:
         """The same checker, and what is compiled for it, with counts of its own."""
         other = object.__new__(CollisionChecker)
+        _ = self._compiled  # once for both
         other.__dict__.update(self.__dict__)
         other.ledger, other._last, other._variants, other._preparing = Ledger(), _Last(), {}, {}
         return other
@@ -196,11 +198,23 @@ class CollisionChecker:
         other._judge(parts, padding, allowed, finest)
         return other
 
-    def _configured_kernel(self) -> _core.CollisionKernel | None:
-        """The kernel if it checks states and edges itself; None if FCL judges all pairs, or with a user's own step."""
-        if not isinstance(self._backend, NativeBackend):
-            return None
-        return self._backend.kernel if self._configure(self._backend.kernel) else None
+    @cached_property
+    def _compiled(self) -> tuple[CollisionBackend, _core.CollisionKernel | None]:
+        """What judges, made when a first state is: a service often judges only with a padding, by a variant.
+
+        And the kernel if it checks states and edges itself; None if FCL judges all pairs, or with a user's own step.
+        """
+        backend = make_backend(self.backend, self.robot, self._parts)
+        splits = isinstance(backend, NativeBackend) and self._configure(backend.kernel)
+        return backend, backend.kernel if splits and isinstance(backend, NativeBackend) else None
+
+    @cached_property
+    def _backend(self) -> CollisionBackend:
+        return self._compiled[0]
+
+    @cached_property
+    def _kernel(self) -> _core.CollisionKernel | None:
+        return self._compiled[1]
 
     def _configure(self, kernel: _core.CollisionKernel) -> bool:
         """Have a kernel check states and edges; False if it cannot split edges."""
@@ -561,7 +575,7 @@ class CollisionChecker:
 
     def _stop(self, start: int, rows: int) -> int:
         """Up to which row to judge in one go, from ``start``: none more than there is room for."""
-        room, stop = self.ledger.room(), start + self._rows_at_once
+        room, stop = self.ledger.room(), start + self._backend.rows_at_once
         if room is not None and start + room < stop:
             stop = start + room
         return stop if stop < rows else rows

@@ -92,10 +92,8 @@ class Pose:
     @property
     def matrix(self) -> FloatArray:
         """Homogeneous matrix, shape (4, 4)."""
-        T = np.eye(4)
-        T[:3, :3] = self.rotation
-        T[:3, 3] = self.position
-        return T
+        rows = [(*row, at) for row, at in zip(self.rotation_rows, self.position, strict=True)]
+        return np.array([*rows, (0.0, 0.0, 0.0, 1.0)])
 
     def inverse(self) -> Pose:
         """The pose of the outer frame in this one."""
