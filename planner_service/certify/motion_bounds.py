@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -221,51 +222,89 @@ class Motion:
     Attributes:
         n: Length of q.
         limits: Of q, lower and upper, (2, n).
-        first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
-        children, roots: Of the pairs, as ``ProofPairs`` has them.
-        numbers: Of pieces, as ``ProofPairs`` has them.
+        listed: The pairs.
         riding: How many pieces ride.
-        fixed: World poses of those that do not, (3, 4, k).
         depth: How many joints move the piece that most joints move.
     """
 
     def __init__(self, robot: Robot, listed: ProofPairs) -> None:
         self._arm = arm = _arm_of(robot, listed.riding)
-        self.first, self.second = listed.pairs.T.copy()
-        self.n, self.limits = arm.n, arm.limits
+        self.listed, self.n, self.limits = listed, arm.n, arm.limits
         self.riding, self.depth = len(listed.riding), arm.depth
-        self._rides = self.second < self.riding
-        self.fixed = _table([_centred(piece) for piece in listed.standing])
-        self._every = Solids.of([piece.shape for piece in (*listed.riding, *listed.standing)])
-        self._every_radius = self._every.radius()
-        self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
-        self._steps[0] = arm.joints[self.first]
-        self._steps[:, self._rides] = arm.steps[:, self.first[self._rides], self.second[self._rides]]
-        self.children: IntArray = listed.children
-        self.roots: IntArray = listed.roots
-        self.numbers: IntArray = listed.numbers
+        self._kinds = (*(piece.shape for piece in listed.riding), *listed.standing.shapes)
+        self._solids = Solids.of(self._kinds)
+        self._solid_of = np.concatenate([np.arange(self.riding), listed.standing.kinds + self.riding])
 
     @property
-    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
+    def tables(self) -> tuple[Any, ...]:
         """All of this as numbers, for compiled code.
 
         The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
-        (``_joint``), and multiplier, (bodies, 55); of each piece body (-1: it stands), half lengths, disc, ball,
-        radius, number of its hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that
-        carries it, its own first, piece, body and distance from the axis, (k, 3); of each pair pieces, joints that
-        move only the one and only the other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of
-        q, lower and upper, (2, n).
+        (``_joint``), and multiplier, (bodies, 55); of each piece that rides body and frame, (riding, 13); of each and
+        each body that carries it, its own first, piece, body and distance from the axis, (k, 3); corners (v, 3) of the
+        hulls; solids, those of bundles last: half lengths, disc, ball, radius, number of its hull (-1: none), (s, 7);
+        the solid of each piece, (pieces,); rotations, (r, 9); that of each piece and bundle that stands, (k,), and
+        where it is, (k, 3); of plain pairs pieces, joints that move only the one and only the other, (p, 4); of trees
+        the first piece and how many, the first bundle and how many, (t, 4); children of their bundles, (b, 2); of each
+        block piece, tree and joints that move the piece, (b, 3); limits of q, lower and upper, (2, n).
         """
-        arm, every = self._arm, self._every
-        frames = np.concatenate([arm.local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)
-        on = np.full(len(frames), -1)
-        on[: self.riding] = arm.body
-        hulls = np.full(len(frames), -1) if every.hulls is None else every.hulls.rows
-        pieces = np.column_stack([on, every.half.T, every.disc, every.ball, self._every_radius, hulls, frames])
-        pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
-        corners = [] if every.hulls is None else every.hulls.clouds()
+        arm, listed, standing = self._arm, self.listed, self.listed.standing
+        solids, trees = self._solids, listed.trees
+        sizes = np.concatenate([np.zeros((0, 3)), *(tree.size for tree in trees)])
+        bundles = Solids(0.5 * sizes.T, np.zeros(len(sizes)), np.zeros(len(sizes)))
+        rows = [
+            np.column_stack([each.half.T, each.disc, each.ball, each.radius(), _hull_numbers(each)])
+            for each in (solids, bundles)
+        ]
+        solid_of = np.concatenate([self._solid_of, np.arange(len(sizes)) + len(solids.disc)])
+        counts = [len(tree.bundles) for tree in trees]
+        rotations = np.concatenate([standing.rotations, *(tree.rotation[None] for tree in trees)])
+        turns = [standing.turns, len(standing.rotations) + np.repeat(np.arange(len(trees)), counts)]
+        positions = [self._centres(np.arange(len(standing))), *(tree.centre for tree in trees)]
+        own = [[tree.pieces.start, len(tree.pieces), tree.bundles.start, len(tree.bundles)] for tree in trees]
         bodies, links = arm.tables
-        return self.n, bodies, pieces, self.riding, links, pairs, corners, self.limits
+        frames = arm.local[:, :, 0].transpose(2, 0, 1).reshape(-1, 12)
+        riders = np.column_stack([arm.body, frames])
+        hulls = [] if solids.hulls is None else solids.hulls.clouds()
+        pairs = np.column_stack([listed.plain, self._steps(listed.plain).T])
+        children = np.concatenate([np.zeros((0, 2), dtype=np.intp), *(tree.children for tree in trees)])
+        blocks = np.column_stack([listed.blocks, arm.joints[listed.blocks[:, 0]]])
+        return (
+            *(self.n, bodies, riders, links, hulls, np.concatenate(rows), solid_of),
+            *(rotations.reshape(-1, 9), np.concatenate(turns), np.concatenate(positions)),
+            *(pairs, np.array(own, dtype=np.intp).reshape(-1, 4), children, blocks, self.limits),
+        )
+
+    def _steps(self, pieces: IntArray) -> IntArray:
+        """Of pairs of pieces (k, 2) how many joints move only the one and only the other, (2, k)."""
+        first, second = pieces.T
+        rides = second < self.riding
+        out = np.zeros((2, len(pieces)), dtype=np.intp)
+        out[0] = self._arm.joints[first]
+        out[:, rides] = self._arm.steps[:, first[rides], second[rides]]
+        return out
+
+    def _centres(self, number: IntArray) -> FloatArray:
+        """Where the solids of pieces that stand have their centres, these counted without those that ride, (k, 3)."""
+        standing = self.listed.standing
+        centre = np.array([centre_of(shape) for shape in standing.shapes]).reshape(-1, 3)
+        x, y, z = centre[standing.kinds[number]].T
+        positions = standing.positions[number].T
+        moved = np.flatnonzero((x != 0.0) | (y != 0.0) | (z != 0.0))
+        if len(moved):
+            rows = standing.rotations[standing.turns[number[moved]]].transpose(1, 2, 0)
+            x, y, z = x[moved], y[moved], z[moved]
+            positions = positions.copy()
+            positions[:, moved] = rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z + positions[:, moved]
+        return np.ascontiguousarray(positions.T)
+
+    def fixed(self, pieces: IntArray) -> FloatArray:
+        """World poses of pieces that stand, (3, 4, k)."""
+        number = pieces - self.riding
+        standing = self.listed.standing
+        rotations = standing.rotations[standing.turns[number]]
+        frames: FloatArray = np.concatenate([rotations, self._centres(number)[:, :, None]], axis=2)
+        return frames.transpose(1, 2, 0)
 
     def poses(self, q: FloatArray) -> FloatArray:
         """As ``_Arm.poses``."""
@@ -281,25 +320,29 @@ class Motion:
 
     def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
         """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""
-        own, other = self._steps[:, pair]
-        partner = np.where(self._rides[pair], self.second[pair], 0)  # an obstacle has no steps: entry 0 is no motion
-        return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
+        pieces = self.listed.of(pair)
+        own, other = self._steps(pieces)
+        first, second = pieces.T
+        partner = np.where(second < self.riding, second, 0)  # an obstacle has no steps: entry 0 is no motion
+        return np.asarray(motions[own, stretch, first] + motions[other, stretch, partner])
 
-    def _in_poses(self, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
-        """Where the two pieces of pairs at nodes are in the poses of everything."""
-        start = self.fixed.shape[2] + node * self.riding
-        second = self.second[pair]
-        return start + self.first[pair], np.where(self._rides[pair], start + second, second - self.riding)
+    def _placed(self, poses: FloatArray, piece: IntArray, node: IntArray) -> FloatArray:
+        """World poses of pieces at nodes, (3, 4, k)."""
+        rides = piece < self.riding
+        out = np.empty((3, 4, len(piece)))
+        out[:, :, rides] = poses[:, :, node[rides] * self.riding + piece[rides]]
+        out[:, :, ~rides] = self.fixed(piece[~rides])
+        return out
 
     def second_axes(self, poses: FloatArray, pair: IntArray) -> FloatArray:
         """Which way the second pieces of pairs stand at the first node, as columns, (3, 3, pairs)."""
-        return poses[:, :3, self._in_poses(pair, np.zeros(len(pair), dtype=np.intp))[1]]
+        return self._placed(poses, self.listed.of(pair)[:, 1], np.zeros(len(pair), dtype=np.intp))[:, :3]
 
     def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
-        """Pairs as they stand at nodes; ``poses`` are ``fixed``, then those of one node after the other."""
-        first, second = self._in_poses(pair, node)
-        a, b = self._every.take(self.first[pair]), self._every.take(self.second[pair])
-        return Facing.of(a, b, poses[:, :, first], poses[:, :, second])
+        """Pairs without bundles as they stand at nodes; ``poses`` are those of one node after the other."""
+        first, second = self.listed.of(pair).T
+        a, b = (self._solids.take(self._solid_of[piece]) for piece in (first, second))
+        return Facing.of(a, b, *(self._placed(poses, piece, node) for piece in (first, second)))
 
     def slopes(self, q: FloatArray, pair: IntArray, n: FloatArray) -> FloatArray:
         """How gaps of pairs change with each joint at q (n,), metres per rad or m, (pairs, n).
@@ -310,7 +353,7 @@ class Motion:
         joints = np.arange(len(q))
         Q[2 * joints, joints] += STEP
         Q[2 * joints + 1, joints] -= STEP
-        poses = np.concatenate([self.fixed, self.nodes(Q)[0]], axis=2)
+        poses = self.nodes(Q)[0]
         node = np.repeat(np.arange(len(Q)), len(pair))
         facing = self.facing(poses, np.tile(pair, len(Q)), node)
         gaps = facing.along(np.tile(n, len(Q))).reshape(len(q), 2, len(pair))
@@ -318,7 +361,7 @@ class Motion:
 
     def along_deepest(self, q: FloatArray, pair: IntArray, owner: IntArray, found: Bounds) -> Bounds:
         """Gaps of pairs at q (n,) along one direction for all of an owner (p,): that of its smallest in ``found``."""
-        poses = np.concatenate([self.fixed, self.nodes(q[None])[0]], axis=2)
+        poses = self.nodes(q[None])[0]
         facing = self.facing(poses, pair, np.zeros(len(pair), dtype=np.intp))
         turns = self.second_axes(poses, pair)
         out = found.n.copy()
@@ -331,6 +374,11 @@ class Motion:
             S = turns[:, :, rows]
             out[:, rows] = S[0] * x + S[1] * y + S[2] * z
         return Bounds(facing.along(out), out)
+
+
+def _hull_numbers(solids: Solids) -> IntArray:
+    """The number of the hull that each solid is, -1 for others."""
+    return np.full(len(solids.disc), -1, dtype=np.intp) if solids.hulls is None else solids.hulls.rows
 
 
 def _centred(piece: Piece) -> Frame:

@@ -8,9 +8,11 @@ in space makes them small; that each holds all its pieces is worked out here.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import combinations
+from typing import overload
 
 import numpy as np
 
@@ -18,12 +20,12 @@ from planner_service.certify.separation import Solids, centre_of
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen
 from planner_service.geometry.composite import Composite, Pieces, Solid
-from planner_service.geometry.shapes import Box, Shape
+from planner_service.geometry.shapes import Shape
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["FIXED", "MANY", "Bundle", "Frame", "Piece", "ProofPairs", "bundled", "pairs_of_names"]
+__all__ = ["FIXED", "MANY", "BundleTree", "Frame", "Piece", "ProofPairs", "Standing", "bundled", "pairs_of_names"]
 
 
 MANY = 64
@@ -40,52 +42,96 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Bundle:
-    """A box around some pieces or bundles of one obstacle, or of several that stand in the world.
+class BundleTree:
+    """Boxes around pieces that follow each other, around those boxes, and so on: the members, the pieces first.
 
     Attributes:
-        number: Its number as a piece.
-        box, frame: The box, and where it is in the obstacle or world, the first three rows of a homogeneous matrix.
-        first, count: The pieces in it: the number of the first, and how many follow each other.
+        pieces: The numbers of its pieces.
+        bundles: The numbers of its bundles, as pieces.
+        size: Of the bundles, (b, 3).
+        rotation: How these stand in the world, (3, 3).
+        centre: Where they are in it, (b, 3).
+        children: Of each bundle the first member in it, and how many follow each other, (b, 2).
+        owner: The obstacle, or the first of several.
     """
 
-    number: int
-    box: Box
-    frame: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
-    first: int
-    count: int
+    pieces: range
+    bundles: range
+    size: FloatArray
+    rotation: FloatArray
+    centre: FloatArray
+    children: IntArray
+    owner: int
+
+    def __len__(self) -> int:
+        return len(self.pieces) + len(self.bundles)
+
+    @cached_property
+    def parents(self) -> IntArray:
+        """The member that each member is in, -1 if in none."""
+        out = np.full(len(self), -1, dtype=np.intp)
+        for bundle, (first, count) in enumerate(self.children.tolist(), start=len(self.pieces)):
+            out[first : first + count] = bundle
+        return out
+
+    @cached_property
+    def tops(self) -> IntArray:
+        """The members that are in none: the last ones."""
+        held = int(self.children.sum(axis=1).max(initial=0))
+        return np.arange(held, len(self))
+
+    def numbers(self, members: IntArray) -> IntArray:
+        """Members by their numbers as pieces."""
+        inner = len(self.pieces)
+        bundle = self.bundles.start - inner
+        return np.where(members < inner, members + self.pieces.start, members + bundle)
 
 
-def bundled(pieces: Pieces, first: int, number: int, fan: int = FAN) -> list[Bundle]:
+def bundled(
+    pieces: Pieces, first: int, number: int, owner: int, *, fan: int = FAN, frame: Frame | None = None
+) -> BundleTree:
     """The bundles of pieces, what is in a bundle before it; the last holds everything, or would be beyond 1 km.
 
     Args:
         first: The number of the first piece.
         number: The number of the first bundle.
+        owner: As of ``BundleTree``.
         fan: Pieces or bundles in a bundle.
+        frame: Of what the pieces are given in; None if that is the world.
     """
+    at = np.eye(3, 4) if frame is None else np.array(frame)
     low, high = _extents(pieces)
-    out: list[Bundle] = []
+    sizes, centres = list[FloatArray]([np.zeros((0, 3))]), list[FloatArray]([np.zeros((0, 3))])
+    children = list[IntArray]([np.zeros((0, 2), dtype=np.intp)])
+    begin = 0
     while len(low) > 1:
         starts = np.arange(0, len(low), fan)
         ends = np.minimum(starts + fan, len(low))
+        following = begin + len(low)
         low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
         if float((high - low).max()) + 2.0 * ROUNDING > MAX_LENGTH:  # no box is so large
             break
-        size, centre = (high - low + 2.0 * ROUNDING).tolist(), (0.5 * (low + high)).tolist()
-        begin = number + len(out)
-        for k, ((x, y, z), (u, v, w)) in enumerate(zip(size, centre, strict=True)):
-            frame = ((1.0, 0.0, 0.0, u), (0.0, 1.0, 0.0, v), (0.0, 0.0, 1.0, w))
-            out.append(Bundle(begin + k, Box((x, y, z)), frame, first + int(starts[k]), int(ends[k] - starts[k])))
-        first = begin
-    return out
+        sizes.append(high - low + 2.0 * ROUNDING)
+        centres.append(0.5 * (low + high))
+        children.append(np.stack([begin + starts, ends - starts], axis=1))
+        begin = following
+    size, centre = np.concatenate(sizes), np.concatenate(centres)
+    return BundleTree(
+        range(first, first + len(pieces)),
+        range(number, number + len(size)),
+        size,
+        _turned(at, np.eye(3)[None])[0],
+        _moved(at, centre),
+        np.concatenate(children),
+        owner,
+    )
 
 
 def _extents(pieces: Pieces) -> tuple[FloatArray, FloatArray]:
     """Lower and upper corners of boxes around pieces along the axes of the obstacle, (k, 3) each."""
-    solids = Solids.of(pieces.shapes)
-    x, y, z = np.array([centre_of(shape) for shape in pieces.shapes]).T
-    R, t = pieces.frames[:, :3, :3], pieces.frames[:, :3, 3]
+    solids = Solids.of(pieces.kinds).take(pieces.numbers)
+    x, y, z = np.array([centre_of(shape) for shape in pieces.kinds])[pieces.numbers].T
+    R, t = pieces.rotations, pieces.positions
     centres = R[:, :, 0] * x[:, None] + R[:, :, 1] * y[:, None] + R[:, :, 2] * z[:, None] + t
     axes = R.transpose(1, 2, 0)  # the obstacle's axes in those of each piece, one after the other
     return centres - solids.extent(-axes).T, centres + solids.extent(axes).T
@@ -122,7 +168,7 @@ Frame = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 FEW_STANDING = 1_000
 """Pieces of obstacles up to which the pairs of a scene are kept for the next."""
 
-MAX_PAIRS = 20_000_000
+MAX_PAIRS = 100_000_000
 """Of pieces; more take more memory than most have."""
 
 FIXED = -1
@@ -140,6 +186,73 @@ class Piece:
     held: bool = False
 
 
+class Standing(Sequence[Piece]):
+    """Pieces that stand in the world; objects of these are made as they are looked at.
+
+    Attributes:
+        shapes: Those that occur.
+        kinds: Which of them each piece is, (k,).
+        rotations: How pieces stand, (r, 3, 3).
+        turns: Which of these each does, (k,).
+        positions: Where each is, (k, 3).
+        owners: Of each its owner by number, (k,).
+        called: The owners.
+    """
+
+    def __init__(self, solids: Sequence[tuple[Owner, Solid, Frame]]) -> None:
+        """From whose they are, what they are and where they stand."""
+        self.called = tuple(owner for owner, _, _ in solids)
+        shapes, counts = list[Shape](), list[int]()
+        kinds, turns = list[IntArray](), list[IntArray]()
+        rotations, positions = list[FloatArray](), list[FloatArray]()
+        stands = 0
+        for _, solid, frame in solids:
+            pieces = solid.pieces if isinstance(solid, Composite) else None
+            kinds.append(np.arange(len(shapes), len(shapes) + 1) if pieces is None else pieces.numbers + len(shapes))
+            shapes += [solid] if isinstance(solid, Shape) else solid.pieces.kinds
+            a = np.array(frame)
+            rotation = a[None, :, :3] if pieces is None else _turned(a, pieces.rotations)
+            position = a[None, :, 3] if pieces is None else _moved(a, pieces.positions)
+            turns.append(np.broadcast_to(np.arange(stands, stands + len(rotation)), len(position)))
+            stands += len(rotation)
+            rotations.append(rotation)
+            positions.append(position)
+            counts.append(len(position))
+        none: IntArray = np.zeros(0, dtype=np.intp)
+        self.shapes = tuple(shapes)
+        self.kinds = np.concatenate([none, *kinds])
+        self.rotations = np.concatenate([np.zeros((0, 3, 3)), *rotations])
+        self.turns = np.concatenate([none, *turns])
+        self.positions = np.concatenate([np.zeros((0, 3)), *positions])
+        self.owners = np.repeat(np.arange(len(counts)), counts)
+
+    def taken(self, order: IntArray) -> Standing:
+        """The pieces in another order."""
+        out = copy(self)
+        names = ("kinds", "turns", "positions", "owners")
+        vars(out).update({name: getattr(self, name)[order] for name in names})
+        return out
+
+    @property
+    def pieces(self) -> Pieces:
+        """Their shapes, and their frames in the world."""
+        return Pieces(self.shapes, self.kinds, self.rotations[self.turns], self.positions)
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    @overload
+    def __getitem__(self, index: int) -> Piece: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Piece]: ...
+    def __getitem__(self, index: int | slice) -> Piece | Sequence[Piece]:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(len(self))))
+        rows = np.column_stack([self.rotations[self.turns[index]], self.positions[index]]).tolist()
+        a, b, c = map(tuple, rows)
+        return Piece(self.called[self.owners[index]], FIXED, self.shapes[self.kinds[index]], (a, b, c))
+
+
 class ProofPairs:
     """Pieces and the pairs of them that must stay apart.
 
@@ -149,22 +262,26 @@ class ProofPairs:
     Where some entries of q stand ``still``, bodies count as one that only these move against each other.
 
     Pieces of an obstacle of many are bundled, and so is a crowd of obstacles of few that nothing may touch: a pair with
-    a bundle is apart if all its children are.
+    a bundle is apart if all its children are. Pairs with the members of these trees are numbered, but not listed: there
+    may be millions.
 
     Attributes:
         riding: Pieces of the robot and what it holds.
         standing: Pieces of obstacles, numbered after these, those of the crowd last and neighbours in space behind each
-            other; then the bundles.
-        numbers: Of each piece without the bundles, its number if obstacles were in the order of the scene.
-        pairs: (p, 2) numbers of pieces, the first of each riding; those with a bundle last.
+            other. The bundles are numbered after all pieces.
+        numbers: Of each piece, its number if obstacles were in the order of the scene.
+        plain: Pairs of pieces of no tree, (p, 2) numbers of pieces, the first of each riding.
+        trees: Pieces with their bundles.
+        blocks: Pairs of one riding piece with all members of a tree: the piece and the tree, (b, 2); numbered after the
+            plain ones.
+        begins: The first pair of each block, (b,), then the number of all pairs.
         crowd: The pieces of the crowd.
-        judged: How many have no bundle: these are what must be apart.
-        children: For each pair the first of its children, which follow each other, and how many, (p, 2).
+        judged: How many pairs have no bundle: these are what must be apart.
         roots: Pairs that are nobody's children, (r,).
 
     Raises:
         UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
-        InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
+        InvalidRequest: a pair names a link and an object at once; more than 100,000,000 pairs.
     """
 
     def __init__(
@@ -186,101 +303,154 @@ class ProofPairs:
         self._called = {self._label(owner): owner for owner in dict.fromkeys(owners)}
         self.owners = frozenset(self._called)
         self._may_touch = self._contacts(robot, scene, allowed)
-        self._obstacles: list[range] = []
-        self.crowd = range(0)
-        self._trees: dict[range, list[Bundle]] = {}
-        self.standing, self.numbers = self._stand(scene)
-        self._pieces = self.riding + self.standing
-        self.pairs, self.children = self._listed()
-        self.judged = int((self.children[:, 1] == 0).sum())
-        self._parents = np.full(len(self.pairs), -1, dtype=np.intp)
-        for pair, (first, count) in enumerate(self.children[self.judged :].tolist(), start=self.judged):
-            self._parents[first : first + count] = pair
-        self.roots: IntArray = np.flatnonzero(self._parents < 0)
+        self._stand(scene)
+        self.plain, self.blocks = self._listed()
+        sizes = [len(self.trees[tree]) for tree in self.blocks[:, 1].tolist()]
+        self.begins = np.cumsum([len(self.plain), *sizes])
+        self.judged = len(self.plain) + sum(len(self.trees[tree].pieces) for tree in self.blocks[:, 1].tolist())
+        self.roots = self._rooted([tree.tops for tree in self.trees])
 
-    def _stand(self, scene: Scene) -> tuple[tuple[Piece, ...], IntArray]:
-        """Pieces of obstacles and then their bundles, and the numbers of all pieces in the order of the scene."""
+    def _stand(self, scene: Scene) -> None:
+        """Pieces of obstacles and their trees, and the numbers of all pieces in the order of the scene."""
         begin = len(self.riding)
-        solids = [list(_pieces(o.shape, _frame(o.pose.matrix))) for o in scene.obstacles]
-        starts = np.cumsum([begin, *map(len, solids)]).tolist()
-        crowd = self._crowd(scene, solids)
-        standing, numbers = list[Piece](), list(range(begin))
-        trees = list[tuple[range, Pieces, Frame | None, int]]()
-        for k, o in enumerate(scene.obstacles):
-            if k in crowd:
-                continue
-            first = begin + len(standing)
-            standing += [Piece(("object", o.name), FIXED, shape, at) for shape, at in solids[k]]
-            numbers += range(starts[k], starts[k + 1])
-            self._obstacles.append(range(first, begin + len(standing)))
-            if isinstance(o.shape, Composite) and len(solids[k]) >= MANY:
-                trees.append((self._obstacles[-1], o.shape.pieces, _frame(o.pose.matrix), FAN))
+        standing = Standing([(("object", o.name), o.shape, _frame(o.pose.matrix)) for o in scene.obstacles])
+        counts = np.bincount(standing.owners, minlength=len(scene.obstacles)).tolist()
+        crowd = set(self._crowd(standing, counts))
+        in_crowd = np.isin(standing.owners, list(crowd))
+        order = np.flatnonzero(~in_crowd)
+        runs = list[tuple[int, range]]()  # of the other obstacles
+        first = begin
+        for k, count in enumerate(counts):
+            if k not in crowd:
+                runs.append((k, range(first, first + count)))
+                first += count
+        self.crowd = range(first, begin + len(standing)) if crowd else range(0)
         if crowd:
-            first = begin + len(standing)
-            gathered = _gathered([piece for k in crowd for piece in solids[k]])
-            owners = [(k, starts[k] + j) for k in crowd for j in range(len(solids[k]))]
-            order = _in_blocks(np.sum(_extents(gathered), axis=0))
-            for each in order:
-                k, number = owners[each]
-                shape, at = solids[k][number - starts[k]]
-                standing.append(Piece(("object", scene.obstacles[k].name), FIXED, shape, at))
-                numbers.append(number)
-            self.crowd = range(first, begin + len(standing))
-            self._obstacles.append(self.crowd)
-            ordered = Pieces(tuple(gathered.shapes[k] for k in order), gathered.frames[order])
-            trees.append((self.crowd, ordered, None, FAN_OF_CROWD))
-        for run, pieces, at, fan in trees:
-            tree = bundled(pieces, run.start, begin + len(standing), fan)
-            owner = standing[run.start - begin].owner
-            standing += [Piece(owner, FIXED, b.box, b.frame if at is None else _times(at, b.frame)) for b in tree]
-            if tree:
-                self._trees[run] = tree
-        return tuple(standing), np.array(numbers, dtype=np.intp)
+            together = standing.taken(np.flatnonzero(in_crowd))
+            block = np.array(_in_blocks(np.sum(_extents(together.pieces), axis=0)), dtype=np.intp)
+            order = np.concatenate([order, np.flatnonzero(in_crowd)[block]])
+        self.standing = standing.taken(order) if crowd else standing
+        self.numbers = np.concatenate([np.arange(begin), begin + order])
+        number, trees, self._runs = begin + len(standing), list[BundleTree](), list[tuple[int, range, int]]()
+        for k, run in runs:
+            shape = scene.obstacles[k].shape
+            tree = -1
+            if len(run) >= MANY and isinstance(shape, Composite):
+                at = _frame(scene.obstacles[k].pose.matrix)
+                found = bundled(shape.pieces, run.start, number, k, frame=at)
+                if len(found.bundles):
+                    number, tree = number + len(found.bundles), len(trees)
+                    trees.append(found)
+            self._runs.append((k, run, tree))
+        self._tree_of_crowd = -1
+        if crowd:
+            within = np.arange(self.crowd.start - begin, self.crowd.stop - begin)
+            pieces, self._tree_of_crowd = self.standing.taken(within).pieces, len(trees)
+            first_owner = int(self.standing.owners[within[0]])
+            trees.append(bundled(pieces, self.crowd.start, number, first_owner, fan=FAN_OF_CROWD))
+            self._runs.append((first_owner, self.crowd, self._tree_of_crowd))
+        self.trees = tuple(trees)
 
-    def _crowd(self, scene: Scene, solids: Sequence[Sequence[tuple[Shape, Frame]]]) -> list[int]:
+    def _crowd(self, standing: Standing, counts: Sequence[int]) -> list[int]:
         """Obstacles of few pieces, none of them large, that nothing may touch, if together they have many."""
-        if sum(map(len, solids)) < MANY:
+        if len(standing) < MANY:
             return []
         touched = {owner for pair in self._may_touch for owner in pair}
-        few = [k for k, o in enumerate(scene.obstacles) if ("object", o.name) not in touched and len(solids[k]) < MANY]
-        if sum(len(solids[k]) for k in few) < MANY:
+        few = [k for k, owner in enumerate(standing.called) if owner not in touched and counts[k] < MANY]
+        if sum(counts[k] for k in few) < MANY:
             return []
-        low, high = _extents(_gathered([piece for k in few for piece in solids[k]]))
+        low, high = _extents(standing.taken(np.flatnonzero(np.isin(standing.owners, few))).pieces)
         small = (high - low).max(axis=1) <= LARGE * float((high.max(axis=0) - low.min(axis=0)).max())
-        ends = np.cumsum([len(solids[k]) for k in few]).tolist()
-        crowd = [k for k, end in zip(few, ends, strict=True) if small[end - len(solids[k]) : end].all()]
-        return crowd if sum(len(solids[k]) for k in crowd) >= MANY else []
+        ends = np.cumsum([counts[k] for k in few]).tolist()
+        crowd = [k for k, end in zip(few, ends, strict=True) if small[end - counts[k] : end].all()]
+        return crowd if sum(counts[k] for k in crowd) >= MANY else []
+
+    def __len__(self) -> int:
+        return int(self.begins[-1])
+
+    def _located(self, pairs: IntArray) -> tuple[IntArray, IntArray]:
+        """The block of each pair, -1 for a plain one, and its member of the tree, (k,) each."""
+        block = np.searchsorted(self.begins[:-1], pairs, side="right") - 1
+        block = np.where(pairs < len(self.plain), -1, block)
+        return block, pairs - self.begins[block]
+
+    def of(self, pairs: IntArray) -> IntArray:
+        """The two pieces of pairs by their numbers, (k,) in, (k, 2) out."""
+        block, member = self._located(pairs)
+        out = np.zeros((len(pairs), 2), dtype=np.intp)
+        out[block < 0] = self.plain[pairs[block < 0]]
+        for each in np.unique(block[block >= 0]).tolist():
+            mine = block == each
+            rider, tree = self.blocks[each].tolist()
+            out[mine, 0], out[mine, 1] = rider, self.trees[tree].numbers(member[mine])
+        return out
+
+    def children_of(self, pair: int) -> range:
+        """The pairs that stand for one with a bundle; none for others."""
+        (block,), (member,) = self._located(np.array([pair]))
+        if block < 0:
+            return range(0)
+        tree, begin = self.trees[self.blocks[block, 1]], int(self.begins[block])
+        if member < len(tree.pieces):
+            return range(0)
+        first, count = tree.children[member - len(tree.pieces)].tolist()
+        return range(begin + first, begin + first + count)
+
+    def leaves(self) -> IntArray:
+        """The pairs without a bundle, (judged,)."""
+        counts = [len(self.trees[tree].pieces) for tree in self.blocks[:, 1].tolist()]
+        starts = self.begins[:-1].tolist()
+        runs = (np.arange(start, start + count) for start, count in zip(starts, counts, strict=True))
+        return np.concatenate([np.arange(len(self.plain)), *runs])
+
+    def _rooted(self, tops: Sequence[IntArray]) -> IntArray:
+        """The plain pairs, and those with some members of each tree."""
+        starts, trees = self.begins[:-1].tolist(), self.blocks[:, 1].tolist()
+        return np.concatenate(
+            [np.arange(len(self.plain)), *(start + tops[tree] for start, tree in zip(starts, trees, strict=True))]
+        )
 
     def opened(self, pairs: Iterable[frozenset[str]] | None) -> IntArray:
         """The roots, with those bundles of the crowd opened that hold a pair of these names, or all of them if None."""
-        if self.crowd not in self._trees:
+        if self._tree_of_crowd < 0:
             return self.roots
-        bundle = self._bundles_of_crowd
+        tree = self.trees[self._tree_of_crowd]
         if pairs is None:
-            open_bundles = bundle.copy()
-        else:
-            named = frozenset(pairs)
-            owners = {name for pair in named for name in pair}
-            holders = [k for k, piece in enumerate(self.riding) if self._label(piece.owner) in owners]
-            held = [k for k in self.crowd if self._label(self._pieces[k].owner) in owners]
-            rows = np.flatnonzero(np.isin(self.pairs[:, 0], holders) & np.isin(self.pairs[:, 1], held))
-            open_bundles = np.zeros(len(self.pairs), dtype=bool)
-            up = self._parents[[row for row in rows.tolist() if frozenset(self.names(row)) in named]]
-            while len(up := np.unique(up[up >= 0])):
-                open_bundles[up] = True
-                up = self._parents[up]
-        above = np.where(self._parents < 0, True, open_bundles[self._parents])
-        return np.flatnonzero(above & ~open_bundles)
+            all_open = [each.tops for each in self.trees]
+            all_open[self._tree_of_crowd] = np.arange(len(tree.pieces))
+            return self._rooted(all_open)
+        named = frozenset(pairs)
+        out = [np.arange(len(self.plain))]
+        for (rider, which), start in zip(self.blocks.tolist(), self.begins[:-1].tolist(), strict=True):
+            members = self.trees[which].tops
+            if which == self._tree_of_crowd:
+                label = self._label(self.riding[rider].owner)
+                held = [name for pair in named if label in pair for name in pair if name != label]
+                members = self._opened_members(tree, [self._numbers_by_name[n] for n in held if n in self._called])
+            out.append(start + members)
+        return np.concatenate(out)
 
-    @cached_property
-    def _bundles_of_crowd(self) -> BoolArray:
+    def _opened_members(self, tree: BundleTree, owners: Sequence[int]) -> IntArray:
+        """The members of the crowd's tree that stand for all, where bundles that hold pieces of some are opened."""
+        open_ones = np.zeros(len(tree), dtype=bool)
+        up = tree.parents[np.flatnonzero(np.isin(self._owner_numbers(np.array(tree.pieces)), owners))]
+        while len(up := np.unique(up[up >= 0])):
+            open_ones[up] = True
+            up = tree.parents[up]
+        above = np.where(tree.parents < 0, True, open_ones[tree.parents])
+        return np.flatnonzero(above & ~open_ones)
+
+    def _with_crowd(self, pairs: IntArray) -> BoolArray:
         """Which pairs are with a bundle of the crowd."""
-        numbers = [each.number for each in self._trees.get(self.crowd, ())]
-        return np.isin(self.pairs[:, 1], numbers)
+        if self._tree_of_crowd < 0:
+            return np.zeros(len(pairs), dtype=bool)
+        block, member = self._located(pairs)
+        inner = len(self.trees[self._tree_of_crowd].pieces)
+        return np.asarray((block >= 0) & (self.blocks[block, 1] == self._tree_of_crowd) & (member >= inner))
 
     def is_crowd(self, pair: int) -> bool:
         """Whether it is with a bundle of several obstacles."""
-        return bool(self._bundles_of_crowd[pair])
+        return bool(self._with_crowd(np.array([pair]))[0])
 
     def check_name(self, kind: str, name: str) -> None:
         """Raise unless that is what one link or object with a piece here is called."""
@@ -291,26 +461,59 @@ class ProofPairs:
 
     def names(self, pair: int) -> tuple[str, str]:
         """What the owners of a pair are called; of the first pair in a bundle of several obstacles."""
-        first, second = self.pairs[pair].tolist()
-        return self._label(self._pieces[first].owner), self._label(self._pieces[second].owner)
+        first, second = self._owner_numbers(self.of(np.array([pair]))[0]).tolist()
+        return self._names[first], self._names[second]
 
     def are_of(self, pairs: IntArray, names: Iterable[str]) -> BoolArray:
         """Which pairs, given by their numbers, have owners of these two names; none with a bundle of several."""
         one, two = (self._numbers_by_name.get(name, -1) for name in names)
-        first, second = self._owner_numbers[self.pairs[pairs]].T
+        first, second = self._owner_numbers(self.of(pairs).ravel()).reshape(-1, 2).T
         of_both = ((first == one) & (second == two)) | ((first == two) & (second == one))
-        return np.asarray(of_both & ~self._bundles_of_crowd[pairs])
+        return np.asarray(of_both & ~self._with_crowd(pairs))
+
+    @cached_property
+    def _names(self) -> list[str]:
+        """What owners are called, by their number."""
+        return list(self._called)
 
     @cached_property
     def _numbers_by_name(self) -> dict[str, int]:
         """A number for each owner, by what it is called."""
         return {name: number for number, name in enumerate(self._called)}
 
+    def _owner_numbers(self, pieces: IntArray) -> IntArray:
+        """The numbers of the owners of pieces and bundles, (k,) in and out."""
+        riding, standing, bundles = self._owners_of_pieces
+        n, end = len(riding), len(riding) + len(self.standing)
+        out: IntArray = np.zeros(len(pieces), dtype=np.intp)
+        rides, bundle = pieces < n, pieces >= end
+        stands = ~(rides | bundle)
+        out[rides] = riding[pieces[rides]]
+        out[stands] = standing[self.standing.owners[pieces[stands] - n]]
+        out[bundle] = bundles[self._tree_of(pieces[bundle])]
+        return out
+
+    def axes_of(self, pieces: IntArray) -> FloatArray:
+        """How pieces and bundles stand in the world, by their numbers, (k, 3, 3)."""
+        n, end = len(self.riding), len(self.riding) + len(self.standing)
+        bundle = pieces >= end
+        out = np.empty((len(pieces), 3, 3))
+        out[~bundle] = self.standing.rotations[self.standing.turns[pieces[~bundle] - n]]
+        turns = np.concatenate([np.zeros((0, 3, 3)), *(tree.rotation[None] for tree in self.trees)])
+        out[bundle] = turns[self._tree_of(pieces[bundle])]
+        return out
+
+    def _tree_of(self, bundles: IntArray) -> IntArray:
+        """The trees of bundles, by their numbers."""
+        return np.searchsorted([each.bundles.start for each in self.trees], bundles, side="right") - 1
+
     @cached_property
-    def _owner_numbers(self) -> IntArray:
-        """That of each piece."""
+    def _owners_of_pieces(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The numbers of the owners of the pieces that ride, of obstacles, and of the first pieces of trees."""
         numbers = {owner: self._numbers_by_name[name] for name, owner in self._called.items()}
-        return np.array([numbers[piece.owner] for piece in self._pieces], dtype=np.intp)
+        standing = np.array([numbers[owner] for owner in self.standing.called], dtype=np.intp)
+        riding = np.array([numbers[piece.owner] for piece in self.riding], dtype=np.intp)
+        return riding, standing, standing[np.array([tree.owner for tree in self.trees], dtype=np.intp)]
 
     def held_together(self, scene: Scene) -> list[tuple[str, str]]:
         """Pairs of objects that the robot holds at the same time, by what they are called."""
@@ -340,29 +543,12 @@ class ProofPairs:
         return known.union(contacts, ((b, a) for a, b in contacts)) if contacts else known
 
     def _listed(self) -> tuple[IntArray, IntArray]:
-        """The pairs, and the children of each."""
+        """The plain pairs, and the blocks of the others."""
         kinds = tuple((piece.owner, piece.body, piece.held) for piece in self.riding)
-        standing = tuple((self._pieces[run.start].owner, len(run)) for run in self._obstacles)
-        few = sum(count for _, count in standing) <= FEW_STANDING
-        plain, begins = (_plain_pairs if few else _plain_pairs.__wrapped__)(
-            kinds, standing, self._may_touch, tuple(self._moving_with)
-        )
-        if not self._trees:
-            return plain, np.zeros((len(plain), 2), dtype=np.intp)
-        first, second, total = [plain[:, 0]], [plain[:, 1]], len(plain)
-        children: list[IntArray] = [np.zeros((total, 2), dtype=np.intp)]
-        for i, obstacle, begin in begins:
-            numbers = self._obstacles[obstacle]
-            if numbers not in self._trees:
-                continue
-            tree = self._trees[numbers]
-            first.append(np.full(len(tree), i, dtype=np.intp))
-            second.append(np.array([each.number for each in tree], dtype=np.intp))
-            shift = {True: begin - numbers.start, False: total - tree[0].number}  # from pieces to pairs
-            firsts = [each.first + shift[each.first < numbers.stop] for each in tree]
-            children.append(np.array([firsts, [each.count for each in tree]], dtype=np.intp).T)
-            total += len(tree)
-        return np.stack([np.concatenate(first), np.concatenate(second)], axis=1), np.concatenate(children)
+        called = self.standing.called
+        standing = tuple((called[owner], len(run), tree) for owner, run, tree in self._runs)
+        few = sum(count for _, count, _ in standing) <= FEW_STANDING
+        return (_pairs_of if few else _pairs_of.__wrapped__)(kinds, standing, self._may_touch, tuple(self._moving_with))
 
 
 _Kind = tuple[Owner, int, bool]
@@ -370,29 +556,30 @@ _Kind = tuple[Owner, int, bool]
 
 
 @lru_cache(maxsize=32)
-def _plain_pairs(
+def _pairs_of(
     riding: tuple[_Kind, ...],
-    standing: tuple[tuple[Owner, int], ...],
+    standing: tuple[tuple[Owner, int, int], ...],
     may_touch: frozenset[tuple[Owner, Owner]],
     moving_with: tuple[int, ...],
-) -> tuple[IntArray, tuple[tuple[int, int, int], ...]]:
+) -> tuple[IntArray, IntArray]:
     """The pairs of pieces that must stay apart, wherever these are: those of the scene before if only poses differ.
 
     Args:
-        standing: Of each obstacle, in the order of the numbers of its pieces, its owner and how many these are.
+        standing: Of each obstacle, in the order of the numbers of its pieces, its owner, how many these are, and the
+            number of their tree, -1 if there is none.
         moving_with: As of ``ProofPairs``.
 
     Returns:
-        The pairs (p, 2), and for each riding piece and obstacle with pairs the numbers of both and of their first pair.
+        The plain pairs (p, 2), and the blocks (b, 2).
     """
     starts = [k for k, kind in enumerate(riding) if k == 0 or kind != riding[k - 1]]
     runs = [range(first, end) for first, end in zip(starts, [*starts[1:], len(riding)], strict=False)]
-    obstacles, end = list[range](), len(riding)
-    for _, count in standing:
-        obstacles.append(range(end, end + count))
+    others, end = list(runs), len(riding)
+    for _, count, _ in standing:
+        others.append(range(end, end + count))
         end += count
-    heads: list[_Kind] = [*(riding[run.start] for run in runs), *((owner, FIXED, False) for owner, _ in standing)]
-    others: list[range] = [*runs, *obstacles]
+    heads: list[_Kind] = [*(riding[run.start] for run in runs), *((owner, FIXED, False) for owner, _, _ in standing)]
+    trees = [-1] * len(runs) + [tree for _, _, tree in standing]
 
     def must_part(a: _Kind, b: _Kind) -> bool:
         first, second = moving_with[a[1]], FIXED if b[1] == FIXED else moving_with[b[1]]
@@ -400,31 +587,20 @@ def _plain_pairs(
             return False
         return a[0] != b[0] and (a[0], b[0]) not in may_touch
 
-    firsts: list[IntArray] = [np.zeros(0, dtype=np.intp)]
-    seconds: list[IntArray] = [np.zeros(0, dtype=np.intp)]
-    begins, total = list[tuple[int, int, int]](), 0
+    none: IntArray = np.zeros(0, dtype=np.intp)
+    firsts, seconds, blocks, total = list[IntArray]((none,)), list[IntArray]((none,)), list[tuple[int, int]](), 0
     for k, run in enumerate(runs):
         partners = [j for j in range(k + 1, len(others)) if must_part(heads[k], heads[j])]
-        ends = np.cumsum([0, *(len(others[j]) for j in partners)]).tolist()
-        if total + len(run) * ends[-1] > MAX_PAIRS:
-            count = total + len(run) * ends[-1]
-            raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
-        blocks = (np.arange(others[j].start, others[j].stop) for j in partners)
-        numbers = np.concatenate([np.zeros(0, dtype=np.intp), *blocks])
-        firsts.append(np.arange(run.start, run.stop).repeat(ends[-1]))
+        total += len(run) * sum(len(others[j]) for j in partners)
+        if total > MAX_PAIRS:
+            raise InvalidRequest("scene", total, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
+        plain = (np.arange(others[j].start, others[j].stop) for j in partners if trees[j] < 0)
+        numbers = np.concatenate([none, *plain])
+        firsts.append(np.arange(run.start, run.stop).repeat(len(numbers)))
         seconds += [numbers] * len(run)
-        standing_ones = [(j - len(runs), begin) for j, begin in zip(partners, ends, strict=False) if j >= len(runs)]
-        for number, i in enumerate(run):
-            begins += [(i, obstacle, total + number * ends[-1] + begin) for obstacle, begin in standing_ones]
-        total += len(run) * ends[-1]
-    return frozen(np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1)), tuple(begins)
-
-
-def _gathered(pieces: Sequence[tuple[Shape, Frame]]) -> Pieces:
-    """Shapes and their frames in the world."""
-    frames = np.zeros((len(pieces), 4, 4))
-    frames[:, :3], frames[:, 3, 3] = np.array([frame for _, frame in pieces]).reshape(-1, 3, 4), 1.0
-    return Pieces(tuple(shape for shape, _ in pieces), frames)
+        blocks += [(i, trees[j]) for i in run for j in partners if trees[j] >= 0]
+    pairs = np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1)
+    return frozen(pairs), frozen(np.array(blocks, dtype=np.intp).reshape(-1, 2))
 
 
 @lru_cache(maxsize=16)
@@ -469,6 +645,18 @@ def _frame(T: FloatArray) -> Frame:
     """The first three rows of a homogeneous matrix."""
     a, b, c = T[:3].tolist()
     return (tuple(a), tuple(b), tuple(c))
+
+
+def _turned(a: FloatArray, rotations: FloatArray) -> FloatArray:
+    """Rotations (k, 3, 3), given in a frame (3, 4), in what that is given in: the numbers of ``_times``."""
+    rows = a[:, 0, None] * rotations[:, None, 0] + a[:, 1, None] * rotations[:, None, 1]
+    return np.asarray(rows + a[:, 2, None] * rotations[:, None, 2])
+
+
+def _moved(a: FloatArray, positions: FloatArray) -> FloatArray:
+    """Positions (k, 3), likewise."""
+    x, y, z = positions.T
+    return np.stack([r[0] * x + r[1] * y + r[2] * z + r[3] for r in a], axis=1)
 
 
 def _times(a: Frame, b: Frame) -> Frame:

@@ -100,7 +100,7 @@ class NarrowPhase:
     def fcl(self) -> FclObjects:
         """What FCL is asked with: the library is loaded with the first question, as many plans ask none."""
         parts = self.parts
-        return loaded(_fcl_objects)(tuple(parts.shapes), [part.T for part in parts.parts], {})
+        return loaded(_fcl_objects)(parts.shapes, lambda number: parts.parts[number].T, {})
 
     @cached_property
     def _local(self) -> list[tuple[int, tuple[float, ...]]]:
@@ -110,7 +110,7 @@ class NarrowPhase:
 
     def touching(self, q: Sequence[float], pairs: Sequence[int]) -> Iterator[int]:
         """Those of some pairs, given by their numbers, that touch at q (n,), in the order given."""
-        parts = self.parts.pairs[np.array(pairs, dtype=np.intp)].tolist()
+        parts = self.parts.pairs.of(np.array(pairs, dtype=np.intp)).tolist()
         return self.touching_parts(q, zip(pairs, parts, strict=True))
 
     def touching_parts(self, q: Sequence[float], pairs: Iterable[tuple[int, Sequence[int]]]) -> Iterator[int]:
@@ -146,7 +146,7 @@ class FclBackend:
 
     def __init__(self, narrow_phase: NarrowPhase) -> None:
         self.narrow_phase = narrow_phase
-        self._pairs = list(enumerate(narrow_phase.parts.pairs.tolist()))
+        self._pairs = narrow_phase.parts.pairs
 
     def first_collision(self, Q: FloatArray, start: int, stop: int) -> Collision | None:
         """See ``CollisionBackend``."""
@@ -168,7 +168,7 @@ class FclBackend:
         return list(self._touching(q.tolist()))
 
     def _touching(self, q: Sequence[float]) -> Iterator[int]:
-        return self.narrow_phase.touching_parts(q, self._pairs)
+        return self.narrow_phase.touching_parts(q, enumerate(self._pairs))
 
 
 class NativeBackend:

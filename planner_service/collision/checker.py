@@ -42,7 +42,7 @@ from planner_service.collision.native_kernel import FCL, build_kernel, configure
 from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
 from planner_service.concurrency.polling import Prepared, asked
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import BoolArray, FloatArray, read_only
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
@@ -520,10 +520,9 @@ class CollisionChecker:
         self.ledger.charge_distances(near.measured)
         return NearPairs(near.rows, near.pairs, near.distances, near.points, near.gradients)
 
-    @cached_property
-    def own_pairs(self) -> BoolArray:
-        """Of the judged pairs by their numbers, which are of two pieces that both ride on the robot, (p,)."""
-        own: BoolArray = self._parts.pairs[:, 1] < self._parts.riding
+    def are_own(self, pairs: IntArray) -> BoolArray:
+        """Which judged pairs, given by their numbers (k,), are of two pieces that both ride on the robot, (k,)."""
+        own: BoolArray = self._parts.pairs.of(pairs)[:, 1] < self._parts.riding
         return own
 
     def pair_names(self, pair: int) -> tuple[str, str]:

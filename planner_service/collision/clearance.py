@@ -27,6 +27,9 @@ _GROUP = 24
 """Pieces of a crowd that stand together, looked at as one box before one by one; 16 and 32 cost about the same on a
 cloud of 10,000 boxes."""
 
+_MANY_GROUPS = 4_096
+"""Groups from which on boxes around some of them are looked at first."""
+
 _ROUNDING = 1e-9
 """Metres by which the box around a group is larger: far above rounding."""
 
@@ -36,18 +39,14 @@ class Clearances:
 
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot = robot
-        self._riders = parts.riding
-        self._solids = parts.solids
-        n = parts.riding
-        T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
-        T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]
-        self._bodies = np.array([part.body for part in parts.parts[:n]], dtype=np.intp)
-        self._R_part, self._t_part = T[:n, :3, :3].copy(), T[:n, :3, 3].copy()
-        self._R_world, self._t_world = T[n:, :3, :3].copy(), T[n:, :3, 3].copy()
-        self._i, self._j = parts.pairs[:, 0], parts.pairs[:, 1]
-        self._crowds = _Crowds(parts, self._solids, self._R_world, self._t_world) if parts.crowds else None
-        plain = np.ones(len(parts.pairs), dtype=bool) if self._crowds is None else ~self._crowds.pairs
-        self._plain = np.flatnonzero(plain)
+        self._riders = n = parts.riding
+        self._pairs, self._placing = parts.pairs, _Placing(parts)
+        T = np.array([part.T for part in parts.parts[:n]]).reshape(-1, 4, 4)
+        self._bodies = parts.bodies.astype(np.intp)
+        self._R_part, self._t_part = T[:, :3, :3], T[:, :3, 3]
+        self._t_part += (self._R_part @ centres_of(parts.shapes[:n])[..., None])[..., 0]
+        self._crowds = _Crowds(parts, self._placing) if parts.crowds else None
+        self._plain = _plain_pairs(parts)
 
     def smallest_gap(self, q: FloatArray) -> float:
         """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs.
@@ -95,40 +94,58 @@ class Clearances:
         return R_body @ self._R_part, t_body + (R_body @ self._t_part[..., None])[..., 0]
 
     def _placed(self, R: FloatArray, t: FloatArray, pair: IntArray) -> tuple[Placed, Placed]:
-        i, j, n = self._i[pair], self._j[pair], self._riders
+        i, j = self._pairs.of(pair).T
         R_j, t_j = np.empty((len(j), 3, 3)), np.empty((len(j), 3))
-        own = j < n
+        own = j < self._riders
         R_j[own], t_j[own] = R[j[own]], t[j[own]]
-        R_j[~own], t_j[~own] = self._R_world[j[~own] - n], self._t_world[j[~own] - n]
-        return Placed(self._solids.take(i), R[i], t[i]), Placed(self._solids.take(j), R_j, t_j)
+        R_j[~own], t_j[~own] = self._placing.of(j[~own])
+        return Placed(self._placing.solids(i), R[i], t[i]), Placed(self._placing.solids(j), R_j, t_j)
+
+
+class _Placing:
+    """The solids of parts by their numbers, and where those are that stand."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts, self._centres = parts, centres_of(parts.kinds)
+
+    def solids(self, part: IntArray) -> Solids:
+        """The solids of parts."""
+        return self._parts.solids.take(self._parts.numbers[part])
+
+    def of(self, part: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Rotations (k, 3, 3) and centres (k, 3) of parts that stand."""
+        standing, number = self._parts.standing, part - self._parts.riding
+        R = standing.rotations[standing.turns[number]]
+        return R, standing.positions[number] + (R @ self._centres[self._parts.numbers[part], :, None])[..., 0]
+
+
+def _plain_pairs(parts: Parts) -> IntArray:
+    """The numbers of all pairs but those with a crowd."""
+    runs = np.concatenate([np.zeros((0, 4), dtype=np.intp), *(parts.pairs.between(*run) for run in parts.crowds)])
+    runs = runs[runs[:, 0].argsort()]
+    begins, ends = [0, *(runs[:, 0] + runs[:, 3]).tolist()], [*runs[:, 0].tolist(), len(parts.pairs)]
+    return np.concatenate([np.arange(begin, end) for begin, end in zip(begins, ends, strict=True)])
 
 
 class _Crowds:
-    """Obstacles of many pieces, as clouds are: groups of pieces that stand together, and which pairs these are.
+    """Obstacles of many pieces, as clouds are: groups of pieces that stand together."""
 
-    Attributes:
-        pairs: Which of the pairs have a crowd's piece, (p,).
-    """
-
-    def __init__(self, parts: Parts, solids: Solids, R: FloatArray, t: FloatArray) -> None:
-        """From the solids of all parts, and poses R (s, 3, 3), t (s, 3) of those that stand, after the riding ones."""
-        n, crowds = parts.riding, parts.crowds
-        starts = [k for first, end in crowds for k in range(first, end, _GROUP)]
-        ends = [min(k + _GROUP, end) for first, end in crowds for k in range(first, end, _GROUP)]
-        start, self._size = np.array(starts, dtype=np.intp), np.subtract(ends, starts, dtype=np.intp)
-        crowd = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(*run) for run in crowds)])
-        firsts = np.cumsum(self._size) - self._size
-        self._groups = _around(solids.take(crowd), R[crowd - n], t[crowd - n], firsts, self._size)
-        self._solids = solids
-        in_crowd = np.zeros(len(parts.parts), dtype=bool)
-        in_crowd[crowd] = True
-        self.pairs: BoolArray = in_crowd[parts.pairs[:, 1]]
-        column = np.full(len(parts.parts), -1, dtype=np.intp)
-        column[start] = np.arange(len(start))
-        starting = np.flatnonzero(column[parts.pairs[:, 1]] >= 0)
-        i, j = parts.pairs[starting].T
-        self._first_pair = np.full((n, len(start)), -1, dtype=np.intp)
-        self._first_pair[i, column[j]] = starting
+    def __init__(self, parts: Parts, placing: _Placing) -> None:
+        starts = [np.arange(first, end, _GROUP) for first, end in parts.crowds]
+        sizes = [np.minimum(start + _GROUP, run[1]) - start for start, run in zip(starts, parts.crowds, strict=True)]
+        self._size = np.concatenate(sizes)
+        crowd = np.concatenate([np.arange(*run) for run in parts.crowds])
+        self._groups = _around(
+            placing.solids(crowd), *placing.of(crowd), np.cumsum(self._size) - self._size, self._size
+        )
+        self._placing = placing
+        self._first_pair = np.full((parts.riding, len(self._size)), -1, dtype=np.intp)
+        column = 0
+        for start, run in zip(starts, parts.crowds, strict=True):
+            pairs = parts.pairs.between(*run)  # an obstacle is judged all or not at all
+            self._first_pair[pairs[:, 1], column : column + len(start)] = pairs[:, :1] + (start - run[0])
+            column += len(start)
+        self._regions = _Regions(self._groups, self._first_pair >= 0) if column > _MANY_GROUPS else None
 
     def nearest(self, R: FloatArray, t: FloatArray, most: float | None) -> IntArray:
         """Pairs of groups that may be nearer than ``most`` metres to riding solids at R (riding, 3, 3), t (riding, 3).
@@ -136,14 +153,41 @@ class _Crowds:
         Args:
             most: None for the one group with the smallest bound.
         """
-        i, group = np.nonzero(self._first_pair >= 0)
+        if self._regions is None:
+            i, group = np.nonzero(self._first_pair >= 0)
+        else:
+            i, group = self._regions.near(self._placing, R, t, most)
         if not len(i):  # whatever rides may touch the crowds
             return np.zeros(0, dtype=np.intp)
-        gaps = bounds.rough_gaps(Placed(self._solids.take(i), R[i], t[i]), self._groups.take(group))
+        gaps = bounds.rough_gaps(Placed(self._placing.solids(i), R[i], t[i]), self._groups.take(group))
         near = np.array([gaps.argmin()]) if most is None else np.flatnonzero(gaps <= most)
         firsts, sizes = self._first_pair[i[near], group[near]], self._size[group[near]]
         ranges = [np.arange(first, first + size) for first, size in zip(firsts.tolist(), sizes.tolist(), strict=True)]
         return np.concatenate([np.zeros(0, dtype=np.intp), *ranges])
+
+
+class _Regions:
+    """Boxes around groups that follow each other, where there are too many to look at each."""
+
+    def __init__(self, groups: Placed, judged: BoolArray) -> None:
+        """From the groups, and which of them each riding solid is judged against, (riding, groups)."""
+        starts = np.arange(0, judged.shape[1], _GROUP)
+        self._sizes = np.diff(starts, append=judged.shape[1])
+        self._starts, self._judged = starts, judged
+        self._boxes = _around(groups.solids, groups.R, groups.t, starts, self._sizes)
+
+    def near(self, placing: _Placing, R: FloatArray, t: FloatArray, most: float | None) -> tuple[IntArray, IntArray]:
+        """Riding solids and groups that may be nearer than ``most`` metres; None for those of one box around some."""
+        i, region = np.nonzero(np.logical_or.reduceat(self._judged, self._starts, axis=1))
+        if not len(i):
+            return i, region
+        gaps = bounds.rough_gaps(Placed(placing.solids(i), R[i], t[i]), self._boxes.take(region))
+        near = np.array([gaps.argmin()]) if most is None else np.flatnonzero(gaps <= most)
+        i, region, count = i[near], region[near], self._sizes[region[near]]
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        i, group = np.repeat(i, count), np.repeat(self._starts[region], count) + within
+        judged = self._judged[i, group]
+        return i[judged], group[judged]
 
 
 def _around(solids: Solids, R: FloatArray, t: FloatArray, firsts: IntArray, sizes: IntArray) -> Placed:

@@ -11,7 +11,7 @@ of validated values.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import fcl
 import numpy as np
@@ -58,22 +58,22 @@ class FclObjects(threading.local):
     Each thread has its own, for they are moved from question to question; what they are made of is shared.
 
     Args:
-        frames: Where each stands as long as it is not placed elsewhere, homogeneous matrices.
+        frame: Where each stands by its number as long as it is not placed elsewhere, a homogeneous matrix.
         geometries: Those built so far, by the number of their shape.
     """
 
     def __init__(
-        self, shapes: Sequence[Shape], frames: Sequence[FloatArray], geometries: dict[int, fcl.CollisionGeometry]
+        self, shapes: Sequence[Shape], frame: Callable[[int], FloatArray], geometries: dict[int, fcl.CollisionGeometry]
     ) -> None:
-        self._shapes, self._frames, self._geometries = shapes, frames, geometries
-        self._objects: list[fcl.CollisionObject | None] = [None] * len(shapes)
+        self._shapes, self._frame, self._geometries = shapes, frame, geometries
+        self._objects: dict[int, fcl.CollisionObject] = {}
         self._request = fcl.CollisionRequest()
         self._result = fcl.CollisionResult()
 
     def _object(self, index: int) -> fcl.CollisionObject:
-        made = self._objects[index]
+        made = self._objects.get(index)
         if made is None:
-            geometry, T = self._geometries.get(index), self._frames[index]
+            geometry, T = self._geometries.get(index), self._frame(index)
             if geometry is None:
                 geometry = self._geometries.setdefault(index, geometry_of(self._shapes[index]))
             made = fcl.CollisionObject(geometry, fcl.Transform(T[:3, :3], T[:3, 3]))
@@ -88,7 +88,7 @@ class FclObjects(threading.local):
 
     def collide(self, a: int, b: int) -> bool:
         """Whether objects a and b touch; gaps within a micrometre of contact are undefined."""
-        first, second = self._objects[a] or self._object(a), self._objects[b] or self._object(b)
+        first, second = self._object(a), self._object(b)
         if fcl.collide(first, second, self._request, self._result) == 0:
             return False
         self._result = fcl.CollisionResult()

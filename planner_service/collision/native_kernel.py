@@ -15,7 +15,7 @@ import numpy as np
 from planner_service.collision.bounds import centres_of, doubt_of
 from planner_service.collision.edge_sampling import EdgeStep, FinestStep, JointStep, MotionStep, coarse_segments_of
 from planner_service.collision.pairs import Parts
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.native.loading import load_core
 from planner_service.robot.model import Robot
 
@@ -45,14 +45,14 @@ def build_kernel(robot: Robot, parts: Parts, variant: str = "", *, margin: float
         variant: One of ``instruction_sets()`` or ``FCL``; the fastest if empty.
         margin: Metres by which a pair must be proven apart, ``doubt_of`` small solids apart.
     """
-    solids = parts.solids
-    runs = np.array(parts.runs, dtype=np.int64).reshape(-1, 2) - parts.riding
+    solids, standing = parts.solids, parts.standing
+    runs = np.array(standing.runs, dtype=np.int64).reshape(-1, 2)
     rows = np.column_stack([solids.half, solids.ball, solids.disc, solids.hulls])
     hulls = [np.ascontiguousarray(corners.T) for corners in solids.corners]
-    pairs = np.ascontiguousarray(parts.pairs, dtype=np.int64)
     kernel: _core.CollisionKernel = load_core().CollisionKernel(
-        _joints(robot), _places(parts), rows, runs, pairs, hulls, margin + doubt_of(solids), variant
-    )
+        _joints(robot), rows, hulls, _riders(parts), standing.rotations.reshape(-1, 9), *_standers(parts),
+        runs, parts.pairs.table, len(parts.pairs), margin + doubt_of(solids), variant
+    )  # fmt: skip
     return kernel
 
 
@@ -106,9 +106,22 @@ def _joints(robot: Robot) -> FloatArray:
     return read_only(np.array(rows, dtype=np.float64).reshape(-1, 19))
 
 
-def _places(parts: Parts) -> FloatArray:
-    """Of each part its body, -1 for the world, then rotation and centre in it."""
-    T, centre = parts.frames, centres_of(parts.shapes)
+def _riders(parts: Parts) -> FloatArray:
+    """Of each part that rides its body, then rotation and centre in it."""
+    T = np.array([part.T for part in parts.parts[: parts.riding]]).reshape(-1, 4, 4)
     R = T[:, :3, :3]
-    t = T[:, :3, 3] + (R @ centre[..., None])[..., 0]
+    t = T[:, :3, 3] + (R @ centres_of(parts.shapes[: parts.riding])[..., None])[..., 0]
     return np.column_stack([parts.bodies, R.reshape(-1, 9), t])
+
+
+def _standers(parts: Parts) -> tuple[IntArray, FloatArray]:
+    """Of each part that stands its kind and its rotation, and where its centre is."""
+    standing = parts.standing
+    numbers, positions = np.column_stack([standing.numbers + parts.riding, standing.turns]), standing.positions
+    centres = centres_of(parts.kinds)[parts.riding :]
+    moved = np.flatnonzero((centres != 0.0).any(axis=1)[standing.numbers])
+    if len(moved):
+        R = standing.rotations[standing.turns[moved]]
+        positions = positions.copy()
+        positions[moved] += (R @ centres[standing.numbers[moved], :, None])[..., 0]
+    return numbers, positions

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterable, Iterator
+from bisect import bisect_right
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import cast
+from itertools import pairwise
+from typing import cast, overload
 
 import numpy as np
 
 from planner_service.collision.bounds import Solids
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, IntArray, frozen, product, read_only
-from planner_service.geometry.composite import Composite, Solid
+from planner_service.geometry.composite import Chosen, Composite, Pieces, Solid
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import number
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Names, Owner
 from planner_service.scene.scene import Attached, Scene
 
-__all__ = ["Part", "Parts", "require_padding", "sorted_pairs"]
+__all__ = ["PairRuns", "Part", "Parts", "require_padding", "sorted_pairs"]
 
 MANY = 64
 """Pieces from which on an obstacle is a crowd."""
@@ -28,8 +30,8 @@ MANY = 64
 MAX_PADDING = 0.1
 """Metres; more padding than this is a unit mistake."""
 
-MAX_PAIRS = 20_000_000
-"""Ten clouds of 50,000 boxes around an arm of 40 pieces; more take more memory than most have."""
+MAX_PAIRS = 100_000_000
+"""Two and a half million boxes around an arm of 40 pieces: more take more memory than most have."""
 
 
 FEW_STANDING = 1_000
@@ -60,6 +62,47 @@ class Part:
         return self.body > 0
 
 
+@dataclass(frozen=True, eq=False)
+class PairRuns:
+    """Numbered pairs of pieces, told in runs: of one riding piece with pieces that follow each other.
+
+    Attributes:
+        table: Of each run its first pair, the riding piece, and the first of the others, (r, 3).
+        count: How many pairs there are.
+    """
+
+    table: IntArray
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        ends = [*self.table[1:, 0].tolist(), self.count]
+        for (start, first, second), end in zip(self.table.tolist(), ends, strict=True):
+            for k in range(end - start):
+                yield first, second + k
+
+    def of(self, pairs: IntArray) -> IntArray:
+        """The two pieces of pairs by their numbers, (k,) in, (k, 2) out."""
+        run = self.table[np.searchsorted(self.table[:, 0], pairs, side="right") - 1]
+        pieces: IntArray = np.stack([run[:, 1], run[:, 2] + (pairs - run[:, 0])], axis=-1)
+        return pieces
+
+    def every(self) -> IntArray:
+        """The two pieces of all pairs, (p, 2)."""
+        return self.of(np.arange(self.count))
+
+    def between(self, first: int, end: int) -> IntArray:
+        """The runs as far as their others are of pieces ``first`` to ``end - 1``: as ``table``, and their lengths."""
+        begins = self.table[:, 0]
+        lengths = np.diff(begins, append=self.count)
+        skipped = np.maximum(first - self.table[:, 2], 0)
+        left = np.minimum(lengths, end - self.table[:, 2]) - skipped
+        moved = self.table + skipped[:, None] * np.array([1, 0, 1])
+        return np.asarray(np.column_stack([moved, left])[left > 0], dtype=np.intp)
+
+
 class Parts:
     """The numbered pieces of a robot in a scene, and the pairs of them that must stay apart.
 
@@ -73,36 +116,37 @@ class Parts:
     Attributes:
         labels: What links and objects are called.
         carried: The pieces of carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
-        frames: The pose of each piece in its body, or in the world, (parts, 4, 4).
-        bodies: The body of each, (parts,).
+        riding: How many pieces ride.
+        parts: All pieces.
+        kinds: The shapes that occur, as they are with the padding.
+        numbers: Which of them each piece is, (parts,).
+        shapes: That of each piece.
+        bodies: The body of each that rides, (riding,).
+        standing: How obstacles stand, and where the pieces of obstacles are.
         runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
         crowds: Those of many.
         names: The labels of a pair's owners by its number: the link or carried object, then what it meets.
-        pairs: Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot.
+        pairs: Pairs to judge, in the order in which they are judged; the first of each rides on the robot.
 
     Raises:
         UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
-        InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
+        InvalidRequest: a pair names a link and an object at once; more than 100,000,000 pairs.
     """
 
     def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Collection[tuple[str, str]]) -> None:
         self.labels = Names(robot, scene)
         self._riders = riders = _riders_of(robot, scene.attached)
         self.carried = riders.carried
-        standing: list[Part] = []
-        runs = []
-        for o in scene.obstacles:
-            first = len(riders.parts) + len(standing)
-            standing += [Part(Owner(Kind.OBJECT, o.name), -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
-            runs.append((first, len(riders.parts) + len(standing)))
-        self.parts = (*riders.parts, *standing)
-        standing_frames = np.array([part.T for part in standing]).reshape(-1, 4, 4)
-        self.frames = read_only(np.concatenate([riders.frames, standing_frames]))
-        self.bodies = read_only(np.concatenate([riders.bodies, np.full(len(standing), -1.0)]))
         self.riding = len(riders.parts)
-        self.runs = tuple(runs)
-        self.crowds = tuple(run for run in runs if run[1] - run[0] >= MANY)
-        self._padding, self.shapes = padding, self._grown(padding)
+        self.bodies = riders.bodies
+        self.standing = _Standing.of(scene)
+        own = tuple(part.shape for part in riders.parts)
+        self._plain_kinds = (*own, *self.standing.kinds)
+        self.numbers = frozen(np.concatenate([np.arange(self.riding), self.standing.numbers + self.riding]))
+        self.runs = tuple((self.riding + first, self.riding + end) for first, end in self.standing.runs)
+        self.crowds = tuple(run for run in self.runs if run[1] - run[0] >= MANY)
+        self._owners = tuple(dict.fromkeys((*(part.owner for part in riders.parts), *self.standing.owners)))
+        self._padding, self.kinds = padding, self._grown(padding)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
         self.pairs = self._pairs()
         self.names = _PairNames(self)
@@ -111,7 +155,7 @@ class Parts:
         """The same pieces and pairs with another padding."""
         other = copy(self)
         vars(other).pop("solids", None)
-        other._padding, other.shapes = padding, other._grown(padding)
+        other._padding, other.kinds = padding, other._grown(padding)
         return other
 
     def allowing(self, robot: Robot, scene: Scene, allowed: Collection[tuple[str, str]]) -> Parts:
@@ -122,23 +166,28 @@ class Parts:
         """
         other = copy(self)
         other._allowed = self._allowed_pairs(robot, scene, allowed)
-        numbers = {owner: number for number, owner in enumerate({part.owner: None for part in self.parts})}
-        more = [sorted(map(numbers.__getitem__, pair)) for pair in other._allowed - self._allowed if len(pair) == 2]
-        owners = np.array([numbers[part.owner] for part in self.parts], dtype=np.intp)
-        both = np.sort(owners[self.pairs], axis=1)
-        touching = [(both == pair).all(axis=1) for pair in more]
-        other.pairs = self.pairs[~np.any(touching, axis=0)] if touching else self.pairs
+        other.pairs = other._pairs()
         other.names = _PairNames(other)
         return other
 
+    @property
+    def parts(self) -> Sequence[Part]:
+        """All pieces, as they are without the padding."""
+        return _Numbered(self._riders.parts, self.standing)
+
+    @property
+    def shapes(self) -> Sequence[Shape]:
+        """The shape of each piece, as it is with the padding."""
+        return Chosen(self.kinds, self.numbers)
+
     @cached_property
     def solids(self) -> Solids:
-        """The shapes, as they are with the padding."""
-        return _grown_riders(self._riders, self._padding)[1].joined(Solids.of(self.shapes[self.riding :]))
+        """The kinds of shapes, as they are with the padding."""
+        return _grown_riders(self._riders, self._padding)[1].joined(Solids.of(self.kinds[self.riding :]))
 
     def _grown(self, padding: float) -> tuple[Shape, ...]:
-        standing = (part.shape for part in self.parts[self.riding :])
-        return (*_grown_riders(self._riders, padding)[0], *(_grown_by(shape, padding) for shape in standing))
+        standing = (_grown_by(shape, padding) for shape in self._plain_kinds[self.riding :])
+        return (*_grown_riders(self._riders, padding)[0], *standing)
 
     def _allowed_pairs(
         self, robot: Robot, scene: Scene, allowed: Collection[tuple[str, str]]
@@ -150,7 +199,7 @@ class Parts:
                 if link not in links:
                     raise UnknownName("touch link", link, links)
                 pairs.append(frozenset((Owner(Kind.OBJECT, attached.name), Owner(Kind.LINK, link))))
-        known = {self.labels.of(part.owner): part.owner for part in self.parts} if allowed else {}
+        known = {self.labels.of(owner): owner for owner in self._owners} if allowed else {}
         for pair in allowed:
             for name in pair:
                 if name in self.labels.twice:
@@ -161,11 +210,98 @@ class Parts:
             pairs.append(frozenset(known[name] for name in pair))
         return _contacts_of(robot).union(pairs)
 
-    def _pairs(self) -> IntArray:
+    def _pairs(self) -> PairRuns:
         """The pairs: those of scenes before where the same pieces ride and as many stand, wherever these are."""
-        standing = tuple((self.parts[first].owner, last - first) for first, last in self.runs)
-        few = len(self.parts) - self.riding <= FEW_STANDING
+        counts = (last - first for first, last in self.runs)
+        standing = tuple(zip(self.standing.owners, counts, strict=True))
+        few = len(self.numbers) - self.riding <= FEW_STANDING
         return (_pairs_of if few else _pairs_of.__wrapped__)(self._riders, standing, self._allowed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """The pieces of obstacles, one after the other, and where they are in the world.
+
+    Attributes:
+        owners: The obstacles.
+        runs: Numbers from and to which their pieces go.
+        kinds: The shapes that occur.
+        numbers: Which of them each piece is, (k,).
+        rotations: How pieces stand, (r, 3, 3).
+        turns: Which of these each does, (k,).
+        positions: Where each is, (k, 3).
+    """
+
+    owners: tuple[Owner, ...]
+    runs: tuple[tuple[int, int], ...]
+    kinds: tuple[Shape, ...]
+    numbers: IntArray
+    rotations: FloatArray
+    turns: IntArray
+    positions: FloatArray
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Standing:
+        """All obstacles of a scene in their order."""
+        kinds, ends = list[Shape](), [0]
+        numbers, turns = list[IntArray](), list[IntArray]()
+        rotations, positions = list[FloatArray](), list[FloatArray]()
+        stands = 0
+        for o in scene.obstacles:
+            if isinstance(o.shape, Composite):
+                pieces = o.shape.pieces
+                numbers.append(pieces.numbers + len(kinds))
+                kinds += pieces.kinds
+                rotation, position = _placed(pieces, o.pose)
+            else:
+                numbers.append(np.array([len(kinds)]))
+                kinds.append(o.shape)
+                rotation, position = o.pose.matrix[None, :3, :3], o.pose.matrix[None, :3, 3]
+            turns.append(np.broadcast_to(np.arange(stands, stands + len(rotation)), len(position)))
+            stands += len(rotation)
+            rotations.append(rotation)
+            positions.append(position)
+            ends.append(ends[-1] + len(position))
+        none: IntArray = np.zeros(0, dtype=np.intp)
+        return cls(
+            tuple(Owner(Kind.OBJECT, o.name) for o in scene.obstacles),
+            tuple(pairwise(ends)),
+            tuple(kinds),
+            frozen(np.concatenate([none, *numbers])),
+            frozen(np.concatenate([np.zeros((0, 3, 3)), *rotations])),
+            frozen(np.concatenate([none, *turns])),
+            frozen(np.concatenate([np.zeros((0, 3)), *positions])),
+        )
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def part(self, number: int) -> Part:
+        """One of the pieces."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.rotations[self.turns[number]], self.positions[number]
+        owner = self.owners[bisect_right(self.runs, number, key=lambda run: run[0]) - 1]
+        return Part(owner, -1, self.kinds[self.numbers[number]], frozen(T))
+
+
+class _Numbered(Sequence[Part]):
+    """The pieces that ride and those that stand; objects of these are made as they are looked at."""
+
+    def __init__(self, riding: tuple[Part, ...], standing: _Standing) -> None:
+        self._riding, self._standing = riding, standing
+
+    def __len__(self) -> int:
+        return len(self._riding) + len(self._standing)
+
+    @overload
+    def __getitem__(self, index: int) -> Part: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Part]: ...
+    def __getitem__(self, index: int | slice) -> Part | Sequence[Part]:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(len(self))))
+        number = range(len(self))[index]
+        return self._riding[number] if number < len(self._riding) else self._standing.part(number - len(self._riding))
 
 
 class _PairNames(dict[int, tuple[str, str]]):
@@ -176,7 +312,7 @@ class _PairNames(dict[int, tuple[str, str]]):
 
     def __missing__(self, pair: int) -> tuple[str, str]:
         labels, parts = self._parts.labels, self._parts.parts
-        a, b = (labels.of(parts[k].owner) for k in self._parts.pairs[pair])
+        a, b = (labels.of(parts[k].owner) for k in self._parts.pairs.of(np.array([pair]))[0].tolist())
         self[pair] = a, b
         return a, b
 
@@ -212,7 +348,7 @@ def _riders_of(robot: Robot, attached: tuple[Attached, ...]) -> _Riders:
     riding += [
         Part(Owner(Kind.OBJECT, a.name), robot.tool_body, shape, T, carried=True)
         for a, pose in held
-        for shape, T in _placed(a.shape, pose)
+        for shape, T in _frames(a.shape, pose)
     ]
     riding.sort(key=lambda part: -part.body)
     frames = read_only(np.array([part.T for part in riding]).reshape(-1, 4, 4))
@@ -224,7 +360,7 @@ def _riders_of(robot: Robot, attached: tuple[Attached, ...]) -> _Riders:
 @lru_cache(maxsize=32)
 def _pairs_of(
     riders: _Riders, standing: tuple[tuple[Owner, int], ...], allowed: frozenset[frozenset[Owner]]
-) -> IntArray:
+) -> PairRuns:
     """See ``Parts.pairs``.
 
     Args:
@@ -234,14 +370,11 @@ def _pairs_of(
     riding, heads = len(runs), [riders.parts[first] for first, _ in runs]
     for _, count in standing:
         runs.append((runs[-1][1] if runs else 0, (runs[-1][1] if runs else 0) + count))
-    numbers = [np.arange(*run) for run in runs]
     owners: dict[Owner, int] = {}  # by number: owners themselves take long to look up
     every = (*(head.owner for head in heads), *(owner for owner, _ in standing))
     owner = [owners.setdefault(each, len(owners)) for each in every]
     touching = {tuple(sorted(owners[one] for one in pair)) for pair in allowed if pair <= owners.keys()}
-    none: IntArray = np.zeros(0, dtype=np.intp)
-    firsts, seconds = list[IntArray]((none,)), list[IntArray]((none,))
-    count = 0
+    tables, count = list[IntArray]([np.zeros((0, 3), dtype=np.intp)]), 0
     for k, part in enumerate(heads):
         mine = owner[k]
         others = [
@@ -249,18 +382,26 @@ def _pairs_of(
             # two that are carried cannot move against each other
             *(j for j in range(k + 1, riding) if part.body != heads[j].body or part.carried != heads[j].carried),
         ]
-        judged = [
-            numbers[other]
-            for other in others
-            if owner[other] != mine and (min(mine, owner[other]), max(mine, owner[other])) not in touching
-        ]
-        count += len(numbers[k]) * sum(map(len, judged))
-        if count > MAX_PAIRS:
-            raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
-        partners = np.concatenate([none, *judged])
-        firsts.append(numbers[k].repeat(len(partners)))
-        seconds += [partners] * len(numbers[k])
-    return frozen(np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1))
+        judged = list[tuple[int, int]]()  # runs of others, those that follow each other as one
+        for other in others:
+            if owner[other] != mine and (min(mine, owner[other]), max(mine, owner[other])) not in touching:
+                first, end = runs[other]
+                if judged and judged[-1][1] == first:
+                    judged[-1] = judged[-1][0], end
+                else:
+                    judged.append((first, end))
+        lengths = [end - first for first, end in judged]
+        first, end = runs[k]
+        each = sum(lengths)
+        if count + (end - first) * each > MAX_PAIRS:
+            total = count + (end - first) * each
+            raise InvalidRequest("scene", total, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
+        mine_first = np.repeat(np.arange(first, end), len(judged))
+        begins = count + each * (mine_first - first) + np.tile(np.cumsum([0, *lengths])[:-1], end - first)
+        seconds = np.tile(np.array([start for start, _ in judged], dtype=np.intp), end - first)
+        tables.append(np.stack([begins, mine_first, seconds], axis=1).astype(np.intp))
+        count += (end - first) * each
+    return PairRuns(frozen(np.concatenate(tables)), count)
 
 
 @lru_cache(maxsize=128)
@@ -311,12 +452,19 @@ def _posed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, Pose]]:
     if not isinstance(solid, Composite):
         yield solid, pose
     else:
-        for shape, T in _placed(solid, pose):
+        for shape, T in _frames(solid, pose):
             yield shape, Pose.from_matrix(T)
 
 
-def _placed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, FloatArray]]:
+def _frames(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, FloatArray]]:
     """The convex pieces of a solid at a pose, and where they are in what the pose is given in, 4 x 4."""
     if not isinstance(solid, Composite):
         return iter([(solid, read_only(pose.matrix))])
     return zip(solid.pieces.shapes, read_only(product(pose.matrix, solid.pieces.frames)), strict=True)
+
+
+def _placed(pieces: Pieces, pose: Pose) -> tuple[FloatArray, FloatArray]:
+    """How pieces at a pose stand, as ``Pieces.rotations``, and where they are, (k, 3): the numbers of ``_frames``."""
+    turns, places = np.zeros((len(pieces.rotations), 4, 3)), np.ones((len(pieces), 4, 1))
+    turns[:, :3], places[:, :3, 0] = pieces.rotations, pieces.positions
+    return product(pose.matrix, turns)[:, :3], product(pose.matrix, places)[:, :3, 0]

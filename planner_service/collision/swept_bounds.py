@@ -8,7 +8,7 @@ ever too careful: where it is not sure, FCL is asked as ever.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -167,7 +167,7 @@ def _balls(parts: list[Part]) -> tuple[FloatArray, FloatArray]:
     return np.concatenate(at), np.array(radius)
 
 
-def _boxes(parts: tuple[Part, ...]) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+def _boxes(parts: Sequence[Part]) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Boxes that cover the pieces of an obstacle, turned by R (3, 3) at t (3,) with half lengths (3,); of many, one."""
     shapes = [part.shape for part in parts]
     turned = [part.T[:3, :3] for part in parts]

@@ -124,7 +124,7 @@ def solid_pairs(robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) 
     solids = [_Solid(piece) for piece in (*listed.riding, *listed.standing)]
     chains = [() if s.body == FIXED else tuple(chain_to_base(robot.bodies, s.body)) for s in solids]
     out = []
-    for row, (a, b) in enumerate(listed.pairs[: listed.judged].tolist()):
+    for row, (a, b) in zip((leaves := listed.leaves()).tolist(), listed.of(leaves).tolist(), strict=True):
         names, one, two = listed.names(row), chains[a], chains[b]
         moving = tuple(k for k in one if k > 0 and k not in two), tuple(k for k in two if k > 0 and k not in one)
         columns = frozenset(robot.bodies[body].q_index for body in (*moving[0], *moving[1]))

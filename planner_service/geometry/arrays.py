@@ -28,13 +28,16 @@ __all__ = [
     "frozen",
     "joint_distance",
     "minus",
+    "order_of_rows",
     "product",
     "quartered",
     "read_only",
     "rpy_matrix",
     "rpy_of",
     "set_fields",
+    "sorted_rows",
     "turned",
+    "unique_rows",
     "vector",
 ]
 
@@ -134,6 +137,58 @@ def blocks(rows: int, width: int) -> list[slice]:
     """Slices of rows whose products with ``width`` numbers stay small; an empty one if there are no rows."""
     step = max(1, AT_ONCE // width)
     return [slice(k, k + step) for k in range(0, max(rows, 1), step)]
+
+
+def order_of_rows(columns: Sequence[IntArray]) -> IntArray:
+    """The stable order of rows of whole numbers, given as columns (k,) of which the first counts most."""
+    key, room = _packed(columns)
+    return np.argsort(key, kind="stable") if room else np.lexsort(columns[::-1])
+
+
+def sorted_rows(rows: IntArray) -> IntArray:
+    """Rows of whole numbers (k, n), each once and sorted."""
+    columns = list(rows.T)
+    key, room = _packed(columns)
+    if not room:
+        return np.unique(rows, axis=0)
+    return _unpacked(np.unique(key), columns)
+
+
+def _unpacked(key: NDArray[Any], columns: Sequence[IntArray]) -> IntArray:
+    """The rows of keys that were packed with these columns."""
+    out = np.empty((len(key), len(columns)), dtype=columns[0].dtype)
+    for k in range(len(columns) - 1, 0, -1):
+        low, high = int(columns[k].min()), int(columns[k].max())
+        key, rest = np.divmod(key, high - low + 1)
+        out[:, k] = rest + low
+    out[:, 0] = key + int(columns[0].min())
+    return out
+
+
+def _packed(columns: Sequence[IntArray]) -> tuple[IntArray, bool]:
+    """One whole number for each row, in their order, and whether 64 bits suffice; none if not."""
+    key: IntArray = np.zeros(len(columns[0]), dtype=np.int64)
+    room = 1
+    for column in columns if len(key) else ():
+        low = int(column.min())
+        span = int(column.max()) - low + 1
+        room *= span
+        if room >= 2**62:
+            return key, False
+        if span > 1:
+            key = np.asarray(key * span + (column - low), dtype=np.int64)
+    return key, len(key) > 0
+
+
+def unique_rows(rows: FloatArray) -> tuple[FloatArray, IntArray]:
+    """The different rows of numbers (k, n), and which of them each row is, (k,)."""
+    codes = [np.unique(column, return_inverse=True)[1] for column in rows.T]
+    key, room = _packed(codes)
+    if not room:
+        different, numbers = np.unique(rows, axis=0, return_inverse=True)
+        return different, numbers.reshape(-1)
+    _, first, numbers = np.unique(key, return_index=True, return_inverse=True)
+    return rows[first], numbers
 
 
 def quartered(triangles: FloatArray) -> FloatArray:

@@ -10,19 +10,30 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks, frozen, read_only, set_fields
+from planner_service.geometry.arrays import (
+    FloatArray,
+    IntArray,
+    along,
+    blocks,
+    frozen,
+    order_of_rows,
+    read_only,
+    set_fields,
+    sorted_rows,
+    unique_rows,
+)
 from planner_service.geometry.decomposition import pieces_of_file
-from planner_service.geometry.scans import MAX_POINTS, Scan, read_array, read_scan
+from planner_service.geometry.scans import Scan, read_array, read_scan
 from planner_service.geometry.shapes import Box, Pose, Shape
 from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, items, number, numbers, points_of, vectors
 
@@ -30,10 +41,13 @@ __all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Soli
 
 
 MAX_PIECES = 50_000
-"""Boxes of a cloud or a height field, after boxes that fill a larger one were joined."""
+"""Boxes of a height field, after columns of the same height were joined."""
 
-MAX_CELLS = 500_000
-"""Cells before they are joined."""
+MAX_COLUMNS = 500_000
+"""Columns before they are joined."""
+
+MAX_CELLS = 1_000_000
+"""Cells of a cloud: what a depth camera sees of a room at 5 mm."""
 
 LEAST_CELL = 1e-4
 """Metres; a finer resolution than a tenth of a millimetre is a unit mistake."""
@@ -43,23 +57,79 @@ MOST_COLUMNS = 16
 RESOLUTION = 0.01
 """Metres; of a cloud for which none is given."""
 
+MAX_POINTS = 5_000_000
+"""Measured points of a cloud: several for each cell."""
+
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MAX_COMPOUND = 1_000
 """Pieces of a compound, made by hand or by a decomposition."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """Convex shapes and where they are.
+class Chosen(Sequence[T]):
+    """Things of a few kinds, one after the other, without an object for each.
 
-    Attributes:
-        shapes: k of them.
-        frames: The frame of each in the solid's own, homogeneous matrices (k, 4, 4).
+    Args:
+        kinds: The things.
+        numbers: Which of them each is, (k,).
     """
 
-    shapes: tuple[Shape, ...]
-    frames: FloatArray
+    def __init__(self, kinds: Sequence[T], numbers: IntArray) -> None:
+        self._kinds, self._numbers = kinds, numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[T]: ...
+    def __getitem__(self, index: int | slice) -> T | Sequence[T]:
+        if isinstance(index, slice):
+            return Chosen(self._kinds, self._numbers[index])
+        return self._kinds[int(self._numbers[index])]
+
+    def __iter__(self) -> Iterator[T]:
+        return map(self._kinds.__getitem__, self._numbers.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """k convex shapes and where they are.
+
+    Attributes:
+        kinds: The shapes, those that occur again and again once.
+        numbers: Which of them each piece is, (k,).
+        rotations: How each stands in the solid's own frame, (k, 3, 3); (1, 3, 3) if all stand alike.
+        positions: Where each is in it, (k, 3).
+    """
+
+    kinds: tuple[Shape, ...]
+    numbers: IntArray
+    rotations: FloatArray
+    positions: FloatArray
+
+    @classmethod
+    def of(cls, shapes: Sequence[Shape], frames: FloatArray) -> Pieces:
+        """From one shape and homogeneous matrix each, (k, 4, 4)."""
+        return cls(tuple(shapes), np.arange(len(shapes)), frames[:, :3, :3], frames[:, :3, 3])
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def shapes(self) -> Sequence[Shape]:
+        """The k shapes."""
+        return Chosen(self.kinds, self.numbers)
+
+    @cached_property
+    def frames(self) -> FloatArray:
+        """The frame of each, homogeneous matrices (k, 4, 4): 128 bytes each."""
+        frames = np.zeros((len(self), 4, 4))
+        frames[:, :3, :3], frames[:, :3, 3], frames[:, 3, 3] = self.rotations, self.positions, 1.0
+        return frozen(frames)
 
 
 @dataclass(frozen=True)
@@ -113,7 +183,7 @@ class Compound:
 
     @cached_property
     def pieces(self) -> Pieces:
-        return Pieces(tuple(shape for shape, _ in self.parts), read_only([pose.matrix for _, pose in self.parts]))
+        return Pieces.of([shape for shape, _ in self.parts], read_only([pose.matrix for _, pose in self.parts]))
 
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)
@@ -138,11 +208,9 @@ class _Boxes:
 
     @cached_property
     def pieces(self) -> Pieces:
-        size, centre = self.high - self.low, 0.5 * (self.low + self.high)
-        frames = np.repeat(np.eye(4)[None], len(size), axis=0)
-        frames[:, :3, 3] = centre
-        kinds = {(x, y, z): Box((x, y, z)) for x, y, z in set(map(tuple, size.tolist()))}  # most are one of few
-        return Pieces(tuple(kinds[x, y, z] for x, y, z in size.tolist()), read_only(frames))
+        sizes, numbers = unique_rows(self.high - self.low)  # most are one of few
+        kinds = tuple(Box((x, y, z)) for x, y, z in sizes.tolist())
+        return Pieces(kinds, frozen(numbers), read_only(np.eye(3)[None]), frozen(0.5 * (self.low + self.high)))
 
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)
@@ -179,9 +247,9 @@ class PointCloud:
         cells: The cells as whole numbers of edges (k, 3), each once, sorted.
 
     Raises:
-        InvalidRequest: not finite numbers of shape (n, 3), no point or more than 500,000, one beyond 1 km, or the
-            centre of its cell; a cloud longer than 1 km; a resolution outside [0.0001, 1000] m; more than 50,000 boxes
-            after joining cells: the resolution is too fine.
+        InvalidRequest: not finite numbers of shape (n, 3), no point or more than 5,000,000, one beyond 1 km, or the
+            centre of its cell; a cloud longer than 1 km; a resolution outside [0.0001, 1000] m; more than 1,000,000
+            cells: the resolution is too fine.
     """
 
     points: FloatArray = field(repr=False)
@@ -191,14 +259,20 @@ class PointCloud:
     def __post_init__(self) -> None:
         resolution = _checked_cell("resolution", self.resolution)
         points = _checked_rows("points", self.points)
-        cells = frozen(np.unique(np.floor(points / resolution).astype(np.int64), axis=0))
-        points = _checked_rows("points", read_only((cells + 0.5) * resolution))
-        set_fields(self, points=points, resolution=resolution, cells=cells)
-        extent = float((self._boxes.high.max(axis=0) - self._boxes.low.min(axis=0)).max())
+        self._fill(sorted_rows(np.floor(points / resolution).astype(np.int64)), resolution)
+
+    def _fill(self, cells: IntArray, resolution: float) -> None:
+        """Check and keep cells that are sorted, each once."""
+        if len(cells) > MAX_CELLS:
+            expected = f"a coarser one, with at most {MAX_CELLS:,} cells"
+            message = f"resolution: {resolution:g} m makes {len(cells):,} cells; expected {expected}"
+            raise InvalidRequest("resolution", resolution, expected, message=message)
+        points = _checked_rows("points", frozen((cells + 0.5) * resolution))
+        set_fields(self, points=points, resolution=resolution, cells=frozen(cells))
+        extent = float(((cells.max(axis=0) + 1) * resolution - cells.min(axis=0) * resolution).max())
         if extent > MAX_LENGTH:
             expected = f"a cloud no longer than {MAX_LENGTH:g} m"
             raise InvalidRequest("points", extent, expected, message=f"points: {extent:g} m long; expected {expected}")
-        _check_count("resolution", resolution, len(self._boxes.low))
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str], resolution: float | None = None, scale: float = 1.0) -> PointCloud:
@@ -247,12 +321,7 @@ class PointCloud:
             raise InvalidRequest(
                 f"points[{bad[0]}]", row, expected, message=f"points[{bad[0]}]: got {row}; expected {expected}{hint}"
             )
-        cells = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
-        if len(cells) > MAX_CELLS:
-            expected = f"a coarser one, with at most {MAX_CELLS:,} cells"
-            message = f"resolution: {resolution:g} m makes {len(cells):,} cells; expected {expected}"
-            raise InvalidRequest("resolution", resolution, expected, message=message)
-        return cls.from_cells(cells, resolution)
+        return cls._of_cells(sorted_rows(np.floor(points / resolution).astype(np.int64)), resolution)
 
     @classmethod
     def from_cells(cls, cells: ArrayLike, resolution: float) -> PointCloud:
@@ -261,14 +330,46 @@ class PointCloud:
         whole = _checked_rows("cells", cells)
         if not np.array_equal(whole, np.floor(whole)):
             raise InvalidRequest("cells", cells, "whole numbers")
-        return cls((whole + 0.5) * resolution, resolution)
+        return cls._of_cells(sorted_rows(whole.astype(np.int64)), resolution)
+
+    @classmethod
+    def _of_cells(cls, cells: IntArray, resolution: float) -> PointCloud:
+        """The cloud of cells that are sorted, each once."""
+        cloud = object.__new__(cls)
+        cloud._fill(cells, resolution)
+        return cloud
+
+    def with_points(self, points: ArrayLike, *, instead_of: tuple[ArrayLike, ArrayLike] | None = None) -> PointCloud:
+        """This cloud and more measured points, as one made of all of them at once.
+
+        Args:
+            points: (n, 3) in metres, in the cloud's own frame; none with ``instead_of`` for what was only taken away.
+            instead_of: Lower and upper corner of a box along the cloud's axes, (3,) each, which was looked at anew:
+                cells whose centres are in it go first, whatever was in them.
+
+        Raises:
+            InvalidRequest: as ``PointCloud``; corners that are not three finite numbers each, the lower one first; or
+                nothing would be left.
+        """
+        new = _checked_rows("points", points, 0 if instead_of is not None else 1)
+        cells = self.cells
+        if instead_of is not None:
+            low, high = _corners("instead_of", instead_of)
+            cells = cells[~((self.points >= low) & (self.points <= high)).all(axis=1)]
+        cells = sorted_rows(np.concatenate([cells, np.floor(new / self.resolution).astype(np.int64)]))
+        if not len(cells):
+            raise InvalidRequest("points", len(new), "a cell that is left: leave the obstacle out of the scene instead")
+        return self._of_cells(cells, self.resolution)
 
     @cached_property
     def _boxes(self) -> _Boxes:
-        low = self.cells.astype(np.float64)
-        low, high = _joined(low, low + 1.0, (2, 1, 0))
-        order = _along_a_curve(low + high)
-        return _Boxes(low[order] * self.resolution, high[order] * self.resolution)
+        low, high = self.cells, self.cells + 1
+        for axis in (2, 1, 0):
+            columns = [column for k in (2, 1, 0) if k != axis for column in (low[:, k], high[:, k] - low[:, k])]
+            low, high = _joined(low, high, axis, order_of_rows([*columns, low[:, axis]]))
+        order = _along_a_curve((low + high).astype(np.float64))
+        lows, highs = (np.asarray(ends[order] * self.resolution, dtype=np.float64) for ends in (low, high))
+        return _Boxes(lows, highs)
 
     @property
     def pieces(self) -> Pieces:
@@ -320,9 +421,9 @@ class HeightField:
     def __post_init__(self) -> None:
         cell = _checked_cell("cell", self.cell)
         floor = number("floor", self.floor, f"metres, at most {MAX_LENGTH:g}", -MAX_LENGTH, MAX_LENGTH)
-        expected = f"finite heights (rows, columns) in metres, at most {MAX_CELLS:,} of them up to {MAX_LENGTH:g}"
+        expected = f"finite heights (rows, columns) in metres, at most {MAX_COLUMNS:,} of them up to {MAX_LENGTH:g}"
         heights = numbers("heights", self.heights, expected)
-        if heights.ndim != 2 or not 1 <= heights.size <= MAX_CELLS:
+        if heights.ndim != 2 or not 1 <= heights.size <= MAX_COLUMNS:
             message = f"heights: got an array of shape {heights.shape}; expected {expected}"
             raise InvalidRequest("heights", heights, expected, message=message)
         bad = np.argwhere(~(np.abs(heights) <= MAX_LENGTH))
@@ -355,7 +456,10 @@ class HeightField:
         top = self.heights[self.heights > self.floor]
         low = np.concatenate([columns, np.full((len(top), 1), self.floor)], axis=1)
         high = np.concatenate([columns + 1.0, top[:, None]], axis=1)
-        low, high = _joined(low, high, (1, 0))
+        for axis in (1, 0):
+            others = [k for k in range(3) if k != axis]
+            keys = [low[:, axis], *(table[:, k] for k in others for table in (high, low))]
+            low, high = _joined(low, high, axis, np.lexsort(keys))
         order = _along_a_curve((low + high) * np.array([1.0, 1.0, 0.0]))
         scale = np.array([self.cell, self.cell, 1.0])
         return _Boxes(low[order] * scale, high[order] * scale)
@@ -414,11 +518,20 @@ def _checked_cell(field_name: str, value: object) -> float:
     return number(field_name, value, expected, LEAST_CELL, MAX_LENGTH)
 
 
-def _checked_rows(field_name: str, values: object) -> FloatArray:
+def _checked_rows(field_name: str, values: object, least: int = 1) -> FloatArray:
     """Finite numbers (n, 3)."""
-    expected = f"1 to {MAX_POINTS:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
+    expected = f"{least} to {MAX_POINTS:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
     largest = MAX_LENGTH if field_name == "points" else MAX_LENGTH / LEAST_CELL
-    return cloud(field_name, values, expected, 1, MAX_POINTS, largest)
+    return cloud(field_name, values, expected, least, MAX_POINTS, largest)
+
+
+def _corners(field_name: str, values: object) -> tuple[FloatArray, FloatArray]:
+    """The lower and the upper corner of a box, in order."""
+    expected = "two corners (x, y, z) in metres, the lower one first"
+    corners = numbers(field_name, values, expected)
+    if corners.shape != (2, 3) or not (np.isfinite(corners).all() and (corners[0] <= corners[1]).all()):
+        raise InvalidRequest(field_name, corners.tolist(), expected)
+    return corners[0], corners[1]
 
 
 def _check_count(field_name: str, cell: float, count: int) -> None:
@@ -428,27 +541,34 @@ def _check_count(field_name: str, cell: float, count: int) -> None:
         raise InvalidRequest(field_name, cell, expected, message=message)
 
 
-def _joined(low: FloatArray, high: FloatArray, axes: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Boxes (k, 3) after joining neighbours that together fill a larger box, one axis after the other."""
-    for axis in axes:
-        others = [k for k in range(3) if k != axis]
-        keys = [low[:, axis], *(table[:, k] for k in others for table in (high, low))]
-        order = np.lexsort(keys)
-        low, high = low[order], high[order]
-        same = np.ones(max(len(low) - 1, 0), dtype=bool)
-        for k in others:
+Number = TypeVar("Number", bound=np.generic)
+
+
+def _joined(
+    low: NDArray[Number], high: NDArray[Number], axis: int, order: IntArray
+) -> tuple[NDArray[Number], NDArray[Number]]:
+    """Boxes (k, 3) after joining neighbours along an axis that together fill a larger box.
+
+    Args:
+        order: One in which such neighbours follow each other.
+    """
+    low, high = low[order], high[order]
+    same = low[1:, axis] == high[:-1, axis]
+    for k in range(3):
+        if k != axis:
             same &= (low[1:, k] == low[:-1, k]) & (high[1:, k] == high[:-1, k])
-        starts = np.concatenate([[True], ~(same & (low[1:, axis] == high[:-1, axis]))])
-        first = np.flatnonzero(starts)
-        last = np.append(first[1:], len(low)) - 1
-        merged = high[first].copy()
-        merged[:, axis] = high[last, axis]
-        low, high = low[first], merged
-    return low, high
+    first = np.flatnonzero(np.concatenate([[True], ~same]))
+    last = np.append(first[1:], len(low)) - 1
+    merged = high[first]
+    merged[:, axis] = high[last, axis]
+    return low[first], merged
 
 
 BITS = 16
 """Bits of each coordinate along the curve."""
+
+SPREAD = ((16, 0xFF0000FF), (8, 0xF00F00F00F), (4, 0xC30C30C30C3), (2, 0x249249249249))
+"""Steps that move so many bits apart, and the bits that each leaves."""
 
 
 def _along_a_curve(points: FloatArray) -> IntArray:
@@ -456,11 +576,9 @@ def _along_a_curve(points: FloatArray) -> IntArray:
     extent = float((points.max(axis=0) - points.min(axis=0)).max())
     scale = (2**BITS - 1) / extent if extent > 0.0 else 0.0
     whole = ((points - points.min(axis=0)) * scale).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(BITS):
-        for axis in range(3):
-            code |= ((whole[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+    for shift, mask in SPREAD:  # two zeros between any two bits
+        whole = (whole | whole << shift) & mask
+    return np.argsort(whole[:, 0] | whole[:, 1] << 1 | whole[:, 2] << 2, kind="stable")
 
 
 def _farthest(d: FloatArray, candidates: Sequence[FloatArray]) -> FloatArray:

@@ -91,7 +91,7 @@ class CollisionKernel:
     """Checks configurations of one robot in one scene. Nothing in it changes once it is configured.
 
     Args:
-        joints, places, solids, runs, pairs, hulls: See ``build_kernel``.
+        joints, solids, hulls, riders, turns, standers, positions, runs, pairs, count: See ``build_kernel``.
         margin: Metres by which a pair must be proven apart.
         variant: One of ``instruction_sets()``; the fastest if empty.
     """
@@ -99,11 +99,15 @@ class CollisionKernel:
     def __init__(
         self,
         joints: NDArray[np.float64],
-        places: NDArray[np.float64],
         solids: NDArray[np.float64],
+        hulls: Sequence[NDArray[np.float64]],
+        riders: NDArray[np.float64],
+        turns: NDArray[np.float64],
+        standers: NDArray[np.int64],
+        positions: NDArray[np.float64],
         runs: NDArray[np.int64],
         pairs: NDArray[np.int64],
-        hulls: Sequence[NDArray[np.float64]],
+        count: int,
         margin: float,
         variant: str = "",
     ) -> None: ...
@@ -516,20 +520,6 @@ def lawful_motion(
     | None
 ):
     """The arguments of ``Trajectory.checked`` after the path, the last being 1; None where Python has to decide."""
-
-def path_at(
-    waypoints: NDArray[np.float64],
-    knots: NDArray[np.float64],
-    tangents: NDArray[np.float64],
-    breaks: NDArray[np.float64],
-    lines: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    blends: NDArray[np.float64],
-    places: NDArray[np.float64],
-    order: int,
-    /,
-) -> NDArray[np.float64]:
-    """Configurations (order 0) or tangents (1) of a path at arc lengths (k,), (k, n); see ``JointPath.tables``."""
 
 class Underway:
     """What is left of a motion (``replanning/splice.py``)."""

@@ -102,7 +102,6 @@ class CurveProblem:
         self.unit = self.length * self.length / (objective.waypoints - 1)
         self.aim = objective.clearance * SPARE
         self.reach = self.aim + BEYOND
-        self._own = checker.own_pairs
         ends = checker.near(route[[0, -1]], self.aim)
         columns = ends.rows.tolist(), ends.pairs.tolist(), ends.distances.tolist()
         self._ends = [{p: d for row, p, d in zip(*columns, strict=True) if row == end} for end in (0, 1)]
@@ -130,7 +129,7 @@ class CurveProblem:
         """The distance that each pair should keep: the clearance, but near an end no more than is possible there."""
         last = self.points - 1
         travelled = near.rows * (self.length / last)
-        out = np.where(self._own[near.pairs], self.aim * OWN_SHARE, self.aim)
+        out = np.where(self.checker.are_own(near.pairs), self.aim * OWN_SHARE, self.aim)
         for known, far in zip(self._ends, (travelled, self.length - travelled), strict=True):
             if known:
                 at_end = np.array([known.get(pair, self.aim) for pair in near.pairs.tolist()])

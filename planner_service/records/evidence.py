@@ -146,9 +146,9 @@ def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
     if len(s) == 1:  # a path on which nothing moves: one stretch of length 0
         s, ends = np.repeat(s, 2), ends + np.arange(2)
     used, pair = np.unique(leaves[:, 0].astype(np.int64), return_inverse=True)
-    rotations = _rotations(motion, trail.path(s))
-    second = motion.second[leaves[:, 0].astype(np.int64)]
-    directions = [_in_base(leaves[:, 3 * k + 3 : 3 * k + 6], rotations, second, ends[:, k]) for k in (0, 1)]
+    rotations = motion.poses(trail.path(s))[:, :3].transpose(2, 3, 0, 1)
+    second = motion.listed.of(leaves[:, 0].astype(np.int64))[:, 1]
+    directions = [_in_base(leaves[:, 3 * k + 3 : 3 * k + 6], motion, rotations, second, ends[:, k]) for k in (0, 1)]
     rows = np.column_stack([pair, ends, *(np.rint(n * UNIT).astype(np.int64) for n in directions)])
     claim = certificate_record(certificate)
     return {
@@ -159,27 +159,31 @@ def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
     }
 
 
-def _rotations(motion: Motion, Q: FloatArray) -> FloatArray:
-    """Which way the pieces that ride stand at configurations Q (m, n), (m, riding, 3, 3); then those that do not."""
-    riding = motion.poses(Q)[:, :3].transpose(2, 3, 0, 1)
-    fixed = np.broadcast_to(motion.fixed[:, :3].transpose(2, 0, 1), (len(Q), motion.fixed.shape[2], 3, 3))
-    return np.concatenate([riding, fixed], axis=1)
+def _in_base(
+    n: FloatArray, motion: Motion, rotations: FloatArray, piece: NDArray[np.intp], node: NDArray[np.intp]
+) -> FloatArray:
+    """Directions (k, 3) in the axes of pieces at nodes, in those of the base.
 
-
-def _in_base(n: FloatArray, rotations: FloatArray, piece: NDArray[np.intp], node: NDArray[np.intp]) -> FloatArray:
-    """Directions (k, 3) in the axes of pieces at nodes, in those of the base."""
-    return np.asarray(np.einsum("kij,kj->ki", rotations[node, piece], n))
+    Args:
+        rotations: Which way the pieces that ride stand at nodes, (m, riding, 3, 3).
+    """
+    rides = piece < motion.riding
+    turns = np.empty((len(piece), 3, 3))
+    turns[rides] = rotations[node[rides], piece[rides]]
+    turns[~rides] = motion.listed.axes_of(piece[~rides])
+    return np.asarray(np.einsum("kij,kj->ki", turns, n))
 
 
 def _pieces(motion: Motion, pair: int) -> tuple[int, int, int]:
     """The pieces of a pair: the first, and where those of the second begin and how many follow each other."""
     low = high = pair
-    while motion.children[low, 1]:
-        low = int(motion.children[low, 0])
-    while motion.children[high, 1]:
-        high = int(motion.children[high].sum()) - 1
-    begin, end = motion.numbers[motion.second[[low, high]]].tolist()
-    return int(motion.first[pair]), begin, end - begin + 1
+    while children := motion.listed.children_of(low):
+        low = children.start
+    while children := motion.listed.children_of(high):
+        high = children.stop - 1
+    (first, one), (_, two) = motion.listed.of(np.array([low, high])).tolist()
+    begin, end = motion.listed.numbers[[one, two]].tolist()
+    return first, begin, end - begin + 1
 
 
 def boxes_of(scene: Scene) -> Iterator[tuple[str, str]]:

@@ -123,7 +123,7 @@ def _with_surfaces_apart(robot: Robot, touching: Touching) -> Touching:
     made = {mesh.source: surface_of(mesh) for mesh in _meshes(robot, links)}
     geometries = {source: surface_geometry(*surface) for source, surface in made.items() if surface is not None}
     known = {k: geometries[file] for k, item in enumerate(items) if (file := _file(item.shape)) in geometries}
-    objects = FclObjects([item.shape for item in items], [item.pose.matrix for item in items], known)
+    objects = FclObjects([item.shape for item in items], lambda k: items[k].pose.matrix, known)
     rotations, positions = robot.body_poses_batch(np.array(list(touching)).reshape(-1, robot.n))
 
     def touch(one: str, other: str) -> bool:

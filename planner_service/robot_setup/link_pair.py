@@ -146,7 +146,7 @@ class LinkPair:
     def collides(self, Q: FloatArray) -> BoolArray:
         """Which configurations (m, n) collide; FCL decides only where a quick bound proves nothing."""
         out = np.zeros(len(Q), dtype=bool)
-        count = len(self.listed.pairs)
+        count = len(self.listed)
         for start in range(0, len(Q), BOXES):
             part = Q[start : start + BOXES]
             node, shapes = np.repeat(np.arange(len(part)), count), np.tile(np.arange(count), len(part))
@@ -189,7 +189,7 @@ class _Proof:
     def run(self) -> PairFinding:
         """The finding: never, sometimes or unproven."""
         limits, columns = self._pair.robot.limits, self._columns
-        rows = np.arange(len(self._pair.listed.pairs))
+        rows = np.arange(len(self._pair.listed))
         level = _Boxes(limits.lower[None, columns], limits.upper[None, columns], 0 * rows, rows)
         while len(level.box):
             if self._bounds + len(level.box) > self._max_bounds:

@@ -20,7 +20,7 @@ from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, backends, native_kernel
 from planner_service.collision.bounds import Solids
 from planner_service.collision.native_kernel import build_kernel
-from planner_service.collision.pairs import Parts
+from planner_service.collision.pairs import PairRuns, Parts
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.path.joint_path import JointPath
@@ -178,7 +178,7 @@ def test_the_proof_judges_the_pairs_that_the_checkers_judge(
     listed = ProofPairs(WXAI, scene, allowed)
     checker = CollisionChecker(WXAI, scene, allowed=allowed)
     second = IndependentChecker(ROOT / "robots" / "wxai", tables_of(scene), allowed=allowed)
-    ours = sorted(sorted(listed.names(k)) for k in range(len(listed.pairs)))
+    ours = sorted(sorted(listed.names(k)) for k in range(len(listed)))
     assert ours == sorted(sorted(checker.pair_names(k)) for k in range(checker.pair_count))
     assert ours == sorted(sorted(pair) for pair in second.pairs)
 
@@ -223,9 +223,10 @@ def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def smaller(parts: Parts, *arguments: Any, **options: Any) -> None:
         whole(parts, *arguments, **options)
-        tips = [part.owner.name in FINGERS for part in parts.parts]
-        parts.shapes = tuple(Sphere(0.001) if tip else s for s, tip in zip(parts.shapes, tips, strict=True))
-        parts.solids = Solids.of(parts.shapes)
+        tips = [part.owner.name in FINGERS for part in parts.parts[: parts.riding]]
+        kinds = zip(parts.kinds, [*tips, *[False] * (len(parts.kinds) - len(tips))], strict=True)
+        parts.kinds = tuple(Sphere(0.001) if tip else kind for kind, tip in kinds)
+        parts.solids = Solids.of(parts.kinds)
 
     monkeypatch.setattr(Parts, "__init__", smaller)
 
@@ -245,8 +246,8 @@ def unpaired(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = Parts._pairs
 
     def fewer(parts: Parts) -> Any:
-        pairs = whole(parts)
-        return pairs[[parts.parts[i].owner.name not in (*FINGERS, "link_6") for i in pairs[:, 0].tolist()]]
+        left = [pair for pair in whole(parts) if parts.parts[pair[0]].owner.name not in (*FINGERS, "link_6")]
+        return PairRuns(np.array([(k, i, j) for k, (i, j) in enumerate(left)]), len(left))
 
     monkeypatch.setattr(Parts, "_pairs", fewer)
 

@@ -23,7 +23,7 @@ from auditor.checker import IndependentChecker, tables_of
 from planner_service.collision import CollisionChecker, backends
 from planner_service.collision.edge_sampling import EdgeStep
 from planner_service.collision.native_kernel import build_kernel
-from planner_service.collision.pairs import Parts
+from planner_service.collision.pairs import PairRuns, Parts
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
@@ -140,7 +140,7 @@ class PairLoop:
         parts = checker._parts
         self._model, self._data = model, model.createData()
         self._objects = [fcl.CollisionObject(_geometry(shape)) for shape in parts.shapes]
-        self._pairs = parts.pairs.tolist()
+        self._pairs = list(parts.pairs)
         self._riding = []
         for part, thing in zip(parts.parts, self._objects, strict=True):
             if part.body > 0:
@@ -290,10 +290,10 @@ def test_the_comparison_notices_a_pair_that_is_not_judged(monkeypatch: pytest.Mo
     whole = Parts._pairs
 
     def without_one(parts: Parts) -> Any:
-        pairs = whole(parts)
-        names = [{parts.parts[i].owner.name, parts.parts[j].owner.name} for i, j in pairs.tolist()]
-        tip = max(k for k, pair in enumerate(names) if pair == {"finger_left", "table"})
-        return np.delete(pairs, tip, axis=0)
+        pairs = list(whole(parts))
+        names = [{parts.parts[i].owner.name, parts.parts[j].owner.name} for i, j in pairs]
+        del pairs[max(k for k, pair in enumerate(names) if pair == {"finger_left", "table"})]
+        return PairRuns(np.array([(k, i, j) for k, (i, j) in enumerate(pairs)]), len(pairs))
 
     monkeypatch.setattr(Parts, "_pairs", without_one)
     assert compare(SETUPS[4], 250, seed=3).differing

@@ -118,7 +118,7 @@ def test_a_crowd_is_judged_as_its_pieces_one_by_one(name: str, seed: int) -> Non
         plain = setup.checker()
     assert checker._parts.crowds
     assert not plain._parts.crowds
-    assert np.array_equal(checker._parts.pairs, plain._parts.pairs)
+    assert np.array_equal(checker._parts.pairs.every(), plain._parts.pairs.every())
     for turn in range(16):
         q, other = setup.anywhere(), setup.anywhere()
         assert checker.contacts(q) == plain.contacts(q)
@@ -152,9 +152,9 @@ def test_a_proof_about_bundles_is_one_about_their_pieces(name: str, seed: int) -
         plain = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
         checker = setup.checker()
         bare = setup.checker(padding=0.0)
-    judged = bundled.listed.judged
-    assert len(bundled.listed.pairs) > judged == len(plain.listed.pairs)
-    assert np.array_equal(bundled.listed.pairs[:judged], plain.listed.pairs)
+    assert len(bundled.listed) > bundled.listed.judged == plain.listed.judged == len(plain.listed)
+    mine, theirs = (sorted(each.listed.of(each.listed.leaves()).tolist()) for each in (bundled, plain))
+    assert mine == theirs
     for path in short_paths(setup, checker, 8):
         length = math.dist(*path)
         names = setup.rng.choice(sorted(bundled.listed.owners), (2, 2), replace=False).tolist()
@@ -199,7 +199,7 @@ def test_a_proof_about_many_obstacles_is_one_about_each(name: str, seed: int) ->
         plain = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
         checker = setup.checker()
     assert len(together.listed.crowd) > 60
-    judged = [Counter(each.listed.names(k) for k in range(each.listed.judged)) for each in (together, plain)]
+    judged = [Counter(map(each.listed.names, each.listed.leaves().tolist())) for each in (together, plain)]
     assert judged[0] == judged[1]
     assert np.array_equal(np.sort(together.listed.numbers), plain.listed.numbers)
     for path in short_paths(setup, checker, 8):
@@ -224,12 +224,14 @@ def test_a_proof_about_many_obstacles_is_one_about_each(name: str, seed: int) ->
 def test_names_of_one_obstacle_in_a_crowd_open_no_more_than_its_bundles() -> None:
     setup = among_many("wxai", 0)
     listed = Certifier(setup.robot, setup.scene).listed
-    pair = next(k for k in range(listed.judged) if listed.pairs[k, 1] in listed.crowd)
+    leaves = listed.leaves().tolist()
+    in_crowd = {k for k in leaves if int(listed.of(np.array([k]))[0, 1]) in listed.crowd}
+    pair = min(in_crowd)
     roots = set(listed.opened([frozenset(listed.names(pair))]).tolist())
     assert pair in roots
     assert len(roots) < len(listed.roots) + 4 * 8
     everything = listed.opened(None)
-    assert set(everything.tolist()) >= {k for k in range(listed.judged) if listed.pairs[k, 1] in listed.crowd}
+    assert set(everything.tolist()) >= in_crowd
     assert not any(listed.is_crowd(k) for k in everything.tolist())
 
 
@@ -241,7 +243,7 @@ def test_to_exempt_one_obstacle_exempts_none_of_its_bundle() -> None:
         scene = Scene((*setup.scene.obstacles, Obstacle("hit", Sphere(0.05), Pose(middle))), setup.scene.attached)
         certifier = Certifier(setup.robot, scene)
         listed = certifier.listed
-        firsts = {listed.names(k) for k in range(len(listed.pairs)) if listed.is_crowd(k)}
+        firsts = {listed.names(k) for k in range(len(listed)) if listed.is_crowd(k)}
         others = tuple((a, b) for a, b in firsts if "hit" not in (a, b))
         exempt = [ExemptInterval(0.0, math.dist(*path), others, "")]
         assert (certifier.certify(path).certified, certifier.certify(path, exempt=exempt).certified) == (False, False)

@@ -18,6 +18,7 @@ from planner_service.certify.certifier import Proof, Prover, instruction_sets
 from planner_service.certify.native.loading import load_proof
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.composite import PointCloud
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
@@ -61,7 +62,7 @@ def agreed(certifier: Certifier, path: JointPath, padding: float = 0.0, exempt: 
 def exempted(certifier: Certifier, path: JointPath, rng: np.random.Generator) -> list[ExemptInterval]:
     """One or two stretches, of pairs drawn at random and maybe of a pair that is judged."""
     owners = sorted(certifier.listed.owners)
-    pairs = [certifier.listed.names(int(rng.integers(len(certifier.listed.pairs))))]
+    pairs = [certifier.listed.names(int(rng.integers(len(certifier.listed))))]
     pairs += [tuple(map(str, rng.choice(owners, 2, replace=False))) for _ in range(3)]  # type: ignore[misc]
     ends = np.sort(rng.uniform(0.0, path.length, (2, 2)), axis=1).tolist()
     return [ExemptInterval(start, end, tuple(pairs), "") for start, end in ends[: 1 + int(rng.integers(2))]]
@@ -78,7 +79,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, urdf: str) -> Robot:
 def test_proofs_among_every_kind_of_shape_bundled_and_carried_are_the_same(name: str, seed: int) -> None:
     setup = Crowded(name, seed)
     certifier = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
-    assert len(certifier.listed.pairs) > certifier.listed.judged
+    assert len(certifier.listed) > certifier.listed.judged
     for turn in range(8):
         q = setup.anywhere()
         far = setup.anywhere()
@@ -95,7 +96,7 @@ def test_a_proof_without_an_end_is_refused_in_the_same_words(monkeypatch: pytest
     monkeypatch.setattr(tree, "FRACTION", 1.5)  # no stretch proves as much
     monkeypatch.setattr(tree, "FAR", 1.0)
     certifier, path = Certifier(PLANAR, ball_beyond(0.01)), JointPath(SWEEP)
-    pairs = tuple(map(certifier.listed.names, range(len(certifier.listed.pairs))))
+    pairs = tuple(map(certifier.listed.names, range(len(certifier.listed))))
     cut = [ExemptInterval(0.0, 0.3, pairs, ""), ExemptInterval(math.nextafter(0.3, 1.0), 1.0, pairs, "")]
     pointlike = present(agreed(certifier, path, exempt=cut).obstruction)
     assert pointlike.detail == "no shorter stretch has numbers of its own"
@@ -227,14 +228,26 @@ def _put(where: Any, value: float) -> Callable[[Any], None]:
         (0, lambda terms: terms[1:], "other terms"),
         (2, _put((2, 0), 5.0), "a parent comes first"),
         (3, _put((0, 0), 99.0), "no such body"),
-        (5, lambda rows: rows[::-1].copy(), "no such piece"),
-        (6, _put((0, 0), -1), "rides"),
-        (6, _put((0, 1), 10**6), "no such piece"),
+        (4, lambda rows: rows[::-1].copy(), "no such piece"),
+        (6, _put((0, 6), 99.0), "no such hull"),
+        (7, _put(0, 10**6), "no such solid"),
+        (9, _put(0, 10**6), "no such rotation"),
+        (11, _put((0, 0), -1), "rides"),
+        (11, _put((0, 1), 10**6), "no such piece"),
+        (12, _put((0, 1), 10**6), "no such piece"),
+        (12, _put((0, 3), 10**6), "no such bundle"),
+        (13, _put((0, 0), 10**6), "a bundle comes after what is in it"),
+        (13, lambda rows: rows[1:], "children of each bundle"),
+        (14, _put((0, 0), 10**6), "rides"),
+        (14, _put((0, 1), 10**6), "no such tree"),
+        (14, _put((0, 2), 10**6), "no such joint"),
     ],
 )
 def test_compiled_code_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
     module = load_proof()
-    data: list[Any] = [np.array(proof._terms()), *Certifier(WXAI, load_scene("bin")).motion.tables]
+    many = PointCloud(np.random.default_rng(1).uniform(-0.1, 0.1, (200, 3)), 0.01)
+    scene = Scene((*load_scene("bin").obstacles, Obstacle("cloud", many, Pose((0.6, 0.0, 0.2)))))
+    data: list[Any] = [np.array(proof._terms()), *Certifier(WXAI, scene).motion.tables]
     module.Prover(*data)
     spoilt = data[which].copy()
     changed = change(spoilt)

@@ -18,7 +18,7 @@ double Clearance::at(const double* q, const std::vector<int>& roots) {
     asks_.clear();
     std::size_t nearest = 0;
     for (const int number : roots) {
-        const double apart = places_.spheres_apart(model_.pairs[static_cast<std::size_t>(number)], 0);
+        const double apart = places_.spheres_apart(model_.pair(number), 0);
         if (!asks_.empty() && apart < asks_[nearest].known) nearest = asks_.size();
         asks_.push_back({number, apart});
     }
@@ -32,7 +32,7 @@ double Clearance::at(const double* q, const std::vector<int>& roots) {
 void Clearance::look(const Ask& asked) {
     const Ask ask = asked;  // the list grows
     if (ask.known >= best_) return;
-    const Pair& pair = model_.pairs[static_cast<std::size_t>(ask.pair)];
+    const Pair pair = model_.pair(ask.pair);
     const Facing facing = places_.facing(pair, 0);
     Bound bound;
     variant_.rough(model_.terms, facing, nullptr, 0, bound);
@@ -46,7 +46,7 @@ void Clearance::look(const Ask& asked) {
     }
     for (int child = 0; child < pair.children; ++child) {
         const int number = pair.child + child;
-        const double apart = places_.spheres_apart(model_.pairs[static_cast<std::size_t>(number)], 0);
+        const double apart = places_.spheres_apart(model_.pair(number), 0);
         asks_.push_back({number, std::max(known, apart)});
     }
 }
@@ -56,7 +56,7 @@ void Clearance::near(const double* q, double row, std::vector<int> pairs, double
     places_.add(0.0, q, still_.data());
     for (std::size_t k = 0; k < pairs.size(); ++k) {  // those of bundles are added at the end
         const int number = pairs[k];
-        const Pair& pair = model_.pairs[static_cast<std::size_t>(number)];
+        const Pair pair = model_.pair(number);
         if (!(places_.spheres_apart(pair, 0) < within)) continue;
         const Facing facing = places_.facing(pair, 0);
         Bound bound;

@@ -48,7 +48,7 @@ bool Edge::closed(const Bound& one, const Bound& two, double motion) const {
 // A bound of a pair at a node, as good as it takes to close what is open, or to say that nothing can.
 template <class Closes>
 Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes) {
-    const Pair& pair = pair_of(number);
+    const Pair pair = pair_of(number);
     const Facing facing = places_.facing(pair, node);
     bound.gap = variant_.glance(facing);
     if (closes(bound)) return Found::closed;  // so would be what ``rough`` finds
@@ -83,7 +83,7 @@ bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
         if (!charge(last - first, asks[first].pair, places_.s(node))) return false;
         for (; first < last; ++first) {
             const int number = asks[first].pair;
-            const Pair& pair = pair_of(number);
+            const Pair pair = pair_of(number);
             const double motion = places_.motion_about(pair);
             const int hints = asks[first].bound.gap != 0.0 ? 1 : 0;
             const Bound hint = asks[first].bound;
@@ -145,11 +145,13 @@ bool Edge::split() {
     if (asks.empty()) return true;
     while (!asks.empty()) {
         std::vector<Row> fresh, deeper;
-        for (const Row& row : asks)
-            for (int child = 0; child < pair_of(row.pair).children; ++child) {
+        for (const Row& row : asks) {
+            const Pair pair = pair_of(row.pair);
+            for (int child = 0; child < pair.children; ++child) {
                 fresh.push_back(row);
-                fresh.back().pair = pair_of(row.pair).child + child;
+                fresh.back().pair = pair.child + child;
             }
+        }
         if (!charge(2 * fresh.size(), fresh[0].pair, places_.s(stretches_[fresh[0].stretch].left))) return false;
         for (Row& row : fresh) {
             const Stretch& stretch = stretches_[row.stretch];
@@ -168,7 +170,7 @@ bool Edge::split() {
             if (two != Found::open) continue;
             row.before = left;
             row.after = right;
-            const Pair& pair = pair_of(row.pair);
+            const Pair pair = pair_of(row.pair);
             (!pair.leaf() && size_of(pair) >= row.motion ? deeper : next).push_back(row);
         }
         asks = std::move(deeper);
@@ -198,7 +200,7 @@ bool Edge::halve() {
     for (const Row& row : rows_) {
         const auto half = static_cast<std::size_t>(number[row.stretch]);
         const Stretch &one = halves[half], &two = halves[half + 1];
-        const Pair& pair = pair_of(row.pair);
+        const Pair pair = pair_of(row.pair);
         const double motions[2] = {places_.pair_motion(pair, half, one.left, one.right),
                                    places_.pair_motion(pair, half + 1, two.left, two.right)};
         double hints[9];

@@ -51,8 +51,8 @@ class Edge {
     std::vector<Stretch> stretches_;
     std::vector<Row> rows_;
 
-    const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
-    double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }
+    Pair pair_of(int number) const { return model_.pair(number); }
+    double size_of(const Pair& pair) const { return model_.solid(pair.second).radius; }
     std::size_t place(double s);
     bool charge(std::size_t count, int pair, double s);
     void lose(int pair, double s);

@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <unordered_map>
 #include <vector>
 
 namespace proof {
@@ -55,11 +56,16 @@ struct Link {  // one body of the chain that carries a piece
     double far;  // no configuration within the limits brings the piece farther from its axis
 };
 
-struct Piece {
-    Solid solid;
-    int body;          // of those that ride
-    double frame[12];  // in that body, or in the world
+struct Rider {
+    int body;
+    double frame[12];          // in that body
     std::size_t first, count;  // its chain in ``links``, its own body's first
+};
+
+// What stands in the world. There may be a million: what many have in common is kept once.
+struct Stander {
+    int turn;
+    double position[3];
 };
 
 struct Pair {
@@ -67,6 +73,27 @@ struct Pair {
     std::uint16_t own, other;  // of the joints of each, how many do not move the other piece too
     int child, children;       // pairs that stand for one with a bundle
     bool leaf() const { return children == 0; }
+};
+
+// Pieces of obstacles that follow each other, and the bundles of these, which follow each other too: the members of the
+// tree, in this order.
+struct BundleTree {
+    int leaf, leaves, bundle, bundles;
+    std::size_t children;  // of the bundles, in ``Model::children``
+    int size() const { return leaves + bundles; }
+};
+
+// Members of a tree, the first of them and how many follow each other.
+struct Children {
+    int first, count;
+};
+
+// The pairs of a rider with all members of a tree: not one of them is listed.
+struct Block {
+    int begin;  // the number of the first
+    int rider;
+    int tree;
+    std::uint16_t own;
 };
 
 struct Model {
@@ -77,14 +104,50 @@ struct Model {
     std::vector<Hull> shapes;
     std::vector<std::vector<double>> corners;  // of these
     std::vector<Body> bodies;
-    std::vector<Piece> pieces;
+    std::vector<Solid> solids;
+    std::vector<int> solid_of;  // of a piece
+    std::vector<Rider> riders;
+    std::vector<double> turns;  // rotations, 9 each
+    std::vector<Stander> standers;
     std::vector<Link> links;
-    std::vector<Pair> pairs;
+    std::vector<Pair> pairs;  // those with no tree, which come first
+    std::vector<BundleTree> trees;
+    std::vector<Children> children;
+    std::vector<Block> blocks;
+    int count = 0;           // of all pairs
     std::size_t judged = 0;  // of these, without bundles
     // Spheres around all that rides on a body are pieces, too, behind the others that ride. Pairs of these stand for several
-    // roots; which one for each pair, or -1.
+    // roots; which one for each plain pair, or -1, and for roots with trees.
     std::vector<Pair> crowds;
     std::vector<int> crowd_of;
+    std::unordered_map<int, int> crowd_of_tree;
+
+    const Solid& solid(int piece) const {
+        return solids[static_cast<std::size_t>(solid_of[static_cast<std::size_t>(piece)])];
+    }
+
+    // Of a root; -1: none.
+    int crowd(int number) const {
+        if (static_cast<std::size_t>(number) < pairs.size()) return crowd_of[static_cast<std::size_t>(number)];
+        const auto found = crowd_of_tree.find(number);
+        return found == crowd_of_tree.end() ? -1 : found->second;
+    }
+
+    Pair pair(int number) const {
+        if (static_cast<std::size_t>(number) < pairs.size()) return pairs[static_cast<std::size_t>(number)];
+        std::size_t low = 0, high = blocks.size();
+        while (high - low > 1) {
+            const std::size_t middle = (low + high) / 2;
+            (blocks[middle].begin <= number ? low : high) = middle;
+        }
+        const Block& block = blocks[low];
+        const BundleTree& tree = trees[static_cast<std::size_t>(block.tree)];
+        const int member = number - block.begin;
+        if (member < tree.leaves) return {block.rider, tree.leaf + member, block.own, 0, 0, 0};
+        const int bundle = member - tree.leaves;
+        const Children& held = children[tree.children + static_cast<std::size_t>(bundle)];
+        return {block.rider, tree.bundle + bundle, block.own, 0, block.begin + held.first, held.count};
+    }
 };
 
 // A lower bound of the signed gap of a pair, and the unit direction, in the axes of its second piece, that proves it.

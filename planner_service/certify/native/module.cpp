@@ -142,8 +142,10 @@ nb::bytes bytes_of(const std::vector<Leaf>& trail) {
 
 class Prover {
   public:
-    Prover(const std::vector<double>& terms, std::int64_t dof, const Rows& bodies, const Rows& pieces, std::int64_t riding,
-           const Rows& links, const WholeRows& pairs, const std::vector<Rows>& hulls, const Rows& limits,
+    Prover(const std::vector<double>& terms, std::int64_t dof, const Rows& bodies, const Rows& riders, const Rows& links,
+           const std::vector<Rows>& hulls, const Rows& solids, const Wholes& solid_of, const Rows& turns,
+           const Wholes& turn_of, const Rows& positions, const WholeRows& pairs, const WholeRows& trees,
+           const WholeRows& children, const WholeRows& blocks, const Rows& limits,
            const std::string& variant) {
         for (const auto* found : variants())
             if (variant.empty() || variant == found->name) variant_ = found;
@@ -152,9 +154,14 @@ class Prover {
         add_terms(terms);
         add_bodies(bodies);
         add_hulls(hulls);
-        add_pieces(pieces, riding);
+        add_solids(solids);
+        add_riders(riders);
         add_links(links);
+        add_standers(turns, turn_of, positions);
+        add_solid_of(solid_of);
         add_pairs(pairs);
+        add_trees(trees, children);
+        add_blocks(blocks);
         add_crowds();
         require(limits.shape(0) == 2 && limits.shape(1) == static_cast<std::size_t>(model_.dof), "limits of another robot");
         limits_.assign(limits.data(), limits.data() + 2 * limits.shape(1));
@@ -176,7 +183,7 @@ class Prover {
             stretches.push_back({spans.data()[2 * k], spans.data()[2 * k + 1]});
         std::vector<Root> rows;
         rows.reserve(roots.shape(0));
-        const auto count = static_cast<std::int64_t>(model_.pairs.size());
+        const std::int64_t count = model_.count;
         for (std::size_t k = 0; k < roots.shape(0); ++k)
             rows.push_back({whole(roots.data()[2 * k], 0, count - 1, "no such pair"),
                             static_cast<std::size_t>(whole(roots.data()[2 * k + 1], 0,
@@ -234,7 +241,7 @@ class Prover {
         require_finite(Q);
         std::vector<int> asked;
         for (std::size_t k = 0; k < pairs.shape(0); ++k)
-            asked.push_back(whole(pairs.data()[k], 0, static_cast<std::int64_t>(model_.pairs.size()) - 1, "no such pair"));
+            asked.push_back(whole(pairs.data()[k], 0, std::int64_t{model_.count} - 1, "no such pair"));
         std::vector<double> out;
         {
             nb::gil_scoped_release release;
@@ -248,10 +255,10 @@ class Prover {
   private:
     Model model_;
     const Variant* variant_ = nullptr;
+    static constexpr std::int64_t MOST_PAIRS = 2'000'000'000;
     std::vector<int> roots_;
+    std::vector<std::vector<int>> tops_;  // of each tree the members that are in no bundle
     std::vector<double> limits_;  // the lower ones, then the upper ones
-
-    const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
 
     bool read(nb::handle q, double slack, double* out) const {
         const auto n = static_cast<std::size_t>(model_.dof);
@@ -313,25 +320,59 @@ class Prover {
         }
     }
 
-    // Rows: body (-1: it stands), half lengths (3), disc, ball, radius, hull (-1: none), frame (12).
-    void add_pieces(const Rows& rows, std::int64_t riding) {
-        require(rows.shape(1) == 20, "20 numbers for each piece");
-        const auto count = static_cast<std::int64_t>(rows.shape(0));
-        model_.riding = static_cast<std::size_t>(whole(riding, 0, count, "more ride than there are"));
-        for (std::int64_t k = 0; k < count; ++k) {
-            const double* row = rows.data() + 20 * k;
-            Piece piece{};
-            const auto bodies = static_cast<std::int64_t>(model_.bodies.size());
-            piece.body = k < riding ? whole(row[0], 0, bodies - 1, "no such body") : -1;
-            std::copy(row + 1, row + 4, piece.solid.half);
-            piece.solid.disc = row[4];
-            piece.solid.ball = row[5];
-            piece.solid.radius = row[6];
-            const int hull = whole(row[7], -1, static_cast<std::int64_t>(model_.shapes.size()) - 1, "no such hull");
-            piece.solid.hull = hull < 0 ? nullptr : &model_.shapes[static_cast<std::size_t>(hull)];
-            std::copy(row + 8, row + 20, piece.frame);
-            model_.pieces.push_back(piece);
+    // Rows: half lengths (3), disc, ball, radius, hull (-1: none).
+    void add_solids(const Rows& rows) {
+        require(rows.shape(1) == 7, "7 numbers for each solid");
+        require_finite(rows);
+        model_.solids.reserve(rows.shape(0));
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const double* row = rows.data() + 7 * k;
+            Solid solid{};
+            std::copy(row, row + 3, solid.half);
+            solid.disc = row[3];
+            solid.ball = row[4];
+            solid.radius = row[5];
+            const int hull = whole(row[6], -1, static_cast<std::int64_t>(model_.shapes.size()) - 1, "no such hull");
+            solid.hull = hull < 0 ? nullptr : &model_.shapes[static_cast<std::size_t>(hull)];
+            model_.solids.push_back(solid);
         }
+    }
+
+    // Rows: body, frame (12).
+    void add_riders(const Rows& rows) {
+        require(rows.shape(1) == 13, "13 numbers for each piece that rides");
+        require_finite(rows);
+        model_.riding = rows.shape(0);
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const double* row = rows.data() + 13 * k;
+            Rider rider{};
+            rider.body = whole(row[0], 0, static_cast<std::int64_t>(model_.bodies.size()) - 1, "no such body");
+            std::copy(row + 1, row + 13, rider.frame);
+            model_.riders.push_back(rider);
+        }
+    }
+
+    // Rotations (9 each); of each piece that stands the number of its own, and where it is.
+    void add_standers(const Rows& turns, const Wholes& turn_of, const Rows& positions) {
+        require(turns.shape(1) == 9 && positions.shape(1) == 3, "9 numbers for each rotation, 3 for each position");
+        require(turn_of.shape(0) == positions.shape(0), "a position for each piece that stands");
+        require_finite(turns);
+        require_finite(positions);
+        model_.turns.assign(turns.data(), turns.data() + 9 * turns.shape(0));
+        model_.standers.reserve(positions.shape(0));
+        for (std::size_t k = 0; k < positions.shape(0); ++k) {
+            const double* at = positions.data() + 3 * k;
+            const int turn = whole(turn_of.data()[k], 0, static_cast<std::int64_t>(turns.shape(0)) - 1, "no such rotation");
+            model_.standers.push_back({turn, {at[0], at[1], at[2]}});
+        }
+    }
+
+    // Of each piece the number of its solid, those that ride first.
+    void add_solid_of(const Wholes& numbers) {
+        require(numbers.shape(0) == model_.riding + model_.standers.size(), "a solid for each piece");
+        model_.solid_of.reserve(numbers.shape(0));
+        for (std::size_t k = 0; k < numbers.shape(0); ++k)
+            model_.solid_of.push_back(whole(numbers.data()[k], 0, static_cast<std::int64_t>(model_.solids.size()) - 1, "no such solid"));
     }
 
     // Rows: the piece, by ascending number; a body that carries it, its own first; how far it is from that body's axis.
@@ -344,63 +385,113 @@ class Prover {
             const auto number = static_cast<std::size_t>(
                 whole(row[0], static_cast<std::int64_t>(before), static_cast<std::int64_t>(model_.riding) - 1, "no such piece"));
             before = number;
-            Piece& piece = model_.pieces[number];
-            if (piece.count == 0) piece.first = k;
-            ++piece.count;
-            model_.depth = std::max(model_.depth, piece.count);
+            Rider& rider = model_.riders[number];
+            if (rider.count == 0) rider.first = k;
+            ++rider.count;
+            model_.depth = std::max(model_.depth, rider.count);
             model_.links.push_back({whole(row[1], 0, bodies - 1, "no such body"), row[2]});
         }
     }
 
-    // Rows: two pieces, joints that move only the one and only the other, the first child and how many.
+    // Rows: two pieces, joints that move only the one and only the other.
     void add_pairs(const WholeRows& rows) {
-        require(rows.shape(1) == 6, "6 numbers for each pair");
-        const auto count = static_cast<std::int64_t>(rows.shape(0)), pieces = static_cast<std::int64_t>(model_.pieces.size());
-        require(count < 2'000'000'000, "too many pairs");
-        const auto riding = static_cast<std::int64_t>(model_.riding);
+        require(rows.shape(1) == 4, "4 numbers for each pair");
+        require(static_cast<std::int64_t>(rows.shape(0)) < MOST_PAIRS, "too many pairs");
+        const auto pieces = static_cast<std::int64_t>(model_.solid_of.size()), riding = static_cast<std::int64_t>(model_.riding);
         model_.pairs.reserve(rows.shape(0));
-        for (std::int64_t k = 0; k < count; ++k) {
-            const std::int64_t* row = rows.data() + 6 * k;
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const std::int64_t* row = rows.data() + 4 * k;
             Pair pair{};
             pair.first = whole(row[0], 0, riding - 1, "the first of a pair rides");
             pair.second = whole(row[1], 0, pieces - 1, "no such piece");
             pair.own = steps(row[2], pair.first);
             pair.other = row[1] < riding ? steps(row[3], pair.second) : std::uint16_t{0};
-            pair.child = whole(row[4], 0, count, "no such pair");
-            pair.children = whole(row[5], 0, count - pair.child, "no such pair");
             model_.pairs.push_back(pair);
-            model_.judged += pair.leaf() ? 1 : 0;
+            roots_.push_back(static_cast<int>(k));
         }
-        std::vector<bool> child(model_.pairs.size(), false);
-        for (const Pair& pair : model_.pairs)
-            std::fill_n(child.begin() + pair.child, pair.children, true);
-        for (int k = 0; k < static_cast<int>(count); ++k)
-            if (!child[static_cast<std::size_t>(k)]) roots_.push_back(k);
+        model_.count = static_cast<int>(model_.pairs.size());
+        model_.judged = model_.pairs.size();
+    }
+
+    // Rows: the first piece and how many, then the first bundle and how many. Of the bundles of all trees, one after the
+    // other: the first member of the tree in it, and how many follow each other. A bundle comes after what is in it.
+    void add_trees(const WholeRows& rows, const WholeRows& children) {
+        require(rows.shape(1) == 4 && children.shape(1) == 2, "4 numbers for each tree, 2 for each bundle");
+        const auto pieces = static_cast<std::int64_t>(model_.solid_of.size()), riding = static_cast<std::int64_t>(model_.riding);
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const std::int64_t* row = rows.data() + 4 * k;
+            BundleTree tree{};
+            tree.leaf = whole(row[0], riding, pieces, "no such piece");
+            tree.leaves = whole(row[1], 1, pieces - tree.leaf, "no such piece");
+            tree.bundle = whole(row[2], riding, pieces, "no such bundle");
+            tree.bundles = whole(row[3], 0, pieces - tree.bundle, "no such bundle");
+            tree.children = model_.children.size();
+            require(tree.children + static_cast<std::size_t>(tree.bundles) <= children.shape(0), "children of each bundle");
+            std::vector<bool> held(static_cast<std::size_t>(tree.size()), false);
+            for (int i = 0; i < tree.bundles; ++i) {
+                const std::int64_t* own = children.data() + 2 * model_.children.size();
+                const int first = whole(own[0], 0, tree.leaves + i - 1, "a bundle comes after what is in it");
+                const int count = whole(own[1], 1, tree.leaves + i - first, "a bundle comes after what is in it");
+                model_.children.push_back({first, count});
+                std::fill_n(held.begin() + first, count, true);
+            }
+            model_.trees.push_back(tree);
+            std::vector<int>& tops = tops_.emplace_back();
+            for (int i = 0; i < tree.size(); ++i)
+                if (!held[static_cast<std::size_t>(i)]) tops.push_back(i);
+        }
+        require(model_.children.size() == children.shape(0), "bundles of no tree");
+    }
+
+    // Rows: a piece that rides, the tree with whose members it makes pairs, and how many joints move the piece.
+    void add_blocks(const WholeRows& rows) {
+        require(rows.shape(1) == 3, "3 numbers for each block of pairs");
+        auto count = static_cast<std::int64_t>(model_.count);
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const std::int64_t* row = rows.data() + 3 * k;
+            const int rider = whole(row[0], 0, static_cast<std::int64_t>(model_.riding) - 1, "the first of a pair rides");
+            const int tree = whole(row[1], 0, static_cast<std::int64_t>(model_.trees.size()) - 1, "no such tree");
+            const auto which = static_cast<std::size_t>(tree);
+            const int begin = static_cast<int>(count);
+            model_.blocks.push_back({begin, rider, tree, steps(row[2], rider)});
+            for (const int top : tops_[which]) roots_.push_back(begin + top);
+            model_.judged += static_cast<std::size_t>(model_.trees[which].leaves);
+            count += model_.trees[which].size();
+            require(count < MOST_PAIRS, "too many pairs");
+        }
+        model_.count = static_cast<int>(count);
     }
 
     // Spheres around what rides on each body with more than one piece, and pairs of these that stand for several roots.
     void add_crowds() {
         std::map<int, std::vector<std::size_t>> riders;
-        for (std::size_t k = 0; k < model_.riding; ++k) riders[model_.pieces[k].body].push_back(k);
+        for (std::size_t k = 0; k < model_.riding; ++k) riders[model_.riders[k].body].push_back(k);
         std::map<int, int> sphere;
-        std::vector<Piece> spheres;
+        std::vector<Rider> spheres;
+        std::vector<int> solids;
         for (const auto& [body, pieces] : riders) {
             if (pieces.size() < 2 || body == 0) continue;
             sphere[body] = static_cast<int>(model_.riding + spheres.size());
+            solids.push_back(static_cast<int>(model_.solids.size()));
             spheres.push_back(around(pieces));
         }
         const auto more = static_cast<int>(spheres.size()), riding = static_cast<int>(model_.riding);
-        model_.pieces.insert(model_.pieces.begin() + riding, spheres.begin(), spheres.end());
+        model_.riders.insert(model_.riders.end(), spheres.begin(), spheres.end());
+        model_.solid_of.insert(model_.solid_of.begin() + riding, solids.begin(), solids.end());
         model_.riding += spheres.size();
         model_.crowd_of.assign(model_.pairs.size(), -1);
         std::map<std::pair<int, int>, std::vector<int>> together;
         for (Pair& pair : model_.pairs)
             if (pair.second >= riding) pair.second += more;
+        for (BundleTree& tree : model_.trees) {
+            tree.leaf += more;
+            tree.bundle += more;
+        }
         for (const int k : roots_) {
-            const Pair& pair = pair_of(k);
+            const Pair pair = model_.pair(k);
             const auto standing_for = [&](int piece) {
                 if (piece >= riding + more) return piece;
-                const auto found = sphere.find(model_.pieces[static_cast<std::size_t>(piece)].body);
+                const auto found = sphere.find(model_.riders[static_cast<std::size_t>(piece)].body);
                 return found == sphere.end() ? piece : found->second;
             };
             const std::pair<int, int> of{standing_for(pair.first), standing_for(pair.second)};
@@ -408,8 +499,11 @@ class Prover {
         }
         for (const auto& [pieces, pairs] : together) {
             if (pairs.size() < 2) continue;
-            for (const int k : pairs) model_.crowd_of[static_cast<std::size_t>(k)] = static_cast<int>(model_.crowds.size());
-            Pair crowd = pair_of(pairs[0]);
+            for (const int k : pairs) {
+                const auto plain = static_cast<std::size_t>(k);
+                (plain < model_.pairs.size() ? model_.crowd_of[plain] : model_.crowd_of_tree[k]) = static_cast<int>(model_.crowds.size());
+            }
+            Pair crowd = model_.pair(pairs[0]);
             crowd.first = pieces.first;
             crowd.second = pieces.second;
             crowd.child = crowd.children = 0;
@@ -418,44 +512,46 @@ class Prover {
     }
 
     // A sphere around pieces of one body, as a piece.
-    Piece around(const std::vector<std::size_t>& pieces) {
-        Piece out = model_.pieces[pieces[0]];
+    Rider around(const std::vector<std::size_t>& pieces) {
+        Rider out = model_.riders[pieces[0]];
+        const auto radius = [this](std::size_t k) { return model_.solid(static_cast<int>(k)).radius; };
         double low[3], high[3];
         for (int i = 0; i < 3; ++i) {
             low[i] = std::numeric_limits<double>::infinity();
             high[i] = -low[i];
             for (const std::size_t k : pieces) {
-                const Piece& piece = model_.pieces[k];
-                low[i] = std::min(low[i], piece.frame[4 * i + 3] - piece.solid.radius);
-                high[i] = std::max(high[i], piece.frame[4 * i + 3] + piece.solid.radius);
+                const Rider& piece = model_.riders[k];
+                low[i] = std::min(low[i], piece.frame[4 * i + 3] - radius(k));
+                high[i] = std::max(high[i], piece.frame[4 * i + 3] + radius(k));
             }
         }
-        out.solid = Solid{};
+        Solid solid{};
         for (int i = 0; i < 3; ++i) {
             for (int j = 0; j < 3; ++j) out.frame[4 * i + j] = i == j ? 1.0 : 0.0;
             out.frame[4 * i + 3] = 0.5 * (low[i] + high[i]);
         }
         for (const std::size_t k : pieces) {
-            const Piece& piece = model_.pieces[k];
+            const Rider& piece = model_.riders[k];
             double square = 0.0;
             for (int i = 0; i < 3; ++i) {
                 const double step = piece.frame[4 * i + 3] - out.frame[4 * i + 3];
                 square += step * step;
             }
-            out.solid.radius = std::max(out.solid.radius, (std::sqrt(square) + piece.solid.radius) * (1.0 + model_.terms.rounding));
+            solid.radius = std::max(solid.radius, (std::sqrt(square) + radius(k)) * (1.0 + model_.terms.rounding));
         }
-        out.solid.ball = out.solid.radius;
+        solid.ball = solid.radius;
+        model_.solids.push_back(solid);
         out.first = model_.links.size();
         for (std::size_t row = 0; row < out.count; ++row) {
-            Link link = model_.links[model_.pieces[pieces[0]].first + row];
-            for (const std::size_t k : pieces) link.far = std::max(link.far, model_.links[model_.pieces[k].first + row].far);
+            Link link = model_.links[model_.riders[pieces[0]].first + row];
+            for (const std::size_t k : pieces) link.far = std::max(link.far, model_.links[model_.riders[k].first + row].far);
             model_.links.push_back(link);
         }
         return out;
     }
 
-    std::uint16_t steps(std::int64_t value, int piece) const {
-        const auto most = static_cast<std::int64_t>(model_.pieces[static_cast<std::size_t>(piece)].count);
+    std::uint16_t steps(std::int64_t value, int rider) const {
+        const auto most = static_cast<std::int64_t>(model_.riders[static_cast<std::size_t>(rider)].count);
         return static_cast<std::uint16_t>(whole(value, 0, std::min<std::int64_t>(most, 65535), "no such joint"));
     }
 
@@ -533,10 +629,13 @@ NB_MODULE(_proof, m) {
         .def("extend", &Hulls::extend, nb::arg("directions"), nb::arg("hulls"), nb::arg("heights"),
              nb::call_guard<nb::gil_scoped_release>());
     nb::class_<Prover>(m, "Prover")
-        .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, std::int64_t, const Rows&, const WholeRows&,
-                      const std::vector<Rows>&, const Rows&, const std::string&>(),
-             nb::arg("terms"), nb::arg("dof"), nb::arg("bodies"), nb::arg("pieces"), nb::arg("riding"), nb::arg("links"),
-             nb::arg("pairs"), nb::arg("hulls"), nb::arg("limits"), nb::arg("variant") = "")
+        .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, const Rows&, const std::vector<Rows>&,
+                      const Rows&, const Wholes&, const Rows&, const Wholes&, const Rows&, const WholeRows&, const WholeRows&,
+                      const WholeRows&, const WholeRows&, const Rows&, const std::string&>(),
+             nb::arg("terms"), nb::arg("dof"), nb::arg("bodies"), nb::arg("riders"), nb::arg("links"), nb::arg("hulls"),
+             nb::arg("solids"), nb::arg("solid_of"), nb::arg("turns"), nb::arg("turn_of"), nb::arg("positions"),
+             nb::arg("pairs"), nb::arg("trees"), nb::arg("children"), nb::arg("blocks"), nb::arg("limits"),
+             nb::arg("variant") = "")
         .def_prop_ro("variant", &Prover::variant)
         .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
              nb::arg("lines"), nb::arg("blends"), nb::arg("corners"), nb::arg("spans"),

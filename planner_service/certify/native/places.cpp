@@ -112,16 +112,37 @@ void Places::keep(const std::vector<std::size_t>& nodes) {
     radii_.resize(nodes.size() * model_.riding);
 }
 
-const double* Places::pose(int piece, std::size_t node) {
-    const auto k = static_cast<std::size_t>(piece);
-    const Piece& found = model_.pieces[k];
-    if (k >= model_.riding) return found.frame;
-    double*& out = poses_[node * model_.riding + k];
+const double* Places::pose(std::size_t rider, std::size_t node) {
+    const Rider& found = model_.riders[rider];
+    double*& out = poses_[node * model_.riding + rider];
     if (out == nullptr) {
         out = of_poses_.take();
         compose(bodies_.data() + node * per_bodies_ + 12 * found.body, found.frame, out);
     }
     return out;
+}
+
+const double* Places::pose_of(int piece, std::size_t node, double* room) {
+    const auto k = static_cast<std::size_t>(piece);
+    if (k < model_.riding) return pose(k, node);
+    const Stander& found = model_.standers[k - model_.riding];
+    const double* turn = model_.turns.data() + 9 * static_cast<std::size_t>(found.turn);
+    for (int i = 0; i < 3; ++i) {
+        std::copy(turn + 3 * i, turn + 3 * i + 3, room + 4 * i);
+        room[4 * i + 3] = found.position[i];
+    }
+    return room;
+}
+
+Places::Sphere Places::sphere(int piece, std::size_t node) {
+    const auto k = static_cast<std::size_t>(piece);
+    const double radius = model_.solid(piece).radius;
+    if (k >= model_.riding) {
+        const double* at = model_.standers[k - model_.riding].position;
+        return {{at[0], at[1], at[2]}, radius};
+    }
+    const double* P = pose(k, node);
+    return {{P[3], P[7], P[11]}, radius};
 }
 
 const double* Places::radii(std::size_t piece, std::size_t node) {
@@ -134,9 +155,9 @@ const double* Places::radii(std::size_t piece, std::size_t node) {
 }
 
 void Places::find_radii(std::size_t piece, std::size_t node, double* out) {
-    const Piece& found = model_.pieces[piece];
-    const Solid& solid = found.solid;
-    const double *P = pose(static_cast<int>(piece), node), *bodies = bodies_.data() + node * per_bodies_;
+    const Rider& found = model_.riders[piece];
+    const Solid& solid = model_.solid(static_cast<int>(piece));
+    const double *P = pose(piece, node), *bodies = bodies_.data() + node * per_bodies_;
     const double radius = solid.radius;
     for (std::size_t k = 0; k < found.count; ++k) {
         const Link& link = model_.links[found.first + k];
@@ -170,10 +191,11 @@ void Places::find_radii(std::size_t piece, std::size_t node, double* out) {
 }
 
 Facing Places::facing(const Pair& pair, std::size_t node) {
-    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
+    double room[12];
+    const double *A = pose(static_cast<std::size_t>(pair.first), node), *B = pose_of(pair.second, node, room);
     Facing out;
-    out.a = &model_.pieces[static_cast<std::size_t>(pair.first)].solid;
-    out.b = &model_.pieces[static_cast<std::size_t>(pair.second)].solid;
+    out.a = &model_.solid(pair.first);
+    out.b = &model_.solid(pair.second);
     const double delta[3] = {A[3] - B[3], A[7] - B[7], A[11] - B[11]};
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) out.R[3 * i + j] = B[i] * A[j] + B[4 + i] * A[4 + j] + B[8 + i] * A[8 + j];
@@ -183,16 +205,15 @@ Facing Places::facing(const Pair& pair, std::size_t node) {
 }
 
 double Places::spheres_apart(const Pair& pair, std::size_t node) {
-    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
-    const double x = A[3] - B[3], y = A[7] - B[7], z = A[11] - B[11];
-    const double radii = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius +
-                         model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius;
-    return std::sqrt(x * x + y * y + z * z) * (1.0 - model_.terms.rounding) - radii;
+    const Sphere a = sphere(pair.first, node), b = sphere(pair.second, node);
+    const double x = a.centre[0] - b.centre[0], y = a.centre[1] - b.centre[1], z = a.centre[2] - b.centre[2];
+    return std::sqrt(x * x + y * y + z * z) * (1.0 - model_.terms.rounding) - (a.radius + b.radius);
 }
 
 Bound Places::sphere_apart(const Pair& pair, std::size_t node) {
-    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
-    const Solid& b = model_.pieces[static_cast<std::size_t>(pair.second)].solid;
+    double room[12];
+    const double *A = pose(static_cast<std::size_t>(pair.first), node), *B = pose_of(pair.second, node, room);
+    const Solid& b = model_.solid(pair.second);
     const double delta[3] = {A[3] - B[3], A[7] - B[7], A[11] - B[11]};
     double x[3];
     for (int i = 0; i < 3; ++i) x[i] = B[i] * delta[0] + B[4 + i] * delta[1] + B[8 + i] * delta[2];
@@ -208,16 +229,15 @@ Bound Places::sphere_apart(const Pair& pair, std::size_t node) {
         }
     }
     const double length = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
-    const double radii = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius + around;
+    const double radii = model_.solid(pair.first).radius + around;
     if (!(length > 0.0)) return {-std::numeric_limits<double>::infinity(), {}};
     return {length * (1.0 - model_.terms.rounding) - radii, {x[0] / length, x[1] / length, x[2] / length}};
 }
 
 bool Places::spheres_clear(const Pair& pair, double enough) {
-    const double* a = spheres_.data() + 4 * static_cast<std::size_t>(pair.first);
-    const double* b = spheres_.data() + 4 * static_cast<std::size_t>(pair.second);
-    const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
-    const double within = a[3] + b[3] + (motion_about(pair) + enough);
+    const Sphere a = sphere(pair.first, about_node_), b = sphere(pair.second, about_node_);
+    const double x = a.centre[0] - b.centre[0], y = a.centre[1] - b.centre[1], z = a.centre[2] - b.centre[2];
+    const double within = a.radius + b.radius + (motion_about(pair) + enough);
     return (x * x + y * y + z * z) * (1.0 - model_.terms.rounding) > within * within;
 }
 
@@ -226,20 +246,13 @@ void Places::begin_about(std::size_t node, const double* travel) {
     about_travel_ = travel;
     about_.resize(model_.riding * (model_.depth + 1));
     abouts_.assign(model_.riding, 0);
-    spheres_.resize(4 * model_.pieces.size());
-    for (std::size_t k = 0; k < model_.pieces.size(); ++k) {
-        const double* placed = pose(static_cast<int>(k), node);
-        double* out = spheres_.data() + 4 * k;
-        for (std::size_t i = 0; i < 3; ++i) out[i] = placed[4 * i + 3];
-        out[3] = model_.pieces[k].solid.radius;
-    }
 }
 
 const double* Places::motions_about(std::size_t piece) {
     double* out = about_.data() + piece * (model_.depth + 1);
     if (abouts_[piece] != 0) return out;
     abouts_[piece] = 1;
-    const Piece& found = model_.pieces[piece];
+    const Rider& found = model_.riders[piece];
     const double* here = radii(piece, about_node_);
     out[0] = 0.0;
     for (std::size_t k = 0; k < found.count; ++k) {
@@ -276,7 +289,7 @@ const double* Places::motions(std::size_t piece, std::size_t stretch, std::size_
     const double *one = radii(piece, a), *two = radii(piece, b);
     const auto n = static_cast<std::size_t>(model_.dof);
     const double *start = travel_.data() + a * n, *end = travel_.data() + b * n;
-    const Piece& found = model_.pieces[piece];
+    const Rider& found = model_.riders[piece];
     out[0] = 0.0;
     for (std::size_t k = 0; k < found.count; ++k) {
         const Link& link = model_.links[found.first + k];
@@ -306,7 +319,7 @@ const double* Places::bends(std::size_t piece, std::size_t stretch, std::size_t 
     double* out = bends_.data() + bends_.size() - each;
     const auto n = static_cast<std::size_t>(model_.dof);
     const double *start = q_.data() + a * n, *end = q_.data() + b * n;
-    const Piece& found = model_.pieces[piece];
+    const Rider& found = model_.riders[piece];
     double swept = 0.0, strayed = 0.0;
     out[0] = 0.0;
     for (std::size_t k = 0; k < found.count; ++k) {
@@ -333,7 +346,7 @@ double Places::pair_bend(const Pair& pair, std::size_t stretch, std::size_t a, s
 void Places::turned(const Pair& pair, std::size_t from, std::size_t to, const double* n, double* out) {
     std::copy(n, n + 3, out);
     if (static_cast<std::size_t>(pair.second) >= model_.riding) return;
-    const Piece& first = model_.pieces[static_cast<std::size_t>(pair.first)];
+    const Rider& first = model_.riders[static_cast<std::size_t>(pair.first)];
     const std::size_t carrier = pair.own < first.count ? static_cast<std::size_t>(model_.links[first.first + pair.own].body) : 0;
     const auto out_of = [&](const double* frame) {
         const double x = out[0], y = out[1], z = out[2];
@@ -343,10 +356,10 @@ void Places::turned(const Pair& pair, std::size_t from, std::size_t to, const do
         const double x = out[0], y = out[1], z = out[2];
         for (std::size_t i = 0; i < 3; ++i) out[i] = frame[i] * x + frame[4 + i] * y + frame[8 + i] * z;
     };
-    out_of(pose(pair.second, from));
+    out_of(pose(static_cast<std::size_t>(pair.second), from));
     into(bodies_.data() + from * per_bodies_ + 12 * carrier);
     out_of(bodies_.data() + to * per_bodies_ + 12 * carrier);
-    into(pose(pair.second, to));
+    into(pose(static_cast<std::size_t>(pair.second), to));
 }
 
 }  // namespace proof

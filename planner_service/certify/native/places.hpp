@@ -78,11 +78,17 @@ class Places {
 
     std::size_t about_node_ = 0;
     const double* about_travel_ = nullptr;
-    std::vector<double> spheres_;       // at that node, of all pieces: centre and radius
     std::vector<double> about_;         // of riding pieces, depth + 1 each
     std::vector<std::uint8_t> abouts_;  // which of these are known
 
-    const double* pose(int piece, std::size_t node);
+    struct Sphere {
+        double centre[3], radius;
+    };
+
+    const double* pose(std::size_t rider, std::size_t node);
+    // The pose of any piece; that of one that stands is written to ``room``, 12 numbers.
+    const double* pose_of(int piece, std::size_t node, double* room);
+    Sphere sphere(int piece, std::size_t node);
     const double* radii(std::size_t piece, std::size_t node);
     void find_radii(std::size_t piece, std::size_t node, double* out);
     const double* motions_about(std::size_t piece);

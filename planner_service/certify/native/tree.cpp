@@ -52,7 +52,7 @@ Outcome Tree::run(const std::vector<Span>& spans, std::vector<Root> roots) {
         splitting.clear();
         bool any = false;
         for (const Row& row : rows_) {
-            const Pair& pair = pair_of(row.pair);
+            const Pair pair = pair_of(row.pair);
             const bool splits = !pair.leaf() && size_of(pair) >= row.motion;
             splitting.push_back(splits);
             any = any || splits;
@@ -84,7 +84,7 @@ bool Tree::begin(const std::vector<Root>& roots) {
     std::vector<std::vector<int>> together(crowds * spans_.size());
     for (const Root& root : roots) {
         const bool still = !(spans_[root.span].end > spans_[root.span].start);
-        const int crowd = model_.crowd_of[static_cast<std::size_t>(root.pair)];
+        const int crowd = model_.crowd(root.pair);
         if (trail_ == nullptr && !still && crowd >= 0) {
             together[root.span * crowds + static_cast<std::size_t>(crowd)].push_back(root.pair);
             continue;
@@ -145,7 +145,7 @@ bool Tree::ends(std::vector<Row>& rows, std::size_t first, int hints, double clo
 // A bundle is opened where it is larger than the motion or, if the sphere is near, than that sphere. What is near stays
 // open: halving brings it no farther. The rest is halved.
 bool Tree::sift(int number, const Part& part) {
-    const Pair& pair = pair_of(number);
+    const Pair pair = pair_of(number);
     const Part one{part.span, part.level + 1, 2 * part.index}, two{part.span, part.level + 1, 2 * part.index + 1};
     const Look seen = look(pair, part);
     const Bound& found = seen.found;
@@ -159,7 +159,7 @@ bool Tree::sift(int number, const Part& part) {
         return false;
     }
     const bool near = found.gap < seen.wanted;
-    const double size = near ? model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius : motion;
+    const double size = near ? model_.solid(pair.first).radius : motion;
     if (!pair.leaf() && size_of(pair) >= size) {
         for (int child = pair.child; child < pair.child + pair.children; ++child)
             if (sift(child, part)) leave(child, part);
@@ -235,7 +235,7 @@ bool Tree::split(const std::vector<bool>& splitting) {
             continue;
         }
         const Stretch& stretch = stretches_[row.stretch];
-        const Pair& pair = pair_of(row.pair);
+        const Pair pair = pair_of(row.pair);
         for (int child = pair.child; child < pair.child + pair.children; ++child) {
             const double motion = places_.pair_motion(pair_of(child), row.stretch, stretch.left, stretch.right);
             fresh.push_back({child, row.stretch, motion, row.before, row.after});
@@ -264,7 +264,7 @@ bool Tree::halve() {
     for (std::size_t k = 0; k < open; ++k) {
         Row& row = rows_[k];
         const Stretch &one = stretches_[row.stretch], &two = stretches_[row.stretch + count];
-        const Pair& pair = pair_of(row.pair);
+        const Pair pair = pair_of(row.pair);
         row.motion = places_.pair_motion(pair, row.stretch, one.left, one.right);
         rows_.push_back({row.pair, row.stretch + count, places_.pair_motion(pair, row.stretch + count, two.left, two.right), {}, row.after});
         asks.push_back({row.pair, one.right});
@@ -342,7 +342,7 @@ Tree::Judged Tree::judge(const std::vector<Ask>& asks, const std::vector<double>
         charge_.bounds(static_cast<std::int64_t>(last - first));
         out_.asked += static_cast<std::int64_t>(last - first);
         for (std::size_t k = first; k < last; ++k) {
-            const Pair& pair = pair_of(asks[k].pair);
+            const Pair pair = pair_of(asks[k].pair);
             Bound& bound = found.ends[k];
             bound = places_.sphere_apart(pair, asks[k].node);
             if (closes(k, bound)) {
@@ -374,7 +374,7 @@ std::ptrdiff_t Tree::tighten(const std::vector<Ask>& asks, std::size_t first, st
     std::vector<Bound>& ends = found.ends;
     for (std::size_t k = first; k < last; ++k) {
         if (found.enough[k]) continue;
-        const Pair& pair = pair_of(asks[k].pair);
+        const Pair pair = pair_of(asks[k].pair);
         if (pair.leaf() && ends[k].gap < close) refine(facings[k - first], rounds, ends[k]);
         smallest_ = std::min(smallest_, pair.leaf() ? ends[k].gap : ends[k].gap + 2.0 * size_of(pair));
     }
@@ -396,7 +396,7 @@ double Tree::bent(const Row& row, double wanted) {
     std::int8_t& even = evenness_[row.stretch];
     if (even < 0) even = curve_.strays(places_.s(stretch.left), places_.s(stretch.right), strays) ? 1 : 0;
     if (even == 0) return -INFINITE;
-    const Pair& pair = pair_of(row.pair);
+    const Pair pair = pair_of(row.pair);
     const double bend = places_.pair_bend(pair, row.stretch, stretch.left, stretch.right, strays);
     if (least - bend < wanted) return -INFINITE;
     const bool nearer_before = row.before.gap < row.after.gap;

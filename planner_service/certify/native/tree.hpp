@@ -95,8 +95,8 @@ class Tree {
     std::vector<double> strays_;          // of each stretch and joint
     std::vector<std::int8_t> evenness_;   // of each stretch whether it strays in a known way; -1: not asked yet
 
-    const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
-    double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }
+    Pair pair_of(int number) const { return model_.pair(number); }
+    double size_of(const Pair& pair) const { return model_.solid(pair.second).radius; }
     double close() const;
     void note(int pair, double start, double end, const double* before, const double* after);
     std::size_t place(double s);

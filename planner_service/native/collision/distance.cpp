@@ -476,13 +476,15 @@ class Looking {
     }
 
     Placed of(const Stander& stander) const {
-        Placed placed = of(stander.solid);
-        std::copy(stander.rotation, stander.rotation + 9, placed.pose.R);
+        Placed placed = of(model_.solid_of(stander));
+        const double* rotation = model_.turn_of(stander).rotation;
+        std::copy(rotation, rotation + 9, placed.pose.R);
         placed.pose.t = point_of(stander.position);
         return placed;
     }
 
-    bool close(const Placed& a, const double* low, const double* high) const {
+    template <class Number>
+    bool close(const Placed& a, const Number* low, const Number* high) const {
         for (std::size_t k = 0; k < 3; ++k)
             if (a.low[k] - within_ > high[k] || a.high[k] + within_ < low[k]) return false;
         return true;
@@ -490,7 +492,7 @@ class Looking {
 
     void descend(std::size_t index, std::size_t k, std::int64_t row, Near& out) {
         const Node& node = model_.nodes[index];
-        if (!close(riders_[k], node.low, node.high)) return;
+        if (!close(riders_[k], node.bounds.low, node.bounds.high)) return;
         if (node.other >= 0) {
             descend(index + 1, k, row, out);
             descend(static_cast<std::size_t>(node.other), k, row, out);
@@ -499,7 +501,10 @@ class Looking {
         for (int i = node.first; i < node.first + node.count; ++i) {
             const Stander& stander = model_.standers[static_cast<std::size_t>(i)];
             const int pair = model_.pair_number(k, stander);
-            if (pair >= 0 && close(riders_[k], stander.low, stander.high)) measure({row, pair}, k, of(stander), 0, out);
+            if (pair < 0 || !close(riders_[k], stander.bounds.low, stander.bounds.high)) continue;
+            double low[3], high[3];  // as what is measured is counted, not rounded
+            box_around(model_, stander, low, high);
+            if (close(riders_[k], low, high)) measure({row, pair}, k, of(stander), 0, out);
         }
     }
 

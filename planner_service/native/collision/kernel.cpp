@@ -81,8 +81,9 @@ class Released {
 
 class Kernel {
   public:
-    Kernel(const Rows& joints, const Rows& bodies_and_poses, const Rows& solids, const NumberRows& runs,
-           const NumberRows& pairs, const std::vector<Rows>& hulls, double margin, const std::string& variant) {
+    Kernel(const Rows& joints, const Rows& solids, const std::vector<Rows>& hulls, const Rows& riders, const Rows& turns,
+           const NumberRows& standers, const Rows& positions, const NumberRows& runs, const NumberRows& pairs,
+           std::int64_t count, double margin, const std::string& variant) {
         require_finite(&margin, 1);
         model_.margin = margin;
         if (variant == doubter.name) variant_ = &doubter;
@@ -91,8 +92,11 @@ class Kernel {
         require(variant_ != nullptr, "this processor has no such instruction set");
         add_joints(joints);
         add_hulls(hulls);
-        add_parts(bodies_and_poses, solids);
-        add_pairs(runs, pairs);
+        add_solids(solids);
+        add_riders(riders);
+        add_turns(turns);
+        add_standers(standers, positions);
+        add_pairs(runs, pairs, count);
         build_nodes(model_);
         build_groups(model_);
     }
@@ -299,106 +303,117 @@ class Kernel {
         for (const double corner : model_.corners) model_.rounded_corners.push_back(static_cast<float>(corner));
     }
 
-    // Rows: body (-1: it stands), rotation (9), position (3); half lengths (3), ball, disc, hull.
-    void add_parts(const Rows& places, const Rows& solids) {
-        require(places.shape(1) == 13 && solids.shape(1) == 6, "13 and 6 numbers for each part");
-        require(places.shape(0) == solids.shape(0), "a solid for each part");
-        require_finite(places);
-        require_finite(solids);
-        for (std::size_t k = 0; k < places.shape(0); ++k) {
-            const double *place = places.data() + 13 * k, *row = solids.data() + 6 * k;
+    // Rows: half lengths (3), ball, disc, hull. The first solids are those of what rides.
+    void add_solids(const Rows& rows) {
+        require(rows.shape(1) == 6, "6 numbers for each solid");
+        require_finite(rows);
+        const auto hulls = static_cast<std::int64_t>(model_.hulls.size());
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const double* row = rows.data() + 6 * k;
             Solid solid{};
             std::copy(row, row + 3, solid.half);
             solid.ball = row[3];
             solid.disc = row[4];
-            solid.hull = whole(static_cast<std::int64_t>(row[5]), -1, static_cast<std::int64_t>(model_.hulls.size()) - 1,
-                               "no such hull");
-            const int body = whole(static_cast<std::int64_t>(place[0]), -1, static_cast<std::int64_t>(model_.joints.size()), "no such body");
-            if (body >= 0) {
-                require(model_.standers.empty(), "what rides comes first");
-                Rider rider{};
-                rider.solid = solid;
-                rider.body = body;
-                copy_rotation(place + 1, rider.rotation);
-                std::copy(place + 10, place + 13, rider.position);
-                rider.turned = !is_identity(rider.rotation);
-                model_.riders.push_back(rider);
-            } else {
-                add_stander(solid, place);
-            }
+            solid.hull = whole(static_cast<std::int64_t>(row[5]), -1, hulls - 1, "no such hull");
+            model_.solids.push_back(solid);
         }
     }
 
-    void add_stander(const Solid& solid, const double* place) {
-        Stander stander{};
-        stander.solid = solid;
-        stander.part = static_cast<int>(model_.standers.size());
-        copy_rotation(place + 1, stander.rotation);
-        std::copy(place + 10, place + 13, stander.position);
-        stander.turned = !is_identity(stander.rotation);
-        double reach[3];
-        reach_of(solid, stander.rotation, reach);
-        for (int k = 0; k < 3; ++k) {
-            stander.low[k] = stander.position[k] - reach[k];
-            stander.high[k] = stander.position[k] + reach[k];
+    // Rows: body, rotation (9), position (3).
+    void add_riders(const Rows& rows) {
+        require(rows.shape(1) == 13 && rows.shape(0) <= model_.solids.size(), "13 numbers and a solid for what rides");
+        require_finite(rows);
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const double* row = rows.data() + 13 * k;
+            Rider rider{};
+            rider.solid = model_.solids[k];
+            rider.body = whole(static_cast<std::int64_t>(row[0]), 0, static_cast<std::int64_t>(model_.joints.size()), "no such body");
+            copy_rotation(row + 1, rider.rotation);
+            std::copy(row + 10, row + 13, rider.position);
+            rider.turned = !is_identity(rider.rotation);
+            model_.riders.push_back(rider);
         }
-        round_outwards(stander.low, stander.high, stander.bounds);
-        model_.standers.push_back(stander);
     }
 
-    // Runs: first and end, among those that stand, of the parts of each obstacle, which are judged all or none.
-    void add_pairs(const NumberRows& runs, const NumberRows& pairs) {
-        require(runs.shape(1) == 2 && pairs.shape(1) == 2, "two numbers for each run and pair");
+    void add_turns(const Rows& rows) {
+        require(rows.shape(1) == 9, "9 numbers for each rotation");
+        require_finite(rows);
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            Turn turn{};
+            copy_rotation(rows.data() + 9 * k, turn.rotation);
+            turn.turned = !is_identity(turn.rotation);
+            model_.turns.push_back(turn);
+        }
+    }
+
+    // Numbers: which solid and which turn.
+    void add_standers(const NumberRows& numbers, const Rows& positions) {
+        require(numbers.shape(1) == 2 && positions.shape(1) == 3, "two numbers and a position for what stands");
+        require(numbers.shape(0) == positions.shape(0), "a position for each that stands");
+        require(numbers.shape(0) <= 1'000'000'000, "too many that stand");
+        require_finite(positions);
+        model_.standers.reserve(numbers.shape(0));
+        for (std::size_t k = 0; k < numbers.shape(0); ++k) {
+            Stander stander{};
+            stander.solid = whole(numbers.data()[2 * k], 0, static_cast<std::int64_t>(model_.solids.size()) - 1, "no such solid");
+            stander.turn = whole(numbers.data()[2 * k + 1], 0, static_cast<std::int64_t>(model_.turns.size()) - 1, "no such turn");
+            stander.part = static_cast<int>(k);
+            stander.run = -1;
+            std::copy(positions.data() + 3 * k, positions.data() + 3 * k + 3, stander.position);
+            double low[3], high[3];
+            box_around(model_, stander, low, high);
+            round_outwards(low, high, stander.bounds);
+            model_.standers.push_back(stander);
+        }
+    }
+
+    // Runs: first and end, among those that stand, of the parts of each obstacle, which are judged all or none. Pairs, in
+    // runs: the number of the first, its rider, and the first of the others, which follow each other.
+    void add_pairs(const NumberRows& runs, const NumberRows& pairs, std::int64_t count) {
+        require(runs.shape(1) == 2 && pairs.shape(1) == 3, "two numbers for each obstacle and three for each run of pairs");
         const auto standing = static_cast<std::int64_t>(model_.standers.size());
         const auto riding = static_cast<std::int64_t>(model_.riders.size());
-        model_.run_of.assign(model_.standers.size(), -1);
+        std::vector<int>& firsts = model_.run_first;
         for (std::size_t run = 0; run < runs.shape(0); ++run) {
-            const int first = whole(runs.data()[2 * run], 0, standing, "no such part");
-            const int end = whole(runs.data()[2 * run + 1], first, standing, "no such part");
-            model_.run_first.push_back(first);
-            for (int k = first; k < end; ++k) model_.run_of[static_cast<std::size_t>(k)] = static_cast<int>(run);
+            const int first = whole(runs.data()[2 * run], 0, standing - 1, "no such part");
+            const int end = whole(runs.data()[2 * run + 1], first + 1, standing, "no such part");
+            require(first == (run == 0 ? 0 : static_cast<int>(runs.data()[2 * run - 1])), "obstacles follow each other");
+            firsts.push_back(first);
+            for (int k = first; k < end; ++k) model_.standers[static_cast<std::size_t>(k)].run = static_cast<int>(run);
         }
-        for (const int run : model_.run_of) require(run >= 0, "a part of no obstacle");
-        const std::size_t obstacles = model_.run_first.size();
+        require(model_.standers.empty() || model_.standers.back().run >= 0, "a part of no obstacle");
+        const std::size_t obstacles = firsts.size();
         model_.first_pair.assign(model_.riders.size() * obstacles, -1);
-        const auto count = whole(static_cast<std::int64_t>(pairs.shape(0)), 0, 2'000'000'000, "too many pairs");
-        model_.pairs = count;
-        std::int64_t with_world = 0;
-        for (int k = 0; k < count; ++k) {
-            const int i = whole(pairs.data()[2 * k], 0, riding - 1, "the first of a pair rides");
-            const int j = whole(pairs.data()[2 * k + 1], 0, riding + standing - 1, "no such part");
+        model_.pairs = whole(count, 0, 2'000'000'000, "too many pairs");
+        for (std::size_t row = 0; row < pairs.shape(0); ++row) {
+            const std::int64_t* run = pairs.data() + 3 * row;
+            const bool last = row + 1 == pairs.shape(0);
+            const int number = whole(run[0], 0, row == 0 ? 0 : count, "runs of pairs begin with the first");
+            const int end = whole(last ? count : run[3], number, count, "runs of pairs follow each other");
+            const int i = whole(run[1], 0, riding - 1, "the first of a pair rides");
+            const int j = whole(run[2], 0, riding + standing - (end - number), "no such part");
             if (j < riding) {
+                require(j + (end - number) <= riding, "a run of pairs is the robot's own or with the world");
                 require(model_.own_pairs.empty() || model_.own_pairs.back().first <= i, "pairs go by their first");
-                model_.own_pairs.push_back({i, j, k, -1});
+                for (int k = number; k < end; ++k) model_.own_pairs.push_back({i, j + k - number, k, -1});
                 continue;
             }
-            ++with_world;
-            const auto part = static_cast<std::size_t>(j - riding);
-            const auto run = static_cast<std::size_t>(model_.run_of[part]);
-            model_.riders[static_cast<std::size_t>(i)].meets_world = true;
-            if (model_.run_first[run] == static_cast<int>(part))
-                model_.first_pair[static_cast<std::size_t>(i) * obstacles + run] = k;
+            const int begin = j - static_cast<int>(riding), stop = begin + end - number;
+            model_.riders[static_cast<std::size_t>(i)].meets_world |= end > number;
+            auto found = std::lower_bound(firsts.begin(), firsts.end(), begin);
+            require(begin == stop || (found != firsts.end() && *found == begin), "an obstacle's parts are judged all or none");
+            for (; found != firsts.end() && *found < stop; ++found) {
+                const auto obstacle = static_cast<std::size_t>(found - firsts.begin());
+                int& first = model_.first_pair[static_cast<std::size_t>(i) * obstacles + obstacle];
+                require(first < 0, "a pair twice");
+                require(runs.data()[2 * obstacle + 1] <= stop, "an obstacle's parts are judged all or none");
+                first = number + *found - begin;
+            }
         }
-        check_pairs(pairs, with_world);
+        require(pairs.shape(0) > 0 || count == 0, "pairs of no run");
         model_.own_from.assign(model_.riders.size() + 1, 0);
         for (const auto& pair : model_.own_pairs) ++model_.own_from[static_cast<std::size_t>(pair.first) + 1];
         for (std::size_t i = 1; i < model_.own_from.size(); ++i) model_.own_from[i] += model_.own_from[i - 1];
-    }
-
-    // Every pair with the world has the number that is worked out for it, and there are no others.
-    void check_pairs(const NumberRows& pairs, std::int64_t with_world) const {
-        const auto riding = static_cast<std::int64_t>(model_.riders.size());
-        for (std::size_t k = 0; k < pairs.shape(0); ++k) {
-            const std::int64_t i = pairs.data()[2 * k], j = pairs.data()[2 * k + 1];
-            if (j < riding) continue;
-            const int number = model_.pair_number(static_cast<std::size_t>(i),
-                                                  model_.standers[static_cast<std::size_t>(j - riding)]);
-            require(number == static_cast<int>(k), "the pairs of an obstacle's parts are not numbered in their order");
-        }
-        std::int64_t expected = 0;
-        for (std::size_t i = 0; i < model_.riders.size(); ++i)
-            for (const auto& stander : model_.standers) expected += model_.pair_number(i, stander) >= 0 ? 1 : 0;
-        require(expected == with_world, "an obstacle's parts are judged all or none");
     }
 };
 
@@ -443,10 +458,11 @@ void bind(nb::module_& m) {
         .def_ro("gradients", &NearArrays::gradients)
         .def_ro("measured", &NearArrays::measured);
     nb::class_<Kernel>(m, "CollisionKernel")
-        .def(nb::init<const Rows&, const Rows&, const Rows&, const NumberRows&, const NumberRows&,
-                      const std::vector<Rows>&, double, const std::string&>(),
-             nb::arg("joints"), nb::arg("places"), nb::arg("solids"), nb::arg("runs"), nb::arg("pairs"),
-             nb::arg("hulls"), nb::arg("margin"), nb::arg("variant") = "")
+        .def(nb::init<const Rows&, const Rows&, const std::vector<Rows>&, const Rows&, const Rows&, const NumberRows&,
+                      const Rows&, const NumberRows&, const NumberRows&, std::int64_t, double, const std::string&>(),
+             nb::arg("joints"), nb::arg("solids"), nb::arg("hulls"), nb::arg("riders"), nb::arg("turns"),
+             nb::arg("standers"), nb::arg("positions"), nb::arg("runs"), nb::arg("pairs"), nb::arg("count"),
+             nb::arg("margin"), nb::arg("variant") = "")
         .def_prop_ro("variant", &Kernel::variant)
         .def("candidates",
              [](const Kernel& self, const Rows& Q) {

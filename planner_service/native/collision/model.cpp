@@ -13,51 +13,78 @@ constexpr int LEAF = 4;
 constexpr std::align_val_t ALIGNED{64};
 constexpr double ORTHONORMAL = 1.0 + 1e-5;  // what rotations that are not quite may add to a length, and more
 
-void around(const std::vector<Stander>& standers, Node& node) {
-    for (int k = 0; k < 3; ++k) {
-        double low = 1e300, high = -1e300;
-        for (int i = node.first; i < node.first + node.count; ++i) {
-            low = std::min(low, standers[static_cast<std::size_t>(i)].low[k]);
-            high = std::max(high, standers[static_cast<std::size_t>(i)].high[k]);
+struct Leaf {
+    double sum[3];  // of the lower and the upper corner
+    Bounds bounds;
+    int part;
+};
+
+void around(const std::vector<Leaf>& leaves, Node& node) {
+    node.bounds = leaves[static_cast<std::size_t>(node.first)].bounds;
+    for (int i = node.first + 1; i < node.first + node.count; ++i) {
+        const Bounds& bounds = leaves[static_cast<std::size_t>(i)].bounds;
+        for (int k = 0; k < 3; ++k) {
+            node.bounds.low[k] = std::min(node.bounds.low[k], bounds.low[k]);
+            node.bounds.high[k] = std::max(node.bounds.high[k], bounds.high[k]);
         }
-        node.low[k] = low;
-        node.high[k] = high;
     }
-    round_outwards(node.low, node.high, node.bounds);
 }
 
 // Halves at the median along the longest side, as most bounding volume hierarchies are built (Ericson, Real-Time
 // Collision Detection, 2005, 6.2.1).
-void split(Model& model, int first, int count) {
-    const auto index = model.nodes.size();
-    model.nodes.push_back(Node{{}, {}, {}, first, count, -1});
-    around(model.standers, model.nodes[index]);
+void split(std::vector<Node>& nodes, std::vector<Leaf>& leaves, int first, int count) {
+    const auto index = nodes.size();
+    nodes.push_back(Node{{}, first, count, -1});
+    Node& node = nodes[index];
+    around(leaves, node);
     if (count <= LEAF) return;
     int axis = 0;
-    double longest = -1.0;
+    float longest = -1.0F;
     for (int k = 0; k < 3; ++k) {
-        const double side = model.nodes[index].high[k] - model.nodes[index].low[k];
+        const float side = node.bounds.high[k] - node.bounds.low[k];
         if (side > longest) {
             longest = side;
             axis = k;
         }
     }
-    const auto begin = model.standers.begin() + first;
+    const auto begin = leaves.begin() + first;
     const int half = count / 2;
-    std::nth_element(begin, begin + half, begin + count, [axis](const Stander& a, const Stander& b) {
-        const double x = a.low[axis] + a.high[axis], y = b.low[axis] + b.high[axis];
+    std::nth_element(begin, begin + half, begin + count, [axis](const Leaf& a, const Leaf& b) {
+        const double x = a.sum[axis], y = b.sum[axis];
         return x != y ? x < y : a.part < b.part;
     });
-    split(model, first, half);
-    model.nodes[index].other = static_cast<int>(model.nodes.size());
-    split(model, first + half, count - half);
+    split(nodes, leaves, first, half);
+    nodes[index].other = static_cast<int>(nodes.size());
+    split(nodes, leaves, first + half, count - half);
 }
 
 }  // namespace
 
+void box_around(const Model& model, const Stander& stander, double* low, double* high) {
+    double reach[3];
+    reach_of(model.solid_of(stander), model.turn_of(stander).rotation, reach);
+    for (int k = 0; k < 3; ++k) {
+        low[k] = stander.position[k] - reach[k];
+        high[k] = stander.position[k] + reach[k];
+    }
+}
+
 void build_nodes(Model& model) {
     model.nodes.clear();
-    if (!model.standers.empty()) split(model, 0, static_cast<int>(model.standers.size()));
+    if (model.standers.empty()) return;
+    std::vector<Leaf> leaves;
+    leaves.reserve(model.standers.size());
+    for (const Stander& stander : model.standers) {
+        double low[3], high[3];
+        box_around(model, stander, low, high);
+        leaves.push_back(Leaf{{low[0] + high[0], low[1] + high[1], low[2] + high[2]}, stander.bounds, stander.part});
+    }
+    model.nodes.reserve(leaves.size());
+    split(model.nodes, leaves, 0, static_cast<int>(leaves.size()));
+    std::vector<Stander> sorted;
+    sorted.reserve(leaves.size());
+    for (const Leaf& leaf : leaves) sorted.push_back(model.standers[static_cast<std::size_t>(leaf.part)]);
+    model.standers = std::move(sorted);
 }
 
 void reach_of(const Solid& s, const double* R, double* out) {

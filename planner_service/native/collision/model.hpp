@@ -77,20 +77,24 @@ struct Rider {
     double position[3];
 };
 
-struct Stander {
-    Solid solid;
-    bool turned;
-    int part;  // its number among those that stand
+// How something stands in the world.
+struct Turn {
     double rotation[9];
+    bool turned;
+};
+
+// There may be a million: what many have in common is kept once.
+struct Stander {
+    int solid, turn;  // which of these it has
+    int part;         // its number among those that stand
+    int run;          // the obstacle
     double position[3];
-    double low[3], high[3];  // the box around it along the world's axes
-    Bounds bounds;           // the same
+    Bounds bounds;  // the box around it along the world's axes
 };
 
 // A box around pieces that stand together. The standers of a node are neighbours: [first, first + count).
 struct Node {
-    double low[3], high[3];
-    Bounds bounds;  // the same
+    Bounds bounds;
     int first, count;
     int other;  // the second of two nodes below, the first being the next in the list; -1: no node below
 };
@@ -126,6 +130,8 @@ struct Model {
     int pairs = 0;
     double margin = 0.0;
     std::vector<Joint> joints;  // of body 1, 2, ...; body 0 is the fixed base
+    std::vector<Solid> solids;
+    std::vector<Turn> turns;
     std::vector<Rider> riders;
     std::vector<Stander> standers;  // in the order of the nodes
     std::vector<Node> nodes;        // the first is around everything
@@ -140,7 +146,6 @@ struct Model {
     std::vector<Table> tables;
     std::vector<double> reach;   // riders x joints: metres that a joint moves any point of a rider per unit of q; 0: none
     std::vector<double> travel;  // of each entry of q: how far from 0 it may be for that to hold
-    std::vector<int> run_of;       // of a part that stands, by its number: the obstacle
     std::vector<int> run_first;    // of an obstacle: its first part
     std::vector<int> first_pair;   // riders x obstacles: the number of the pair with its first part, -1: not checked
 
@@ -149,15 +154,20 @@ struct Model {
     bool crowded() const { return standers.size() > 64; }
 
     int pair_number(std::size_t rider, const Stander& b) const {
-        const auto part = static_cast<std::size_t>(b.part);
-        const auto run = static_cast<std::size_t>(run_of[part]);
+        const auto run = static_cast<std::size_t>(b.run);
         const int first = first_pair[rider * run_first.size() + run];
         return first < 0 ? -1 : first + b.part - run_first[run];
     }
+
+    const Solid& solid_of(const Stander& b) const { return solids[static_cast<std::size_t>(b.solid)]; }
+    const Turn& turn_of(const Stander& b) const { return turns[static_cast<std::size_t>(b.turn)]; }
 };
 
 // Half lengths of the box around a solid along the axes in which its rotation is given.
 void reach_of(const Solid& solid, const double* rotation, double* out);
+
+// The box around what stands along the world's axes.
+void box_around(const Model& model, const Stander& stander, double* low, double* high);
 
 // Sorts ``standers`` into ``nodes``.
 void build_nodes(Model& model);

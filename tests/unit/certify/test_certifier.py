@@ -107,7 +107,7 @@ def test_one_configuration_is_certified_by_itself() -> None:
     certifier = Certifier(PLANAR, ball_beyond(0.02, 0.0))
     found = certifier.certify(JointPath(np.zeros((1, 2))))
     assert found.certified
-    assert found.distances == len(certifier.listed.pairs)
+    assert found.distances == len(certifier.listed)
     assert 0.02 - 1e-5 < found.clearance <= 0.02 + 4e-5  # the rim stands 33 um beyond the axis
     assert not certify(PLANAR, ball_beyond(-0.02, 0.0), np.zeros((1, 2))).certified
 

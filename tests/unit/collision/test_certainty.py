@@ -78,16 +78,19 @@ def kernels_of(rider: Body, stander: Body) -> list[_core.CollisionKernel]:
     hulls = [body.corners for body in (rider, stander) if body.corners is not None]
     numbers = np.cumsum([body.corners is not None for body in (rider, stander)]) - 1
     joints = np.array([[0.0, 0.0, 1.0, *ALONG, *np.eye(3).ravel(), 0.0, 0.0, 0.0, 1.0]])
-    places = np.array([[body, *solid.R.ravel(), 0.0, 0.0, 0.0] for body, solid in ((1.0, rider), (-1.0, stander))])
+    riders, turns = np.array([[1.0, *rider.R.ravel(), 0.0, 0.0, 0.0]]), stander.R.reshape(1, 9)
     solids = np.array(
         [
             [*solid.half, solid.ball, solid.disc, number if solid.corners is not None else -1.0]
             for solid, number in zip((rider, stander), numbers, strict=True)
         ]
     )
-    runs, pairs = np.array([[0, 1]]), np.array([[0, 1]])
+    standing = np.array([[1, 0]]), np.zeros((1, 3)), np.array([[0, 1]])
+    pairs = np.array([[0, 0, 1]]), 1
     names = instruction_sets()
-    return [core.CollisionKernel(joints, places, solids, runs, pairs, hulls, MARGIN, name) for name in names]
+    return [
+        core.CollisionKernel(joints, solids, hulls, riders, turns, *standing, *pairs, MARGIN, name) for name in names
+    ]
 
 
 def at_gap(kernel: _core.CollisionKernel, rider: Body, stander: Body, gap: float) -> _core.RowCheck:

@@ -42,7 +42,7 @@ def coal_distances(checker: CollisionChecker, Q: FloatArray, found: NearPairs) -
     out = []
     for row, pair in zip(found.rows.tolist(), found.pairs.tolist(), strict=True):
         poses = checker.robot.body_poses(Q[row])
-        numbers = checker._parts.pairs[pair].tolist()
+        numbers = checker._parts.pairs.of(np.array([pair]))[0].tolist()
         placed = []
         for number in numbers:
             part, T = checker.parts.parts[number], np.eye(4)
