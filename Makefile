@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Tests start many processes: what one has compiled the next need not, whatever the shell says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo quick test suite sim cluster lint types bench attack mutants measures docs wheel wheels clean
+.PHONY: demo quick test suite sim clients cluster lint types bench attack mutants measures docs wheel wheels clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -44,10 +44,13 @@ test: $(BIN)/.dev  ## lint, types and the test suite
 	@$(MAKE) --no-print-directory suite
 
 suite: $(BIN)/.dev  # files in the order in which they are collected; tests/conftest.py has those that wait first
-	$(BIN)/python -m pytest -m "not sim and not cluster" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -m "not sim and not cluster and not clients" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
 
 sim: $(BIN)/.dev  # in real time: beside few others
 	$(BIN)/python -m pytest -m sim tests/integration/test_simulation.py
+
+clients: $(BIN)/.dev  ## programs in TypeScript and C++ that plan over HTTP, run on the simulated arm; needs node, libcurl, nlohmann-json
+	$(BIN)/python -m pytest -m clients tests/integration/test_clients.py
 
 cluster: $(BIN)/.dev  ## the loss of a machine under Ray Serve, apart since Ray now and then fails to start its proxy in time
 	$(BIN)/python -m pytest -m cluster tests/unit/serve/test_ray_serve.py

@@ -206,7 +206,7 @@ def _schemas() -> dict[str, Any]:
         "description": "Any JSON value.",
         "anyOf": [
             *({"type": kind} for kind in ("null", "boolean", "number", "string")),
-            {"type": "array", "items": any_value},
+            {"type": "array", "items": {"description": "Any JSON value."}},  # compilers refuse a list of itself
             {"type": "object", "additionalProperties": any_value},
         ],
     }

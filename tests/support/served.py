@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import signal
 import socket
 import subprocess
@@ -11,8 +12,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
 
-__all__ = ["free_port", "served"]
+__all__ = ["asked", "free_port", "served"]
 
 STARTED, STOPPED = 60.0, 20.0
 """Seconds within which a server is ready, and has ended."""
@@ -51,6 +54,23 @@ def served(folder: Path, *options: str) -> Iterator[str]:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(STOPPED)
             process.kill()
+
+
+def asked(url: str, method: str, path: str, body: Any = None, token: str = "") -> tuple[int, dict[str, str], Any]:
+    """Status, headers by lower-case name, and JSON of an answer that is waited for.
+
+    Args:
+        body: Sent as JSON.
+    """
+    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=120.0)
+    try:
+        headers = {"Prefer": "wait"} | ({} if body is None else {"Content-Type": "application/json"})
+        headers |= {"Authorization": f"Bearer {token}"} if token else {}
+        connection.request(method, path, None if body is None else json.dumps(body), headers)
+        answer = connection.getresponse()
+        return answer.status, {name.lower(): value for name, value in answer.getheaders()}, json.loads(answer.read())
+    finally:
+        connection.close()
 
 
 def _ready(port: int) -> bool:
