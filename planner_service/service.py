@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
@@ -208,7 +208,8 @@ class PlannerService:
             plans: Plans that may be tried.
             remedies: How many are looked for.
             time_limit: Wall seconds for all of it, after which what is known is returned; None for no limit.
-            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
+            progress: Whether standard error tells how far it is, by a bar or, where it is no terminal, by lines; if not
+                given, only in a terminal.
             cancel: Ends the call when cancelled from another thread.
 
         Raises:
@@ -301,7 +302,12 @@ class PlannerService:
         return shorter if shorter.ok else result
 
     def plan_many(
-        self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None
+        self,
+        requests: Iterable[PlanRequest],
+        *,
+        engine: Engine | None = None,
+        progress: bool | None = None,
+        finished: Mapping[int, PlanResult] | None = None,
     ) -> list[PlanResult]:
         """The plans of many requests, in their order: bit for bit, and count for count, what ``plan`` returns for each.
 
@@ -310,14 +316,17 @@ class PlannerService:
 
         Args:
             engine: What runs the plans; ``Processes()``, a process for each core, if not given.
-            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
+            progress: Whether standard error tells how far it is, by a bar or, where it is no terminal, by lines; if not
+                given, only in a terminal.
+            finished: Results that are not planned again, by the index of their request: what ``Interrupted.results``
+                of an earlier call with the same requests has.
 
         Raises:
             InvalidRequest: A request cannot be planned; the message names it. In a sequence all are checked first.
             Interrupted: Ctrl-C. It has the ``results`` that were finished.
         """
         self._require_own_process()
-        return self._batch.results(requests, engine, progress)
+        return self._batch.results(requests, engine, progress, finished)
 
     def plan_stream(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None
@@ -528,7 +537,8 @@ class PlannerService:
             planner: ``PRM(...)``, ``PRMstar(...)`` or ``LazyPRM(...)``.
             seed: Decides which configurations are drawn.
             padding: Metres that milestones and edges keep from everything: best the padding of the queries to come.
-            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
+            progress: Whether standard error tells how far it is, by a bar or, where it is no terminal, by lines; if not
+                given, only in a terminal.
             cancel: Ends the call when cancelled from another thread.
 
         Raises:

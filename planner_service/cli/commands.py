@@ -424,7 +424,7 @@ def import_robot_(
         file = Path(urdf) if Path(urdf).is_file() else robot_file(urdf)
         source = Source(file, srdf_file, tool_frame, folders, locked, joints, visual_as_collision, given, hand)
         engine = engine_named("processes", workers)
-        imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=None)
+        imported = import_robot(source, out, force=force, prove=prove, engine=engine, progress=True)
     title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"
     agreement = imported.agreement
     reader = (

@@ -42,7 +42,7 @@ def episodes(
         work = EpisodeWork(robot.load(), episode_task(task), seed=seed, fps=fps, layout=as_layout(layout))
         began = time.perf_counter()
         try:
-            with bar("episodes", None) as progress:
+            with bar("episodes", True) as progress:
                 summary = write_episodes(out, work, count, engine=chosen_engine, progress=progress)
         except KeyboardInterrupt:
             report_error(f"interrupted: finished episodes are kept in {out}; run the same command again to continue")

@@ -242,20 +242,27 @@ class Remote:
         return result
 
     def plan_many(
-        self, requests: Iterable[PlanRequest], *, at_once: int = AT_ONCE, progress: bool | None = None
+        self,
+        requests: Iterable[PlanRequest],
+        *,
+        at_once: int = AT_ONCE,
+        progress: bool | None = None,
+        finished: Mapping[int, PlanResult] | None = None,
     ) -> list[PlanResult]:
         """The plans of many requests, in their order; see ``PlannerService.plan_many``.
 
         Args:
             at_once: Requests that are sent before the first is answered; best twice the server's workers.
-            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
+            progress: Whether standard error tells how far it is, by a bar or, where it is no terminal, by lines; if not
+                given, only in a terminal.
+            finished: Results that are not planned again, as in ``PlannerService.plan_many``.
 
         Raises:
             InvalidRequest: A request cannot be planned; the message names it.
             ServerUnavailable: As ``plan``.
             Interrupted: Ctrl-C. It has the ``results`` that were finished.
         """
-        return self._batch.results(requests, _threads(at_once), progress)
+        return self._batch.results(requests, _threads(at_once), progress, finished)
 
     def plan_stream(
         self, requests: Iterable[PlanRequest], *, at_once: int = AT_ONCE

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain, count, islice
 from typing import TYPE_CHECKING
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, shown
 from planner_service.geometry.validation import items
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage
@@ -74,21 +74,27 @@ class Batch:
     origin: Callable[[PlanRequest], Origin]
 
     def results(
-        self, requests: Iterable[PlanRequest], engine: Engine | None, progress: bool | None
+        self,
+        requests: Iterable[PlanRequest],
+        engine: Engine | None,
+        progress: bool | None,
+        finished: Mapping[int, PlanResult] | None,
     ) -> list[PlanResult]:
         """See ``PlannerService.plan_many``."""
         requests = items("requests", requests, PlanRequest, "a PlanRequest")
-        answers, results = self._started(requests, engine), list[PlanResult]()
+        results = _checked_results(finished or {}, len(requests))
+        left = [index for index in range(len(requests)) if index not in results]
+        answers = self._started([requests[index] for index in left], engine, numbers=left)
         try:
             with closing(answers), bar("plans", progress) as report:
-                for index, answer in answers:
-                    results.append(self._result(answer, requests[index]))
+                for place, answer in answers:
+                    results[left[place]] = self._result(answer, requests[left[place]])
                     if report is not None:
                         report(len(results), len(requests))
         except KeyboardInterrupt:
-            late = {index: self._result(answer, requests[index]) for index, answer in answers.finished.items()}
-            raise Interrupted(dict(enumerate(results)) | late) from None
-        return results
+            late = {left[k]: self._result(answer, requests[left[k]]) for k, answer in answers.finished.items()}
+            raise Interrupted(dict(sorted((results | late).items()))) from None
+        return [results[index] for index in sorted(results)]
 
     def stream(self, requests: Iterable[PlanRequest], engine: Engine | None) -> Generator[PlanResult, None, None]:
         """See ``PlannerService.plan_stream``."""
@@ -108,11 +114,17 @@ class Batch:
         requests: Iterable[PlanRequest],
         engine: Engine | None,
         taken: Callable[[PlanRequest], object] = lambda _: None,
+        numbers: Iterable[int] | None = None,
     ) -> Answers[PlanResult]:
-        """The answers as they come. All requests of a sequence are checked now; of an iterator only the first."""
+        """The answers as they come. All requests of a sequence are checked now; of an iterator only the first.
+
+        Args:
+            numbers: What a message calls each request; 0, 1, 2, ... if None.
+        """
         from planner_service.parallel import Processes
 
-        checked = (self._checked(index, request) for index, request in enumerate(_iterated(requests)))
+        named = zip(count() if numbers is None else numbers, _iterated(requests), strict=False)
+        checked = (self._checked(index, request) for index, request in named)
         first = list(checked if isinstance(requests, Sequence) else islice(checked, 1))
         places: dict[int, int] = {}
         roadmaps = [r.planner for r in first if isinstance(r.planner, Roadmap)]
@@ -136,6 +148,17 @@ class Batch:
             message = f"{name}.{error}"
             raise InvalidRequest(f"{name}.{error.field}", error.value, error.expected, message=message) from error
         return request
+
+
+def _checked_results(finished: Mapping[int, PlanResult], count: int) -> dict[int, PlanResult]:
+    """The results that an earlier call had finished, if they can be of so many requests."""
+    expected = f"results by the index of their request, 0 to {count - 1}, such as interrupted.results"
+    if not isinstance(finished, Mapping):
+        raise InvalidRequest("finished", finished, expected)
+    for index, result in finished.items():
+        if type(index) is not int or not 0 <= index < count or not isinstance(result, PlanResult):
+            raise InvalidRequest(f"finished[{shown(index)}]", result, expected)
+    return dict(finished)
 
 
 def _iterated(requests: Iterable[PlanRequest]) -> Iterator[PlanRequest]:

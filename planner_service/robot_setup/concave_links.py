@@ -53,7 +53,7 @@ def cut_where_hulls_block(urdf: Urdf, robot: Robot, *, progress: bool | None = N
 
     Args:
         robot: What the description makes, with the contacts that are allowed whatever its shapes.
-        progress: Whether a bar on standard error shows how many meshes are cut; None: if it is a terminal.
+        progress: Whether standard error shows how many meshes are cut; None: if it is a terminal.
 
     Raises:
         InvalidFile: a file with a mesh cannot be read any more.

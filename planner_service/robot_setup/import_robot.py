@@ -169,7 +169,7 @@ def import_robot(
         prove: Look at every pair of links (``contact_table``), so that pairs which never touch need not be checked:
             seconds for a small arm, minutes for a large robot. Else only at those that always overlap.
         engine: Where pairs are looked at; None: in this process.
-        progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
+        progress: Whether standard error shows how many pairs are done; None: if it is a terminal.
 
     Raises:
         InvalidFile: the URDF or SRDF has problems, yourdfpy sees another robot in it, or ``out`` cannot be written.

@@ -88,7 +88,7 @@ def contact_table(
         samples: Configurations checked over the whole joint box.
         max_bounds: Bounds computed for one pair of links before it is left unproven.
         engine: Where pairs are looked at, such as ``Processes()``; None: in this process.
-        progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
+        progress: Whether standard error shows how many pairs are done; None: if it is a terminal.
 
     Raises:
         InvalidRequest: ``samples`` or ``max_bounds`` is no positive integer.
@@ -174,7 +174,7 @@ def always_overlapping(robot: Robot, *, progress: bool | None = None) -> tuple[A
     process. It is not kept on disk, where somebody could add a pair.
 
     Args:
-        progress: Whether a bar on standard error shows how many pairs are done; None: if it is a terminal.
+        progress: Whether standard error shows how many pairs are done; None: if it is a terminal.
     """
     key = instance("robot", robot, Robot, "a Robot").hash
     if key in _worked_out:

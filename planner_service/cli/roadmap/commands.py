@@ -68,7 +68,7 @@ def build(
         grower = _grower(planner, {"milestones": milestones, "neighbours": neighbours, "max_checks": max_checks})
         service = arguments.service_for(robot, scene)
         began = time.perf_counter()
-        roadmap = service.build_roadmap(grower, seed=seed, padding=padding)
+        roadmap = service.build_roadmap(grower, seed=seed, padding=padding, progress=True)
         seconds = time.perf_counter() - began
         roadmap.save(out)
     size = os.path.getsize(out)

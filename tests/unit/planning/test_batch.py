@@ -172,3 +172,44 @@ def test_what_is_finished_is_kept_when_interrupted(service: PlannerService) -> N
     with pytest.raises(Interrupted, match="2 results were finished") as raised:
         service.plan_many([asked(k) for k in range(5)], engine=engine, progress=False)
     assert {index: result.path for index, result in raised.value.results.items()} == {0: done.path, 3: done.path}
+
+
+def test_what_was_interrupted_goes_on_with_what_is_left(service: PlannerService) -> None:
+    requests = [asked(k) for k in range(5)]
+    first = service.plan(requests[0])
+    interrupting = Rehearsed([first, KeyboardInterrupt()], {3: service.plan(requests[3])})
+    with pytest.raises(Interrupted) as raised:
+        service.plan_many(requests, engine=interrupting, progress=False)
+    again = Rehearsed([service.plan(requests[1]), KeyboardInterrupt()], {})
+    with pytest.raises(Interrupted, match="3 results") as raised_again:
+        service.plan_many(requests, engine=again, progress=False, finished=raised.value.results)
+    assert [request for request, _ in again.items] == [requests[k] for k in (1, 2, 4)]
+    results = service.plan_many(requests, engine=Sequential(), progress=False, finished=raised_again.value.results)
+    whole = service.plan_many(requests, engine=Sequential(), progress=False)
+    assert [present(result.path).waypoints.tolist() for result in results] == [
+        present(result.path).waypoints.tolist() for result in whole
+    ]
+    assert [result.counts for result in results] == [result.counts for result in whole]
+
+
+@pytest.mark.parametrize(
+    ("finished", "message"),
+    [
+        ({2: None}, r"^finished\[2\]: got None; expected results by the index of their request, 0 to 1"),
+        ({-1: None}, r"^finished\[-1\]"),
+        ({"0": None}, r"^finished\['0'\]"),
+        ([1], r"^finished: got \[1\]"),
+    ],
+)
+def test_finished_results_are_results_by_the_index_of_a_request(
+    service: PlannerService, finished: Any, message: str
+) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        service.plan_many([asked(0), asked(1)], engine=Sequential(), progress=False, finished=finished)
+
+
+def test_a_request_that_is_refused_keeps_its_index(service: PlannerService) -> None:
+    done = service.plan(asked(0))
+    wrong = replace(asked(0), start=(0.0,))
+    with pytest.raises(InvalidRequest, match=r"^requests\[1\]\.start"):
+        service.plan_many([asked(0), wrong], engine=Sequential(), progress=False, finished={0: done})
