@@ -17,9 +17,11 @@ struct Order {
 
 Order order_of(int segments, int count) {
     Order out{bisection_order(segments, count), {}};
-    for (std::size_t i = 0; i < out.samples.size(); ++i) out.along.push_back(static_cast<int>(i));
-    const auto sample = [&out](int i) { return out.samples[static_cast<std::size_t>(i)]; };
-    std::sort(out.along.begin(), out.along.end(), [&](int i, int k) { return sample(i) < sample(k); });
+    std::vector<int> places(static_cast<std::size_t>(segments), -1);
+    for (std::size_t i = 0; i < out.samples.size(); ++i) places[static_cast<std::size_t>(out.samples[i])] = static_cast<int>(i);
+    out.along.reserve(out.samples.size());
+    for (const int place : places)
+        if (place >= 0) out.along.push_back(place);
     return out;
 }
 
@@ -258,9 +260,9 @@ void look_at_windows(Block& block, const Edge& edge, const std::vector<int>& sam
 }
 
 RowCheck check_rows(const Model& model, const Variant& variant, const Edge& edge, int start, int stop) {
-    const Order& order = scratch().order(edge.segments(), stop - edge.ends());
+    const Order* order = &scratch().order(edge.segments(), std::min(stop, start + 2 * LANES) - edge.ends());
     const auto sample = [&](int row) {
-        return row < edge.ends() ? 0 : order.samples[static_cast<std::size_t>(row - edge.ends())];
+        return row < edge.ends() ? 0 : order->samples[static_cast<std::size_t>(row - edge.ends())];
     };
     Block block(model, variant);
     Earliest earliest(stop);
@@ -282,6 +284,7 @@ RowCheck check_rows(const Model& model, const Variant& variant, const Edge& edge
         block.check(earliest);
     } while (!earliest.found() && early < stop && stop - early <= LANES);
     if (earliest.found() || early == stop) return told();
+    order = &scratch().order(edge.segments(), stop - edge.ends());
 
     // The others as they follow each other on the edge, not in their order.
     auto &rows = scratch().rows, &samples = scratch().samples;
@@ -309,7 +312,7 @@ RowCheck check_rows(const Model& model, const Variant& variant, const Edge& edge
     };
     rows.clear();
     samples.clear();
-    for (const int place : order.along) {
+    for (const int place : order->along) {
         const int row = edge.ends() + place;
         if (row < early || row >= earliest.row()) continue;
         rows.push_back(row);
