@@ -261,8 +261,10 @@ class Ledger:
         self.record_states(states)
         tally = self._threads.tally
         tally.edges += edges
+        before = tally.hits
         for pair, count in hits.items():
-            tally.hits[names[pair]] += count
+            name = names[pair]
+            before[name] = before.get(name, 0) + count
 
     def record_hit(self, pair: tuple[str, str]) -> None:
         """Record that a pair was found to collide, by its names."""

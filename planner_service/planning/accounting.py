@@ -102,11 +102,33 @@ class NoPlan(Exception):
 
 
 class StageEntry:
-    """What a running stage will report: a note for a person, and the length of the path after it."""
+    """A running stage: what it will report is a note for a person, and the length of the path after it."""
 
-    def __init__(self) -> None:
+    def __init__(self, accounting: PlanAccounting, stage: Stage, improving: str) -> None:
+        self._accounting, self._stage, self._improving = accounting, stage, improving
         self.note = ""
         self.length: float | None = None
+
+    def __enter__(self) -> StageEntry:
+        tally = self._accounting.tally
+        self._before = tally.states, tally.edges, tally.distances, tally.projections
+        self._clock = time.perf_counter()
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool | None:
+        accounting, tally = self._accounting, self._accounting.tally
+        forgiven = bool(self._improving) and isinstance(error, CheckBudgetSpent | TimeBoxSpent)
+        if forgiven and isinstance(error, SearchStopped):
+            accounting.stopped_by(error)
+            self.note = f"not {self._improving}: {error}"
+        if accounting.projector is not None:
+            tally.projections += accounting.projector.take()
+        states, edges, distances, projections = self._before
+        judged = tally.states - states, tally.edges - edges
+        spent = CheckCounts(*judged, tally.distances - distances, tally.projections - projections)
+        seconds = time.perf_counter() - self._clock
+        accounting.add(StageReport(self._stage, spent, seconds, self.length, self.note))
+        return forgiven
 
 
 @dataclass(eq=False)
@@ -203,8 +225,7 @@ class PlanAccounting:
             reason = Reason.START_EXCEEDS_TORQUE if end == "start" else Reason.GOAL_EXCEEDS_TORQUE
             raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end}: {objection}"))
 
-    @contextmanager
-    def during(self, stage: Stage, *, improving: str = "") -> Iterator[StageEntry]:
+    def during(self, stage: Stage, *, improving: str = "") -> StageEntry:
         """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up.
 
         Args:
@@ -212,21 +233,7 @@ class PlanAccounting:
                 the block alone, and the entry says so.
         """
         self._stage = stage
-        entry, tally, clock = StageEntry(), self.tally, time.perf_counter()
-        states, edges, distances, projections = tally.states, tally.edges, tally.distances, tally.projections
-        try:
-            yield entry
-        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
-            if not improving:
-                raise
-            self.stopped_by(stopped)
-            entry.note = f"not {improving}: {stopped}"
-        finally:
-            if self.projector is not None:
-                tally.projections += self.projector.take()
-            judged = tally.states - states, tally.edges - edges
-            spent = CheckCounts(*judged, tally.distances - distances, tally.projections - projections)
-            self.add(StageReport(stage, spent, time.perf_counter() - clock, entry.length, entry.note))
+        return StageEntry(self, stage, improving)
 
     def add(self, report: StageReport) -> None:
         """Add what a stage has cost to what it has cost before, and tell those who want to know."""

@@ -588,9 +588,10 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
     array = numbers(name, values, f"{robot.n} joint values")
     if array.shape != (robot.n,):
         raise InvalidRequest(name, f"shape {array.shape}", f"{robot.n} joint values, shape ({robot.n},)")
-    for joint, value in zip(robot.joint_names, array.tolist(), strict=True):
-        if not math.isfinite(value):
-            raise InvalidRequest(name, value, f"a finite value for {joint}")
+    given = array.tolist()
+    if not all(map(math.isfinite, given)):
+        joint, value = next(each for each in zip(robot.joint_names, given, strict=True) if not math.isfinite(each[1]))
+        raise InvalidRequest(name, value, f"a finite value for {joint}")
     return array
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -198,8 +198,13 @@ def metric(problem: SearchProblem) -> list[float]:
 
     They are scaled so that the longest distance between two configurations is as without them.
     """
-    spans = (problem.upper - problem.lower).tolist()
-    reach = [] if problem.reach is None or problem.projector is not None else list(map(float, problem.reach))
+    reach = () if problem.reach is None or problem.projector is not None else tuple(problem.reach.tolist())
+    return list(_metric(tuple((problem.upper - problem.lower).tolist()), reach))
+
+
+@lru_cache(maxsize=64)
+def _metric(spans: tuple[float, ...], reach: tuple[float, ...]) -> list[float]:
+    """The same of the sides of the space; one for all searches of a robot."""
     if not any(reach):
         return [1.0] * len(spans)
     least = LEAST_REACH * max(reach)
