@@ -28,7 +28,7 @@ from planner_service.robot.model import Robot
 from planner_service.search.problem import ConstrainedOracle, Planner, SearchOracle, SearchProblem
 from planner_service.smoothing.joining import JoinedPaths
 
-__all__ = ["Rounds", "Touch", "judged", "lines", "nearer", "not_free", "optimum_path"]
+__all__ = ["Rounds", "Touch", "judged", "lines", "nearer", "not_free", "optimum_path", "search_nearer"]
 
 SPACING = 0.01
 """Radians of path between samples of a curve that is not free, to report where it is not."""
@@ -50,11 +50,11 @@ JOINED, JUDGED = 4, 24
 """Paths that are joined, and edges that may be judged for it in a round."""
 
 TIMES_THE_FIRST, LEAST_STATES, MOST_STATES = 3, 3_000, 20_000
-"""What the search of a round may check: as often as the first search the states of that, within these."""
+"""What such a search may check: as often as the first search the states of that, within these."""
 
 LONGER = 1.3
-"""Times the best length that the path of a round may have before it is shortened. On public problems of arms with 8 and
-14 joints, 16 rounds come within 1.34, 1.08, 1.10 and 1.82, 1.24, 1.31 times the best known (p95) with 1.0, 1.3, 1.6."""
+"""Times the best length that the path of such a search may have before it is shortened. With 1.0, 1.3 and 1.6, 16
+rounds come within 1.34, 1.08 and 1.10 times the best known of 8 joints, and 1.82, 1.24 and 1.31 of 14 (p95)."""
 
 SHARE = 0.5
 """The part of the time and the states left that all rounds may take; the rest is for blends and the proof."""
@@ -201,7 +201,8 @@ class Rounds:
     def _round(self, number: int, paths: JoinedPaths) -> None:
         """Search once more, and take in what that, and joining it with the others, gives."""
         seed = self.context.request.seed
-        points = self._searched(int(np.random.SeedSequence([seed, 5, number]).generate_state(1)[0]), paths.shortest)
+        length = polyline_length(paths.shortest)
+        points = search_nearer(self.context, self.planner, self.problem, length, self.states, number)
         if points is None:
             return
         rng = np.random.default_rng([seed, 6, number])
@@ -210,19 +211,30 @@ class Rounds:
         if joined is not paths.shortest:
             paths.add(self.shortened(joined, rng))
 
-    def _searched(self, seed: int, best: FloatArray) -> FloatArray | None:
-        """A path that is found where one shorter than the best can be; None if there was none within the states."""
-        ledger = self.context.checker.ledger
-        problem = replace(self.problem, seed=seed, grown=None)
-        if self.problem.projector is None:
-            problem = nearer(problem, polyline_length(best))
-        try:
-            with ledger.limited(states=min(MOST_STATES, max(LEAST_STATES, TIMES_THE_FIRST * self.states))):
-                return self.planner.search(problem).waypoints
-        except CheckBudgetSpent:
-            if ledger.room() == 0:
-                raise
-            return None
+
+def search_nearer(
+    context: PlanContext, planner: Planner, problem: SearchProblem, length: float, states: int, number: int
+) -> FloatArray | None:
+    """A path (N, n) that another search finds where there may be a shorter one; None if it finds none in its states.
+
+    Args:
+        problem: What was searched first.
+        length: Of the shortest path that is known.
+        states: That the first search checked.
+        number: Searches of different numbers draw different samples.
+    """
+    ledger = context.checker.ledger
+    seed = int(np.random.SeedSequence([context.request.seed, 5, number]).generate_state(1)[0])
+    problem = replace(problem, seed=seed, grown=None)
+    if problem.projector is None:
+        problem = nearer(problem, length)
+    try:
+        with ledger.limited(states=min(MOST_STATES, max(LEAST_STATES, TIMES_THE_FIRST * states))):
+            return planner.search(problem).waypoints
+    except CheckBudgetSpent:
+        if ledger.room() == 0:
+            raise
+        return None
 
 
 def nearer(problem: SearchProblem, length: float) -> SearchProblem:

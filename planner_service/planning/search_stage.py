@@ -24,7 +24,7 @@ from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Ends, padded_ends
 from planner_service.planning.kept_padding import free_but_for
-from planner_service.planning.polishing import Rounds
+from planner_service.planning.polishing import Rounds, search_nearer
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow
@@ -67,6 +67,10 @@ MAX_WAYS = 16
 
 FIRST_TRIES, FIRST_STATES = 2, 40_000
 """Tries before they become longer, and the states of both; all of the states where there are fewer."""
+
+LONG, LONG_OF_MANY, FEW_JOINTS = 1.6, 3.0, 7
+"""Times the straight line that a path must be longer than for another search: of few joints, so many at most, and of
+many. These are a third of the public paths of 6 to 14 joints; docs/guides/optimisation.md has the trade."""
 
 
 @dataclass(frozen=True)
@@ -202,9 +206,9 @@ def _searched(
     accounting.padding = ends.padding if leads is None else searching.padding
     oracle = oracle_of(context, searching.checker(context, accounting.padding), start, goals)
     problem, before = _problem(context, searching, start, goals, oracle), accounting.tally.states
-    points, length = _search(context, searching, problem, oracle, Tries() if tries is None else tries)
+    points = _search(context, searching, problem, oracle, Tries() if tries is None else tries)
     states = accounting.tally.states - before
-    searched = _shortened(context, points, length, oracle)
+    searched = _shortened(context, problem, oracle, states, points)
     if context.request.improve:
         searched = _improved(context, problem, oracle, states, searched)
     arrived = {tuple(q.tolist()): goal.q for goal, q in reversed([*zip(ends.goals, goals, strict=True)])}
@@ -334,8 +338,8 @@ def _search(
     problem: SearchProblem,
     oracle: SearchOracle | ConstrainedOracle,
     tries: Tries,
-) -> tuple[FloatArray, float]:
-    """A path from the start to one of the goals, as the planner of the request finds it, and its length.
+) -> FloatArray:
+    """A path from the start to one of the goals, as the planner of the request finds it.
 
     Raises:
         NoPlan: It finds none.
@@ -358,7 +362,7 @@ def _search(
         entry.length = polyline_length(points)
         if tracer is not None:
             tracer.searched(points)
-        return points, entry.length
+        return points
 
 
 def _planner(context: PlanContext, searching: SearchRound) -> Planner:
@@ -457,14 +461,28 @@ def _query(running: _Search, roadmap: Roadmap) -> FloatArray | None:
 
 
 def _shortened(
-    context: PlanContext, points: FloatArray, length: float, oracle: SearchOracle | ConstrainedOracle
+    context: PlanContext,
+    problem: SearchProblem,
+    oracle: SearchOracle | ConstrainedOracle,
+    states: int,
+    points: FloatArray,
 ) -> tuple[FloatArray, ...]:
-    """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
+    """The path cut short, or a shorter one that another search finds, its corners pulled in, and without those that
+    leave no room for a blend; then as cut.
+    """
     request, accounting = context.request, context.accounting
     with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
-        entry.length = length
-        points = _cut(points, oracle, np.random.default_rng([request.seed, 1]))
-        length = entry.length = polyline_length(points)
+        entry.length, rng = polyline_length(points), np.random.default_rng([request.seed, 1])
+        points = _cut(points, oracle, rng)
+        entry.length = polyline_length(points)
+        planner = request.planner
+        if isinstance(planner, BalancedRRTConnect) and problem.projector is None and _is_long(points, entry.length):
+            entry.note = f"searched again, {entry.length:.2f} rad being long"
+            other = search_nearer(context, planner, problem, entry.length, states, 0)
+            if other is not None:
+                points = min(points, _cut(other, oracle, rng), key=polyline_length)
+                entry.length = polyline_length(points)
+    length = polyline_length(points)
     if accounting.tracer is not None:
         accounting.tracer.cut(points)
     if len(points) > 2:
@@ -475,6 +493,12 @@ def _shortened(
             if pulled.tolist() != points.tolist():
                 return pulled, points
     return (points,)
+
+
+def _is_long(points: FloatArray, length: float) -> bool:
+    """Whether a path from the start to a goal is so much longer than the straight line that another search may pay."""
+    straight = joint_distance(points[0].tolist(), points[-1].tolist())
+    return length > (LONG if len(points[0]) <= FEW_JOINTS else LONG_OF_MANY) * straight
 
 
 def _improved(

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.harness.suite import PUBLIC
-from planner_service import InvalidRequest, Optimise, PlannerService, PlanRequest, Roadmap, Stage
+from planner_service import InvalidRequest, Optimise, PlannerService, PlanRequest, Roadmap, RRTConnect, Stage
 from planner_service.geometry.arrays import FloatArray
+from planner_service.planning import search_stage
 from planner_service.planning.polishing import nearer
 from planner_service.planning.result import ImproveReport
 from planner_service.records import read_problems
@@ -39,6 +40,19 @@ def test_a_long_path_gets_shorter_and_the_result_says_by_how_much() -> None:
     assert present(result.certificate).certified
     assert result.stage(Stage.IMPROVE).counts.states > 0
     assert result.stage(Stage.SEARCH).counts == service.plan(request).stage(Stage.SEARCH).counts
+
+
+def test_a_long_path_is_searched_again_by_default_and_the_stage_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    service, request = cage("0077")
+    result = service.plan(request)
+    others = service.plan(replace(request, planner=RRTConnect()))
+    monkeypatch.setattr(search_stage, "LONG", math.inf)
+    alone = service.plan(request)
+    assert "searched again" in result.stage(Stage.SHORTCUT).note
+    assert "searched again" not in others.stage(Stage.SHORTCUT).note
+    assert present(result.path).length < 0.9 * present(alone.path).length
+    assert result.stage(Stage.SEARCH).counts == alone.stage(Stage.SEARCH).counts
+    assert result.stage(Stage.SHORTCUT).counts.states > alone.stage(Stage.SHORTCUT).counts.states
 
 
 def test_the_same_request_gives_the_same_path_and_more_rounds_no_longer_one() -> None:
