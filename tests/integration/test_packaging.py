@@ -60,6 +60,17 @@ def test_the_wheel_carries_the_template_of_the_data_card_and_every_robot_and_sce
         assert {f"planner_service/_data/{path.as_posix()}" for path in files} <= inside
 
 
+def test_the_wheel_carries_the_page_of_the_server_and_its_licences(wheel: Path) -> None:
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    page = ROOT / "planner_service" / "serve" / "docs_page"
+    files = {path.relative_to(ROOT).as_posix() for path in page.rglob("*") if path.suffix not in ("", ".pyc")}
+    assert len(files) >= 6
+    assert files <= inside
+    licences = {name.partition(".dist-info/licenses/")[2] for name in inside}
+    folder = "planner_service/serve/docs_page/swagger-ui"
+    assert {f"{folder}/LICENSE", f"{folder}/LICENSE-of-parts", f"{folder}/NOTICE"} <= licences
+
+
 def test_the_wheel_carries_compiled_code_for_this_platform_and_its_stubs_and_none_of_its_sources(wheel: Path) -> None:
     inside = zipfile.ZipFile(wheel).namelist()
     built = [name.split(".")[0] for name in inside if Path(name).suffix in (".so", ".pyd")]
