@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes
 
-__all__ = ["MAX_BYTES", "parse_json", "read_json"]
+__all__ = ["MAX_BYTES", "each_once", "parse_json", "read_json"]
 
 MAX_BYTES = 50_000_000
 """A plan of 10,000 waypoints takes about 5 MB; a larger file is no plan."""
@@ -42,7 +42,7 @@ def parse_json(path: Path, data: bytes) -> Any:
     if data.count(b"[") + data.count(b"{") > MAX_PARTS:
         raise InvalidFile(path, [f"too large: more than {MAX_PARTS:,} lists and objects"])
     try:
-        return json.loads(data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=_each_once)
+        return json.loads(data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=each_once)
     except RecursionError:
         raise InvalidFile(path, ["malformed JSON: nested too deeply"]) from None
     except UnicodeDecodeError as error:
@@ -55,12 +55,13 @@ def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a number")
 
 
-def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object, as the hook of a reader; ValueError if a key comes twice, or is too long, or there are too many."""
     content: dict[str, Any] = {}
     for name, value in pairs:
         if name in content:
             raise ValueError(f"key {reprlib.repr(name)} occurs twice in one object")
-        if len(name) > MAX_KEY:
+        if not isinstance(name, str) or len(name) > MAX_KEY:
             raise ValueError(f"key {reprlib.repr(name)} is longer than {MAX_KEY} characters")
         content[name] = value
     if len(content) > MAX_KEYS:

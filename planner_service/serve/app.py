@@ -15,7 +15,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import RedirectResponse, Response, StreamingResponse
-from starlette.routing import Route
+from starlette.routing import Route, WebSocketRoute
 
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.records.exports.formats import FORMATS, How
@@ -34,6 +34,7 @@ from planner_service.records.http.replies import (
 )
 from planner_service.records.http.robot_by_hash import robot_by_hash
 from planner_service.records.http.trajectories import TRAJECTORIES
+from planner_service.serve.channel import Channels
 from planner_service.serve.docs_page import FILES, SECURITY
 from planner_service.serve.documentation import (
     Handler,
@@ -65,7 +66,6 @@ MAX_ENDING = 1.0
 PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,;])", re.IGNORECASE)
 ETAG = re.compile(r'"([1-9]\d{0,14})"')
 DECIMAL = re.compile(r"[0-9]{0,9}(\.[0-9]{0,18})?(e-?[0-9]{1,3})?")
-KEY = re.compile(r"[\x21-\x7e]{1,255}")
 
 
 def create_app(server: PlanningServer) -> Starlette:
@@ -84,13 +84,14 @@ def create_app(server: PlanningServer) -> Starlette:
     routes = [Route(path, partial(handler, server), methods=[method]) for method, path, handler in addresses]
     for route in routes:
         (route.methods or set()).discard("HEAD")
+    channels = WebSocketRoute("/channel", Channels(server).serve)
     handlers: Any = {
         Refused: _refused,
         HTTPException: _http_error,
         InvalidRequest: _invalid,
         MissingDependency: _invalid,
     }
-    app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers)
+    app = Starlette(routes=[*routes, channels], lifespan=lifespan, exception_handlers=handlers)
     app.router.redirect_slashes = False
     return app
 
@@ -172,8 +173,6 @@ def _names(header: str, *names: str) -> bool:
 
 async def _work(kind: str, server: PlanningServer, request: Request) -> Response:
     key = request.headers.get("idempotency-key")
-    if key is not None and not KEY.fullmatch(key):
-        raise Refused("malformed", "Idempotency-Key: expected 1 to 255 printable ASCII characters without spaces")
     by_hash = _by_hash(request)
     server.require_room(key)
     job = await server.accept(kind, await _json_body(request), key)

@@ -6,17 +6,22 @@ import asyncio
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from planner_service.serve.guard import MAX_BODY, MAX_HEAD
 from planner_service.serve.problems import PROBLEM_JSON, Problem
 
-__all__ = ["Connection"]
+__all__ = ["Channel", "Connection"]
 
 MAX_REQUEST = MAX_HEAD + 2 * MAX_BODY
 """Bytes of a whole request, with what a chunked body has between its chunks and after them."""
 
 MAX_SECONDS = 60.0
 """For a whole request to arrive; also for its first byte after a client has connected."""
+
+
+MAX_PARTS = 1_000
+"""Frames that one message of a channel may come in."""
 
 
 class Connection(HttpToolsProtocol):
@@ -60,6 +65,11 @@ class Connection(HttpToolsProtocol):
         self._expect_nothing()
         super().on_message_complete()
 
+    def handle_websocket_upgrade(self) -> None:
+        """The connection goes on as a channel."""
+        self._expect_nothing()
+        super().handle_websocket_upgrade()
+
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self._expect_nothing()
@@ -68,6 +78,34 @@ class Connection(HttpToolsProtocol):
     def _expect(self) -> None:
         self._expect_nothing()
         self._late = self.loop.call_later(MAX_SECONDS, self.transport.close)
+
+    def _expect_nothing(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+
+
+class Channel(WebSocketsSansIOProtocol):
+    """Ends when a message comes in too many parts or too slowly, which uvicorn does not limit while it reads one."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._late: asyncio.TimerHandle | None = None
+
+    def data_received(self, data: bytes) -> None:
+        """Some bytes have come, of a message or of several."""
+        super().data_received(data)
+        if len(self.frames) > MAX_PARTS:
+            self.transport.close()
+        if not self.frames and not self.conn.reader.buffer:
+            self._expect_nothing()
+        elif self._late is None:
+            self._late = self.loop.call_later(MAX_SECONDS, self.transport.close)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection has ended."""
+        self._expect_nothing()
+        super().connection_lost(exc)
 
     def _expect_nothing(self) -> None:
         if self._late is not None:

@@ -77,10 +77,10 @@ class Guard:
         return frozenset(f"{name}:{port}" for name in LOOPBACK) | (frozenset(LOOPBACK) if port == 80 else frozenset())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        problem = None if scope["type"] == "lifespan" else self._problem(scope)
         if scope["type"] != "http":
-            await self.app(scope, receive, send)
+            await (self.app if problem is None else _refusal(problem))(scope, receive, send)
             return
-        problem = self._problem(scope)
         page = Headers(scope=scope).get("origin", "").lower()
         if page in self.origins:
             send = _told_to(page, send)

@@ -21,8 +21,8 @@ from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
 from planner_service.serve.app import create_app
-from planner_service.serve.connection import Connection
-from planner_service.serve.guard import LOOPBACK, Guard, checked_origins
+from planner_service.serve.connection import Channel, Connection
+from planner_service.serve.guard import LOOPBACK, MAX_BODY, Guard, checked_origins
 from planner_service.serve.server import PlanningServer
 from planner_service.serve.state.store import MAX_BYTES, Store
 from planner_service.serve.work import ServerWork
@@ -119,7 +119,9 @@ def serve(
             proxy_headers=False,
             date_header=False,
             lifespan="on",
-            ws="none",
+            ws=Channel,
+            ws_max_size=MAX_BODY,
+            ws_per_message_deflate=False,
             http=Connection,
             timeout_graceful_shutdown=5,
             limit_concurrency=1_000,

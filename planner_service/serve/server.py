@@ -79,6 +79,9 @@ SHORT_BODY = 16_384
 """Bytes of a body that is read at once; a longer one is read in a thread, so that others need not wait for it."""
 
 
+KEY = re.compile(r"[\x21-\x7e]{1,255}")
+"""An idempotency key."""
+
 PROBLEM = re.compile(rb'\{"type": ?"urn:problem-type:planner-service:')
 """How the answer to a refused request begins."""
 
@@ -255,8 +258,10 @@ class PlanningServer:
         """Return if another request may be accepted, or one with this key was.
 
         Raises:
-            Refused: There is no room, or the server stops.
+            Refused: There is no room, or the server stops, or the key is none.
         """
+        if key is not None and not KEY.fullmatch(key):
+            raise Refused("malformed", "Idempotency-Key: expected 1 to 255 printable ASCII characters without spaces")
         self._require_open()
         waiting = self._dispatcher.waiting + self._arriving + len(self._unkept)
         if waiting >= self._capacity and not (key is not None and self.store.knows(key)):
