@@ -45,12 +45,13 @@ STUDIES = {
     "episodes": "data sets of episodes, every motion certified and audited",
     "robots": "robots out of packages on PyPI plan from their files, judged by Coal",
     "evidence": "proofs that others check, and proofs that there is no path, forged and attacked",
+    "mcp": "twenty tabletop tasks as an agent's tool calls, on the simulated arm: no motion that is not proven",
     "serve": "a server under load, over its capacity, cancelled, killed and attacked",
     "differential": "the kernel says what FCL says pair by pair, with every instruction set, and how fast",
 }
 """What each study shows; its module in ``studies`` has a ``run`` whose parameters are its options."""
 
-LONG = ("arms", "suites", "robots", "evidence", "serve", "differential", "starts")
+LONG = ("arms", "suites", "robots", "evidence", "mcp", "serve", "differential", "starts")
 """Studies that are not among all: what they find changes with the code alone, and they take long."""
 
 OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {

@@ -30,7 +30,7 @@ MARK = "#"
 DENSITY = "500"
 """Of what lies loose, in kg/m3: that of wood."""
 
-ARM, FIXED, LOOSE = ("1", "0"), ("0", "3"), ("2", "1")
+ARM, FIXED, LOOSE = ("1", "0"), ("0", "3"), ("2", "3")
 """contype and conaffinity: two shapes touch if one's type is in the other's affinity; arm and arm, fixed and fixed
 do not."""
 

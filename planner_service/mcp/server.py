@@ -220,7 +220,8 @@ def _refused(error: Exception) -> types.CallToolResult:
     if refused.reason == "INTERNAL_ERROR":
         LOG.error("a tool failed", exc_info=error)
     fields = {"refused": refused.reason, "detail": refused.detail, "do": refused.do}
-    text = f"refused: {refused.detail} {refused.do}"
+    end = "" if refused.detail.endswith((".", "?")) else "."
+    text = f"refused: {refused.detail}{end} {refused.do}"
     return types.CallToolResult(content=[types.TextContent(text=text)], structured_content=fields, is_error=True)
 
 

@@ -137,6 +137,11 @@ class Session:
         """The robot, its gripper as it stands."""
         return self._state.world.robot
 
+    @property
+    def tasks(self) -> tuple[TaskResult, ...]:
+        """The plans that are kept, oldest first."""
+        return tuple(kept.task for kept in self._plans.values())
+
     # Tools, by their names.
 
     def describe_scene(self, given: arguments.DescribeArguments, cancel: CancelToken) -> Answer:
@@ -316,7 +321,8 @@ class Session:
             stand=self._stand(self._state),
             notes=notes,
         )
-        contacts = "" if done.contacts is None else f", unexpected contacts: {len(done.contacts)}"
+        touched = "; ".join(record.unexpected_contacts or ()) or "none"
+        contacts = "" if done.contacts is None else f", unexpected contacts: {touched}"
         held = ", ".join(map(quoted, record.stand.holding)) or "nothing"
         ids = ", ".join(record.plans)
         told = f"executed {ids} on {self._mover.name} in {record.seconds:.1f} s{contacts}; it holds {held}"

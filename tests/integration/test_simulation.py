@@ -106,7 +106,7 @@ def test_obstacles_of_every_kind_are_where_they_are_in_the_scene(robot: ps.Robot
 
 
 def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: ps.Robot) -> None:
-    model = compiled(mjcf_text(arm_file(), robot, ps.load_scene("bin"), loose=("blue_block",)))
+    model = compiled(mjcf_text(arm_file(), robot, ps.load_scene("bin"), loose=("blue_block", "tray")))
 
     def can_touch(a: str, b: str) -> bool:
         (one, other) = model.geom(a), model.geom(b)
@@ -115,6 +115,7 @@ def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: ps.Robot) -> No
     assert can_touch("link_5#0", "table#0")
     assert can_touch("finger_left#2", "blue_block#0")
     assert can_touch("blue_block#0", "bin_floor#0")
+    assert can_touch("blue_block#0", "tray#0")
     assert not can_touch("link_2#0", "link_5#0")
     assert not can_touch("bin_floor#0", "bin_left#0")
 
