@@ -32,6 +32,8 @@ from planner_service.roadmap import Roadmap, Terms
 from planner_service.search.planners import BalancedRRTConnect, RRTConnect
 from planner_service.search.problem import ConstrainedOracle, Planner, SearchOracle, SearchProblem
 from planner_service.smoothing.smoothing import (
+    Draws,
+    SeededDraws,
     pulled_in,
     shortcut,
     shortcut_on_constraints,
@@ -472,7 +474,7 @@ def _shortened(
     """
     request, accounting = context.request, context.accounting
     with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
-        entry.length, rng = polyline_length(points), np.random.default_rng([request.seed, 1])
+        entry.length, rng = polyline_length(points), SeededDraws(request.seed, 1)
         points = _cut(points, oracle, rng)
         entry.length = polyline_length(points)
         planner = request.planner
@@ -521,7 +523,7 @@ def _improved(
     return searched if best is searched[0] else (best, *searched)
 
 
-def _cut(points: FloatArray, oracle: SearchOracle | ConstrainedOracle, rng: np.random.Generator) -> FloatArray:
+def _cut(points: FloatArray, oracle: SearchOracle | ConstrainedOracle, rng: Draws) -> FloatArray:
     """A path with pieces replaced by straight edges that are free, and keep the constraints."""
     if isinstance(oracle, ConstrainedOracle):
         return shortcut_on_constraints(points, oracle, rng)

@@ -29,7 +29,7 @@ from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Configuration, SearchOracle, SearchProblem, TieredOracle
-from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
+from planner_service.smoothing.smoothing import SeededDraws, blended, pulled_in, shortcut, without_short_pieces
 
 __all__ = ["CandidatePath", "Detours", "Place"]
 
@@ -309,7 +309,7 @@ class Detours:
         if len(points) < 3:
             return points
         with self._accounting.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
-            points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
+            points = shortcut(points, oracle, SeededDraws(self._request.seed, 1))
             entry.length = polyline_length(points)
         with self._accounting.during(Stage.POLISH), suppress(CheckBudgetSpent):
             points = pulled_in(points, oracle)

@@ -12,19 +12,22 @@ All of this is compiled: native/smoothing/smoothing.cpp.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, CompiledOracle, ConstrainedOracle, Oracle, compiled
 
 __all__ = [
     "MIN_BLEND",
+    "Draws",
+    "SeededDraws",
     "blended",
     "pulled_in",
     "shortcut",
@@ -39,10 +42,38 @@ MIN_BLEND = 0.01
 """Radians. A narrower blend saves no time: a jerk-limited law is as fast with a stop."""
 
 
+class Draws(Protocol):
+    """Where random numbers come from, such as a numpy Generator."""
+
+    def random(self, size: int, /) -> FloatArray:
+        """The next numbers in [0, 1), (size,)."""
+
+
+class SeededDraws:
+    """The numbers of ``default_rng(seed)``: to seed one takes as long as a hundred checks, so the first are kept."""
+
+    def __init__(self, *seed: int) -> None:
+        self._seed, self._drawn = seed, 0
+
+    def random(self, size: int, /) -> FloatArray:
+        """As ``Draws``."""
+        first, self._drawn = self._drawn, self._drawn + size
+        known = _first_draws(self._seed)
+        if self._drawn > len(known):
+            known = np.random.default_rng(self._seed).random(self._drawn)
+        return known[first : self._drawn]
+
+
+@lru_cache(maxsize=64)
+def _first_draws(seed: tuple[int, ...]) -> FloatArray:
+    """As many as two calls of ``shortcut`` draw."""
+    return read_only(np.random.default_rng(seed).random(240))
+
+
 def shortcut(
     waypoints: ArrayLike,
     oracle: Oracle,
-    rng: np.random.Generator,
+    rng: Draws,
     *,
     tries: int = 60,
     misses: int = 15,
@@ -99,7 +130,7 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
 def shortcut_on_constraints(
     waypoints: ArrayLike,
     oracle: ConstrainedOracle,
-    rng: np.random.Generator,
+    rng: Draws,
     *,
     tries: int = 60,
     misses: int = 15,

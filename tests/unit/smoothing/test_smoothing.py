@@ -10,7 +10,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.search.problem import compiled
-from planner_service.smoothing.smoothing import blended, pulled_in, shortcut
+from planner_service.smoothing.smoothing import SeededDraws, blended, pulled_in, shortcut
 from tests.support.discs import DiscWorld, GlancingWorld, across, length
 from tests.support.optional import present
 
@@ -116,3 +116,10 @@ def test_a_pull_that_gains_less_than_half_a_percent_is_not_asked_about(height: f
     short = pulled_in([[0.0, 0.0], [1.0, height], [2.0, 0.0]], world)
     assert (world.glances > 0) == asked
     assert (short[1][1] == 0.0) == asked
+
+
+@pytest.mark.parametrize("sizes", [(120, 120), (7, 300, 5), (241,)])
+def test_kept_draws_are_those_of_a_generator(sizes: tuple[int, ...]) -> None:
+    kept, generator = SeededDraws(2**70, 1), np.random.default_rng([2**70, 1])
+    for size in sizes:
+        assert kept.random(size).tolist() == generator.random(size).tolist()
