@@ -34,6 +34,7 @@ STUDIES = {
     "walk": "README's first plan is a short walk through the files of the package",
     "latency": "whole plans take at most 0.35 of 0.1.0's CPU time, lines 0.25 ms, importing 0.3 s, a cold plan 0.8 s",
     "scaling": "what whole plans cost among 10 to 10,000 obstacles",
+    "clouds": "what clouds of 10,000 to 1,000,000 points cost to build, to update and to plan among",
     "panda": "the public Panda problems next to 0.1.0 and to other planners, in turn, by one auditor",
     "arms": "four arms on public problems: a part of an older version's CPU time, none given up, none rejected",
     "suites": "suites of problems by several planners, each path judged by Coal",

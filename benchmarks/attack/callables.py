@@ -194,10 +194,18 @@ def _values(folder: Path) -> Calls:
     yield from _each(
         {"position": point, "quaternion": (1.0, 0.0, 0.0, 0.0), "matrix": np.eye(4), "rpy": point}
         | {"size": (0.1, 0.2, 0.3), "radius": 0.1, "length": 0.2, "vertices": CUBE, "parts": ((box, pose),)}
-        | {"pieces": [box], "points": [point], "cells": [[0, 0, 0]], "resolution": 0.1, "heights": [[0.1, 0.2]]}
+        | {
+            "pieces": [box],
+            "points": [point],
+            "instead_of": (point, point),
+            "cells": [[0, 0, 0]],
+            "resolution": 0.1,
+            "heights": [[0.1, 0.2]],
+        }
         | {"cell": 0.1, "floor": 0.0, "name": "a", "shape": box, "pose": pose, "touch_links": ("b",)},
         *(ps.Pose, ps.Pose.from_matrix, ps.Pose.from_rpy, ps.Box, ps.Sphere, ps.Cylinder, ps.Capsule, ps.Mesh),
         *(ps.Compound, ps.Compound.of_pieces, ps.PointCloud, ps.PointCloud.from_cells, ps.HeightField),
+        ps.PointCloud([point], 0.1).with_points,
         *(ps.Obstacle, ps.Attached),
     )
     yield from _each(
