@@ -23,6 +23,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, MissingDependenc
 from planner_service.files.json_reader import MAX_BYTES, parse_json
 from planner_service.files.schema import Record
 from planner_service.geometry.validation import number
+from planner_service.records.http.replies import VERBS
 from planner_service.records.http.sections import read_reply
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ class Connection:
         return self._persistent(method, path, content, named)
 
     def work(self, kind: str, body: Mapping[str, Any], cancel: CancelToken | None = None) -> Answer:
-        """The answer to a request for work, once it is there.
+        """The answer to a request for work, once it is there; a plan or a task has its robot's hash in its place.
 
         It has a key: sent again after a connection was lost, it is not done again. Ctrl-C withdraws it.
 
@@ -148,23 +149,24 @@ class Connection:
             ServerUnavailable: as ``fetch``.
             PlannerServiceError: the server refused it.
         """
-        path, content, key = f"/{kind}", _text(body), {"Idempotency-Key": uuid.uuid4().hex}
+        query = "?robot=hash" if VERBS[kind].is_file else ""  # whoever asks has the robot
+        path, content, key = f"/{kind}{query}", _text(body), {"Idempotency-Key": uuid.uuid4().hex}
         wait = {"Prefer": f"wait={WAIT}"} if cancel is None else {}
         job = ""
         try:
             answer = self._persistent("POST", path, content, key | wait)
             job = _job(answer)
             while answer.status == 202:
-                answer = self._waited(job, cancel)
+                answer = self._waited(f"/plans/{job}{query}", job, cancel)
         except KeyboardInterrupt:
             with suppress(Exception):
                 self._withdraw(job or _job(self._once("POST", path, content, key)))
             raise
         return Answer(answer.url, answer.status, answer.headers, answer.data, job)
 
-    def _waited(self, job: str, cancel: CancelToken | None) -> Answer:
+    def _waited(self, path: str, job: str, cancel: CancelToken | None) -> Answer:
         """The answer of some work, or that it is not there yet."""
-        path, wait = f"/plans/{job}", {"Prefer": f"wait={WAIT}"}
+        wait = {"Prefer": f"wait={WAIT}"}
         if cancel is None:
             return self._persistent("GET", path, None, wait)
         with ThreadPoolExecutor(1) as thread:

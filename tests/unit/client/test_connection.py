@@ -96,7 +96,7 @@ def test_work_is_sent_with_a_key_and_its_answer_has_its_id(script: Script) -> No
     answer = connection(script).work("plans", {"a": 1})
     assert (answer.document(), answer.job) == ({"answer": 42}, "7")
     method, path, headers = script.asked[0]
-    assert (method, path, headers["content-type"]) == ("POST", "/plans", "application/json")
+    assert (method, path, headers["content-type"]) == ("POST", "/plans?robot=hash", "application/json")
     assert headers["prefer"].startswith("wait=")
     assert len(headers["idempotency-key"]) == 32
 
@@ -113,7 +113,8 @@ def test_after_a_lost_connection_the_same_key_is_sent_again(script: Script) -> N
 def test_an_answer_that_takes_longer_is_waited_for(script: Script) -> None:
     script.answers = [ACCEPTED, ACCEPTED, LOST, ANSWER]
     assert connection(script).work("plans", {}).document() == {"answer": 42}
-    assert [(method, path) for method, path, _ in script.asked] == [("POST", "/plans"), *[("GET", "/plans/7")] * 3]
+    asked = [(method, path) for method, path, _ in script.asked]
+    assert asked == [("POST", "/plans?robot=hash"), *[("GET", "/plans/7?robot=hash")] * 3]
 
 
 def test_a_scene_that_was_stored_though_the_answer_was_lost_is_stored(script: Script) -> None:
