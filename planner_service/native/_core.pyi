@@ -521,6 +521,20 @@ def lawful_motion(
 ):
     """The arguments of ``Trajectory.checked`` after the path, the last being 1; None where Python has to decide."""
 
+def path_at(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    breaks: NDArray[np.float64],
+    lines: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    blends: NDArray[np.float64],
+    places: NDArray[np.float64],
+    order: int,
+    /,
+) -> NDArray[np.float64]:
+    """Configurations (order 0) or tangents (1) of a path at arc lengths (k,), (k, n); see ``JointPath.tables``."""
+
 class Underway:
     """What is left of a motion (``replanning/splice.py``)."""
 

@@ -284,11 +284,13 @@ class JointPath:
         if not len(self._lines):
             value = np.zeros(self.n) if order else self.waypoints[0]
             return np.broadcast_to(value, (*at.shape, self.n)).copy()
-        flat = at.reshape(-1)
-        out = self.on_pieces(self.pieces_at(flat), flat, order)
-        if order == 0 and (self.blended[0] or self.blended[-1]):  # bit for bit, even if a blend reaches an end
-            out[flat == 0.0], out[flat == self.length] = self.waypoints[0], self.waypoints[-1]
-        return out.reshape(*at.shape, self.n)
+        flat = np.ascontiguousarray(at.reshape(-1))
+        if order > 1:
+            return self.on_pieces(self.pieces_at(flat), flat, order).reshape(*at.shape, self.n)
+        found: FloatArray = load_core().path_at(
+            *self.tables, flat, order
+        )  # the bits of ``on_pieces``; exact at both ends
+        return found.reshape(*at.shape, self.n)
 
     def pieces_at(self, s: FloatArray) -> IntArray:
         """The index of the piece on which each s of [0, length] lies; at a break that of the later one."""

@@ -248,6 +248,27 @@ void bind(nb::module_& m) {
         return unless_unusual([&] { return lawful_motion(path, stops, seconds, cubics, {begin, end, from_rest}); },
                               [](TimedPath& timed) { return motion_of(timed); });
     });
+    m.def("path_at", [](const Rows& waypoints, const Column& knots, const Rows& tangents, const Column& breaks, const Numbers& lines,
+                        const Numbers& rows, const Rows& blends, const Column& places, int order) {
+        const Path path = path_of(waypoints, knots, tangents, breaks, lines, rows, blends);
+        const std::size_t n = path.joints, count = places.shape(0);
+        require(path.pieces > 0 && (order == 0 || order == 1), "positions or tangents of a path with a length");
+        const double* ends[] = {path.waypoints, path.waypoints + (path.waypoint_count - 1) * n};
+        const bool exact = path.blended(0) || path.blended(path.pieces - 1);
+        std::vector<double> out(count * n);
+        for (std::size_t k = 0; k < count; ++k) {
+            const double s = places.data()[k];
+            require(s >= 0.0 && s <= path.length(), "places on the path");
+            double* at = out.data() + k * n;
+            if (order == 1)
+                path.tangent(path.piece_at(s), s, at);
+            else if (exact && (s == 0.0 || s == path.length()))  // bit for bit, even if a blend reaches an end
+                std::copy(ends[s != 0.0], ends[s != 0.0] + n, at);
+            else
+                path.position(s, at);
+        }
+        return array_of<double>(std::move(out), {count, n});
+    });
     nb::class_<KeptUnderway>(m, "Underway")
         .def(nb::init<const Rows&, const Column&, const Rows&, const Column&, const Numbers&, const Numbers&, const Rows&,
                       const Column&, const Rows&, const Column&, const Column&, double, double, double>())

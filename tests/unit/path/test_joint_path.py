@@ -362,3 +362,26 @@ def _awkward_points(rng: np.random.Generator) -> FloatArray:
             step = rng.normal(size=n)
         points.append(points[-1] + step)
     return np.array(points)
+
+
+@given(polylines, st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8), st.sampled_from([0.0, 0.1, 0.49, 0.5, 1.0]))
+@settings(deadline=None)
+def test_a_path_is_the_same_curve_in_both_languages_and_exact_at_its_ends(
+    points: list[list[float]], shares: list[float], blend: float
+) -> None:
+    path = JointPath(np.array(points))
+    if not path.length > 0.0:
+        return
+    lengths = np.diff(path.knots)
+    widths = np.zeros(len(path.waypoints))
+    for k in range(1, len(widths) - 1):
+        width = blend * min(lengths[k - 1], lengths[k])
+        if width > 1e-6 and not path.turns_back(k) and (blend <= 0.5 or len(widths) == 3):
+            widths[k] = width
+    path = path.with_blends(widths)
+    s = np.unique([*(np.array(shares) * path.length), *path.breaks])
+    for order in (0, 1):
+        expected = path.on_pieces(path.pieces_at(s), s, order)
+        assert np.array_equal(path(s[1:-1], order), expected[1:-1])
+        assert np.array_equal(path(s, order)[[0, -1]], expected[[0, -1]]) or order == 0
+    assert path([0.0, path.length]).tolist() == path.waypoints[[0, -1]].tolist()
