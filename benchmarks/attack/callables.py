@@ -205,7 +205,7 @@ def _values(folder: Path) -> Calls:
         | {"cell": 0.1, "floor": 0.0, "name": "a", "shape": box, "pose": pose, "touch_links": ("b",)},
         *(ps.Pose, ps.Pose.from_matrix, ps.Pose.from_rpy, ps.Box, ps.Sphere, ps.Cylinder, ps.Capsule, ps.Mesh),
         *(ps.Compound, ps.Compound.of_pieces, ps.PointCloud, ps.PointCloud.from_cells, ps.HeightField),
-        ps.PointCloud([point], 0.1).with_points,
+        ps.PointCloud(np.array([point]), 0.1).with_points,
         *(ps.Obstacle, ps.Attached),
     )
     yield from _each(

@@ -119,7 +119,8 @@ def prove_no_path(
     """A proof that none of the goals can be reached from the start; None if none was found, which says nothing.
 
     It is the same on every machine: it ends by a number of boxes and of pairs in them, not by a clock. Fixed ways out
-    of named poses may collide, so the pairs that they except are no walls.
+    of named poses may collide, so the pairs that they except are no walls. Among more than 2,000,000 pairs of
+    solids none is looked for.
 
     Args:
         start: Configuration (n,) in radians (metres for joints that slide).

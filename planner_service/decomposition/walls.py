@@ -41,6 +41,10 @@ CHORD = 2.0
 """Times the distance from an axis: no turn moves a point farther."""
 
 
+MOST_PAIRS = 2_000_000
+"""Pairs of solids, as of a cloud of 50,000 boxes around an arm of 40 pieces."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frames:
     """Where all bodies are in m configurations.
@@ -118,8 +122,13 @@ class Witness:
 
 
 def solid_pairs(robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> list[SolidPair]:
-    """The pairs whose overlap is a collision wherever the robot is: those of a fixed way out are not."""
+    """The pairs whose overlap is a collision wherever the robot is: those of a fixed way out are not.
+
+    None where there are more than ``MOST_PAIRS``: so few boxes could be judged that there would be no proof.
+    """
     listed, labels = ProofPairs(robot, scene, allowed), Names(robot, scene)
+    if listed.judged > MOST_PAIRS:
+        return []
     excepted = {frozenset(names) for retreat in robot.retreats for names in labels.links(retreat.pairs)}
     solids = [_Solid(piece) for piece in (*listed.riding, *listed.standing)]
     chains = [() if s.body == FIXED else tuple(chain_to_base(robot.bodies, s.body)) for s in solids]

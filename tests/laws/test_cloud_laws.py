@@ -10,6 +10,8 @@ import pytest
 from planner_service.certify import Certifier
 from planner_service.certify import pairs as proof_pairs
 from planner_service.collision import CollisionChecker, MotionStep
+from planner_service.decomposition import walls
+from planner_service.decomposition.no_path import prove_no_path
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Pieces, PointCloud
@@ -122,3 +124,13 @@ def test_the_comparison_notices_bundles_around_their_first_pieces_only(monkeypat
     monkeypatch.setattr(proof_pairs, "_extents", of_the_first)
     with pytest.raises(AssertionError):
         test_verdicts_and_proofs_of_a_cloud_are_those_of_its_cells("wxai")
+
+
+def test_no_proof_that_there_is_no_path_is_looked_for_among_too_many_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot("planar2")
+    points = np.mgrid[-30:30, -1:1, -30:30].reshape(3, -1).T * 0.05 + np.array([0.0, 0.8, 0.0])
+    scene = Scene((Obstacle("wall", PointCloud(points, 0.05)),))
+    ends = np.array([0.0, 0.0]), [np.array([3.0, 0.0])]
+    assert prove_no_path(robot, scene, *ends) is not None
+    monkeypatch.setattr(walls, "MOST_PAIRS", 10)
+    assert prove_no_path(robot, scene, *ends) is None
