@@ -102,6 +102,18 @@ class Channel(WebSocketsSansIOProtocol):
         elif self._late is None:
             self._late = self.loop.call_later(MAX_SECONDS, self.transport.close)
 
+    def send_receive_event_to_app(self) -> None:
+        """A whole message has come; a text is not read, as channels take bytes alone."""
+        if self.curr_msg_data_type == "text":
+            self.frames = [b""]
+        super().send_receive_event_to_app()
+
+    async def send(self, message: Any) -> None:
+        """Send what the application answers; a refusal of the handshake ends it, of which uvicorn complains else."""
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
+            self.handshake_complete = True
+
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self._expect_nothing()

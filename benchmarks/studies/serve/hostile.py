@@ -5,6 +5,7 @@ Whatever comes: no 5xx, no crash, no hang, bounded memory, and afterwards the sa
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import random
@@ -21,6 +22,7 @@ from contextlib import suppress
 from typing import Any
 from urllib.parse import quote
 
+import msgpack
 import numpy as np
 
 from benchmarks.attack.jail import become_nobody, give_to_nobody
@@ -172,6 +174,8 @@ def _answer(port: int, data: bytes) -> str:
     """The status that some bytes have, ``closed`` or ``hung``."""
     try:
         with socket.create_connection(("127.0.0.1", port), PATIENCE) as link:
+            if data.startswith(UPGRADE):
+                return _channel_status(link, data.replace(b"Host: localhost", b"Host: 127.0.0.1:%d" % port))
             with suppress(OSError):  # refused before it was sent whole
                 link.sendall(data.replace(b"Host: localhost", b"Host: 127.0.0.1:%d" % port))
                 if not data.endswith(WHOLE):  # it may be without an end, and for a whole one this withdraws it
@@ -188,6 +192,24 @@ def _answer(port: int, data: bytes) -> str:
         return "closed"
     found = STATUS.match(answer)
     return "closed" if found is None else found[1].decode()
+
+
+UPGRADE = b"GET /channel HTTP/1.1"
+
+
+def _channel_status(link: socket.socket, data: bytes) -> str:
+    """The status of a handshake, ``closed`` or ``hung``; 101 if the frames after it have ended, too."""
+    head, _, frames = data.partition(b"\r\n\r\n")
+    link.sendall(head + b"\r\n\r\n")
+    found = STATUS.match(link.recv(4096))
+    if found is None or found[1] != b"101":
+        return "closed" if found is None else found[1].decode()
+    with suppress(ConnectionError):  # it may end before all is sent
+        link.sendall(frames)
+        link.shutdown(socket.SHUT_WR)
+        while link.recv(65_536):
+            pass
+    return "101"
 
 
 ROUTES = ("plans", "certify", "check", "pick", "place", "pick_place", "move_linear", "replan", "explain", "roadmaps")
@@ -287,4 +309,33 @@ HEADERS = {
 }
 
 
-KINDS: tuple[Callable[[random.Random], bytes], ...] = (_noise, _broken_head, _mutated, _mutated, _mutated, _mutated)
+def _frames(rng: random.Random) -> bytes:
+    """A handshake of a channel and frames after it, most of them broken in some way."""
+    head = {"Host": "localhost", "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    head["Sec-WebSocket-Key"] = base64.b64encode(rng.randbytes(16)).decode()
+    if rng.random() < 0.1:
+        head |= rng.choice(({"Origin": "http://elsewhere"}, {"Sec-WebSocket-Version": "1"}, {"Sec-WebSocket-Key": "a"}))
+    text = "".join(f"{name}: {value}\r\n" for name, value in head.items())
+    return UPGRADE + f"\r\n{text}\r\n".encode("ascii") + b"".join(_frame(rng) for _ in range(rng.choice((1, 3, 40))))
+
+
+def _frame(rng: random.Random) -> bytes:
+    """One frame: a request with something changed in it, lists that claim to be vast, or no message at all."""
+    asked = {
+        "id": rng.choice((1, "a", -1, None)),
+        "verb": rng.choice((*ROUTES, "cancel", "")),
+        "body": rng.choice(BODIES),
+    }
+    payload = bytearray(msgpack.packb(asked))
+    if rng.random() < 0.5:
+        payload[rng.randrange(len(payload))] = rng.randrange(256)
+    if rng.random() < 0.2:
+        payload = bytearray(rng.choice((b"\xdd\xff\xff\xff\xff" * 500, b"\x91" * 5000, b"", rng.randbytes(2000))))
+    first = rng.choice((0x82, 0x82, 0x82, 0x81, 0x02, 0x00, 0x80, 0x88, 0x89, 0x8A, 0xF2, 0x83))
+    size = len(payload) if rng.random() < 0.9 else rng.choice((0, 1, 2**31, 2**63 - 1, 2**64 - 1))
+    mask = rng.randbytes(4)
+    masked = bytes(byte ^ mask[k % 4] for k, byte in enumerate(payload))
+    return bytes([first, 0xFF]) + size.to_bytes(8, "big") + mask + masked
+
+
+KINDS: tuple[Callable[[random.Random], bytes], ...] = (_noise, _broken_head, *[_mutated] * 4, _frames)

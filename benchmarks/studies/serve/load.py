@@ -8,11 +8,18 @@ import resource
 import subprocess
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
+import msgpack
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+
+import planner_service as ps
 from benchmarks.attack.jail import become_nobody, give_to_nobody
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, table_of
 from benchmarks.studies.serve import asked
@@ -31,6 +38,8 @@ PLANS, TASKS = 240, 40
 
 CALLS = 200
 """Single calls, by turns with the library's."""
+
+WAYS = ("library", "http", "http, robot=hash", "Remote", "channel")
 
 SHARE, OVERHEAD_MS = 0.9, 3.0
 
@@ -126,24 +135,63 @@ def _seconds_of_tools() -> float:
 
 
 def _single(running: Server, service: PlannerService) -> Row:
-    """One call at a time: by the library, by a bare connection, and by ``Remote``, which checks what it reads."""
+    """One call at a time: by the library, over HTTP with and without the robot, by ``Remote``, and over a channel."""
     requests = asked.plan_requests(CALLS)
     bodies = asked.plan_bodies(requests)
-    spent: dict[str, list[float]] = {"library": [], "http": [], "Remote": []}
-    with connected(running.port) as link, Remote(f"http://127.0.0.1:{running.port}", asked.SCENE) as remote:
+    spent: dict[str, list[_Cost]] = {name: [] for name in WAYS}
+    url = f"127.0.0.1:{running.port}"
+    with (
+        connected(running.port) as link,
+        Remote(f"http://{url}", asked.SCENE) as remote,
+        connect(f"ws://{url}/channel", compression=None, max_size=None) as channel,
+    ):
+        ways: dict[str, Callable[[ps.PlanRequest, Any], Any]] = {
+            "library": lambda request, _: service.plan(request),
+            "http": lambda _, body: link.ask("POST", "/plans", body, Prefer="wait=60").document,
+            "http, robot=hash": lambda _, body: link.ask("POST", "/plans?robot=hash", body, Prefer="wait=60").document,
+            "Remote": lambda request, _: remote.plan(request),
+            "channel": lambda _, body: _over(channel, body),
+        }
         for k, (request, body) in enumerate(zip(requests, bodies, strict=True)):
-            began = time.perf_counter()
-            service.plan(request)
-            library = time.perf_counter() - began
-            reply = link.ask("POST", "/plans", body, Prefer="wait=60")
-            assert reply.status == 200, reply.data
-            began = time.perf_counter()
-            remote.plan(request)
-            if k >= CALLS // 10:  # the first ones build what later ones use
-                spent["library"].append(library)
-                spent["http"].append(reply.seconds - library)
-                spent["Remote"].append(time.perf_counter() - began - library)
-    return {"part": "load", "way": "single calls", **{name: p50(values) * 1e3 for name, values in spent.items()}}
+            for name in WAYS:
+                cost = _cost(running, ways[name], request, body)
+                if k >= CALLS // 10:  # the first ones build what later ones use
+                    spent[name].append(cost)
+    library = spent.pop("library")
+    row: Row = {"part": "load", "way": "single calls", "library": p50([each.seconds for each in library]) * 1e3}
+    for name, costs in spent.items():
+        pairs = list(zip(costs, library, strict=True))
+        row[name] = p50([each.seconds - own.seconds for each, own in pairs]) * 1e3
+        row[f"{name}, server CPU"] = (_mean(costs, "server") - _mean(library, "client")) * 1e3
+        row[f"{name}, client CPU"] = _mean(costs, "client") * 1e3
+    return row
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """Seconds of a call: on the clock, of this process, and of the server and its workers."""
+
+    seconds: float
+    client: float
+    server: float
+
+
+def _cost(running: Server, call: Callable[[Any, Any], Any], request: Any, body: Any) -> _Cost:
+    server, client, began = sum(running.cpu_nanoseconds), time.process_time(), time.perf_counter()
+    call(request, body)
+    seconds, client = time.perf_counter() - began, time.process_time() - client
+    return _Cost(seconds, client, (sum(running.cpu_nanoseconds) - server) / 1e9)
+
+
+def _mean(costs: Sequence[_Cost], name: str) -> float:
+    return fmean(getattr(each, name) for each in costs)
+
+
+def _over(channel: Connection, body: Any) -> Any:
+    channel.send(msgpack.packb({"id": 1, "verb": "plans", "body": body, "robot": "hash"}))
+    reply = msgpack.unpackb(channel.recv())
+    assert reply["status"] == 200, reply
+    return reply["answer"]
 
 
 def _tables(rows: Sequence[Row], engine: Row, single: Row) -> tuple[Any, ...]:
@@ -166,8 +214,16 @@ def _tables(rows: Sequence[Row], engine: Row, single: Row) -> tuple[Any, ...]:
         "other bits than the library's. Pick-and-places a second by "
         f"{engine['way']}: {before:.1f} before, {after:.1f} after."
     )
-    calls = [{"": f"{name}, ms", "p50": f"{single[name]:.2f}"} for name in ("library", "http", "Remote")]
-    above = "The library's call, and what a bare connection and Remote add to it, by turns."
+    calls = [
+        {
+            "": name,
+            "p50 above, ms": f"{single[name]:.2f}",
+            "server CPU above, ms": f"{single[f'{name}, server CPU']:.2f}",
+            "client CPU, ms": f"{single[f'{name}, client CPU']:.2f}",
+        }
+        for name in WAYS[1:]
+    ]
+    above = f"By turns; above the library's call, which takes {single['library']:.2f} ms (p50)."
     return table_of("Load", lines, caption=caption), table_of("Single calls", calls, caption=above)
 
 

@@ -184,6 +184,15 @@ def test_who_may_not_ask_gets_no_channel(server: Server, headers: dict[str, str]
     assert (response.status_code, json.loads(response.body)["status"]) == (status, status)
 
 
+def test_a_text_that_is_no_unicode_ends_a_channel_in_the_same_words(server: Server) -> None:
+    with channel(server) as link:
+        link.send(b"\xff", text=True)
+        with pytest.raises(ConnectionClosed) as caught:
+            link.recv(20.0)
+    assert caught.value.rcvd is not None
+    assert (caught.value.rcvd.code, caught.value.rcvd.reason) == (1003, "frames are msgpack")
+
+
 @pytest.mark.parametrize("sent", ["{}", b"\x00" * 20_000_001])
 def test_text_and_what_is_too_large_end_a_channel(server: Server, sent: str | bytes) -> None:
     with channel(server) as link:
