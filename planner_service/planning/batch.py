@@ -82,7 +82,7 @@ class Batch:
     ) -> list[PlanResult]:
         """See ``PlannerService.plan_many``."""
         requests = items("requests", requests, PlanRequest, "a PlanRequest")
-        results = _checked_results(finished or {}, len(requests))
+        results = _checked_results({} if finished is None else finished, len(requests))
         left = [index for index in range(len(requests)) if index not in results]
         answers = self._started([requests[index] for index in left], engine, numbers=left)
         try:
