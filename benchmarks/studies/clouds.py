@@ -6,6 +6,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 from typing import Any, TypeVar
 
@@ -104,9 +105,8 @@ def run(robot: str | None = None, queries: int = 20, seed: int = 5) -> Report:
     found = [0] * len(services)
     for start, goal in pairs:  # in turn
         for k, service in enumerate(services):
-            plan, seconds = _timed(
-                lambda s=service, a=start, b=goal: s.plan(ps.PlanRequest(a, b, seed=seed, time_limit=60.0))
-            )  # type: ignore[misc]
+            request = ps.PlanRequest(start, goal, seed=seed, time_limit=60.0)
+            plan, seconds = _timed(partial(service.plan, request))
             found[k] += plan.certificate is not None and plan.certificate.certified
             times[k].append(seconds)
     for k, row in enumerate(rows):

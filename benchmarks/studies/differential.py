@@ -160,7 +160,7 @@ def kernels(robot: ps.Robot, scene: ps.Scene, margin: float = MARGIN) -> dict[st
         if not isinstance(checker._backend, NativeBackend) or kernel is None:
             raise AssertionError(f"{name}: the kernel is there and is not used")
         checker._backend.kernel = kernel
-        checker._kernel = checker._configured_kernel()
+        vars(checker)["_kernel"] = kernel if checker._configure(kernel) else None
         found[name] = checker
     return found
 

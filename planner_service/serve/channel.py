@@ -98,7 +98,8 @@ class _Channel:
         try:
             while (message := await self.socket.receive())["type"] == "websocket.receive":
                 if message.get("bytes") is None:
-                    await self.socket.close(UNSUPPORTED, "frames are msgpack")
+                    with suppress(WebSocketDisconnect, RuntimeError):  # it is closed
+                        await self.socket.close(UNSUPPORTED, "frames are msgpack")
                     return
                 await self._take(message["bytes"])
         finally:
