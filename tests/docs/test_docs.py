@@ -185,11 +185,11 @@ CAPS: dict[str, tuple[int, ...]] = {
     ),
     "Points (PLY, PCD, XYZ, LAS, LAZ, NPY, NPZ)": (
         *(mesh_file.MAX_BYTES, pcd_file.MAX_POINTS, mesh_file.MAX_VERTICES),
-        *(composite.MAX_CELLS, composite.MAX_PIECES),
+        composite.MAX_CELLS,
     ),
     "OctoMap (`.bt`, `.ot`)": (
         *(mesh_file.MAX_BYTES, octomap_file.MAX_NODES, octomap_file.MAX_CELLS),
-        *(composite.MAX_PIECES, octomap_file.DEPTH),
+        octomap_file.DEPTH,
     ),
     "All meshes and clouds of one robot or scene": (mesh_path.MAX_TOTAL,),
     "Plan or task (JSON)": (

@@ -25,7 +25,7 @@ DEPTH = 16
 MAX_NODES = 3_000_000
 """A map of a large room at one centimetre; they take about as many microseconds."""
 
-MAX_CELLS = 500_000
+MAX_CELLS = 1_000_000
 """As many as a cloud may have."""
 
 MAX_HEADER = 10_000
