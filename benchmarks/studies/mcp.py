@@ -309,7 +309,7 @@ TASKS: dict[str, Callable[[Agent], Awaitable[None]]] = {
     "take the blue block by a plan from before": outdated,
     "look and prove again before moving": careful,
 }
-"""What each program does, in the words of whoever might ask for it."""
+"""What each program shows, said as a user would ask for it."""
 
 
 def run(queries: int | None = None) -> Report:

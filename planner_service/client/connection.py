@@ -149,7 +149,7 @@ class Connection:
             ServerUnavailable: as ``fetch``.
             PlannerServiceError: the server refused it.
         """
-        query = "?robot=hash" if VERBS[kind].is_file else ""  # whoever asks has the robot
+        query = "?robot=hash" if VERBS[kind].is_file else ""  # the client has the robot already
         path, content, key = f"/{kind}{query}", _text(body), {"Idempotency-Key": uuid.uuid4().hex}
         wait = {"Prefer": f"wait={WAIT}"} if cancel is None else {}
         job = ""

@@ -76,7 +76,7 @@ class Mover(Protocol):
         ...
 
     def run(self, task: TaskResult, cancel: CancelToken) -> Done:
-        """Execute a task; proven again before the arm moves, and the arm is told to hold when it is cancelled.
+        """Execute a task; proven again before the arm moves, and a cancelled call stops the arm where it is.
 
         Raises:
             InvalidRequest: as ``execute``; nothing has moved.

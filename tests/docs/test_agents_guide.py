@@ -1,4 +1,4 @@
-"""The guide to agents shows what tools answer, and what clients are told there works.
+"""The guide to agents shows what tools answer, and the client settings it gives work.
 
 ``WRITE_OUTPUTS=1`` in the environment writes the outputs of today into the page.
 """

@@ -40,7 +40,7 @@ GRIPPER_TIME, REST = 0.6, 0.7
 """Seconds for a motion of the gripper, and until the arm rests at the end of a motion."""
 
 SQUEEZE = 0.004
-"""Metres by which a gripper is told to close farther than an object is wide."""
+"""Metres beyond contact that a gripper is commanded to close on an object."""
 
 
 @dataclass

@@ -9,7 +9,7 @@ from planner_service.presentation.progress import INTERVAL, bar
 
 
 class Clock:
-    """Seconds that pass when it is told so."""
+    """Seconds of fake time, moved on by the test."""
 
     def __init__(self) -> None:
         self.now = 1000.0
