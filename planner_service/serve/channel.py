@@ -91,7 +91,7 @@ class _Channel:
     server: PlanningServer
     socket: WebSocket
     jobs: dict[int | str, str] = field(default_factory=dict)
-    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    tasks: list[asyncio.Task[None]] = field(default_factory=list)  # the first asked first
 
     async def serve(self) -> None:
         """Read frames until there are no more."""
@@ -103,7 +103,7 @@ class _Channel:
                     return
                 await self._take(message["bytes"])
         finally:
-            for task in self.tasks:
+            for task in reversed(self.tasks):  # so that none begins because the one before it ended
                 task.cancel()
 
     async def _take(self, frame: bytes) -> None:
@@ -122,11 +122,11 @@ class _Channel:
             await self._refuse(asked, error)
             return
         task = asyncio.ensure_future(self._answer(request))
-        self.tasks.add(task)
+        self.tasks.append(task)
         task.add_done_callback(self._done)
 
     def _done(self, task: asyncio.Task[None]) -> None:
-        self.tasks.discard(task)
+        self.tasks.remove(task)
         if not task.cancelled() and (error := task.exception()) is not None:
             logger.error("a bug: %s", error, exc_info=error)
 
