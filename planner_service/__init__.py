@@ -11,6 +11,7 @@
 
 from typing import TYPE_CHECKING
 
+import planner_service.concurrency.idle_threads  # before anything imports numpy
 import planner_service.conveniences  # noqa: F401  provides what methods of values call
 from planner_service.certify import (
     Certificate,
@@ -40,26 +41,21 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import Optimise
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planners import (
-    PRM,
-    RRT,
-    BalancedRRTConnect,
-    LazyPRM,
-    RRTConnect,
-)
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage, StageReport
-from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.roadmap import Roadmap
+from planner_service.roadmap.planners import PRM, LazyPRM
 from planner_service.robot.model import JointLimits, Robot, robot_names
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene, save_scene
 from planner_service.scene.scene import Attached, Obstacle, Scene, scene_names
+from planner_service.search.planners import RRT, BalancedRRTConnect, RRTConnect
 from planner_service.service import PlannerService
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
 if TYPE_CHECKING:
     from planner_service.grasping.grasps import top_grasps
+    from planner_service.planning.task_result import Handling, TaskResult
     from planner_service.tasks.primitives import pick, place
     from planner_service.tasks.tool_motions import move_linear
 
@@ -138,10 +134,12 @@ def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from planner_service.grasping.grasps import top_grasps
+    from planner_service.planning.task_result import Handling, TaskResult
     from planner_service.tasks.primitives import pick, place
     from planner_service.tasks.tool_motions import move_linear
 
-    globals().update(top_grasps=top_grasps, pick=pick, place=place, move_linear=move_linear)
+    globals().update(Handling=Handling, TaskResult=TaskResult, top_grasps=top_grasps)
+    globals().update(pick=pick, place=place, move_linear=move_linear)
     return globals()[name]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,6 +35,8 @@ def run_confined(
     Raises:
         ScriptFailed: it raised, crashed, took too long or wanted too much memory.
     """
+    import subprocess  # few files need a script
+
     order = {"path": sys.path, "script": str(script), "seconds": seconds + 5, "memory": memory, "bare": bare}
     command = [sys.executable, "-I", str(RUNNER), json.dumps({**order, "job": job})]
     few = {"OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "1"}  # each thread reserves memory

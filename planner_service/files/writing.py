@@ -6,7 +6,6 @@ import fcntl
 import os
 import re
 import stat
-import uuid
 from contextlib import suppress
 from pathlib import Path
 
@@ -132,6 +131,8 @@ def _lock(descriptor: int, *, wait: bool) -> bool:
 
 
 def _temporary_name() -> str:
+    import uuid  # a plan writes no file
+
     return f".planner-service-{uuid.uuid4().hex}.tmp"
 
 

@@ -12,21 +12,19 @@ from typing import Any
 from planner_service.errors import UnknownName
 from planner_service.roadmap.planners import PRM, LazyPRM, PRMstar
 from planner_service.roadmap.roadmap import Roadmap
-from planner_service.search.planners import (
+from planner_service.search.ompl_planners import (
     AORRTC,
     BFMT,
     BKPIECE1,
     FMT,
     KPIECE1,
     LBKPIECE1,
-    RRT,
-    BalancedRRTConnect,
     BITstar,
     InformedRRTstar,
-    RRTConnect,
     RRTstar,
     SORRTstar,
 )
+from planner_service.search.planners import RRT, BalancedRRTConnect, RRTConnect
 from planner_service.search.problem import Oracle, Planner, SearchProblem, SearchResult, SearchSpace, Space
 
 __all__ = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 import re
 import textwrap
@@ -251,4 +250,6 @@ def _html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]
 
 
 def _html(text: str) -> str:
+    import html  # a plan is seldom shown as HTML
+
     return html.escape(printable(text))

@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache
 from itertools import combinations
 from pathlib import Path
 from types import NoneType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +40,9 @@ from planner_service.robot.groups import PlanningGroup
 from planner_service.robot.inertia import Dynamics
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.reach import reach_bounds
-from planner_service.robot.urdf_model import Description
+
+if TYPE_CHECKING:
+    from planner_service.robot.urdf_model import Description
 
 __all__ = [
     "AllowedContact",

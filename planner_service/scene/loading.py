@@ -13,11 +13,7 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.mesh_formats import MESH_SUFFIXES
 from planner_service.geometry.scans import POINT_SUFFIXES
 from planner_service.geometry.validation import instance
-from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.scene import Scene, scene_names
-from planner_service.scene.sdf_scene import read_sdf_scene
-from planner_service.scene.solid_scene import read_solid_scene
-from planner_service.scene.urdf_scene import read_urdf_scene
 
 __all__ = ["load_scene", "save_scene"]
 
@@ -33,17 +29,41 @@ def _toml(path: Path) -> Scene:
     return read_scene(path)
 
 
+def _moveit(path: Path) -> Scene:
+    from planner_service.scene.moveit_scene import read_moveit_scene
+
+    return read_moveit_scene(path)
+
+
+def _urdf(path: Path) -> Scene:
+    from planner_service.scene.urdf_scene import read_urdf_scene
+
+    return read_urdf_scene(path)
+
+
+def _sdf(path: Path) -> Scene:
+    from planner_service.scene.sdf_scene import read_sdf_scene
+
+    return read_sdf_scene(path)
+
+
+def _solid(path: Path) -> Scene:
+    from planner_service.scene.solid_scene import read_solid_scene
+
+    return read_solid_scene(path)
+
+
 READERS: Mapping[str, Callable[[Path], Scene]] = {
     ".toml": _toml,
     "": _toml,
-    ".scene": read_moveit_scene,
-    ".urdf": read_urdf_scene,
-    ".xacro": read_urdf_scene,
-    ".sdf": read_sdf_scene,
-    ".world": read_sdf_scene,
-    **dict.fromkeys((*MESH_SUFFIXES, *POINT_SUFFIXES), read_solid_scene),
+    ".scene": _moveit,
+    ".urdf": _urdf,
+    ".xacro": _urdf,
+    ".sdf": _sdf,
+    ".world": _sdf,
+    **dict.fromkeys((*MESH_SUFFIXES, *POINT_SUFFIXES), _solid),
 }
-"""Who reads a file, by its suffix in any case."""
+"""Who reads a file, by its suffix in any case; each is loaded with the first such file."""
 
 STEPS = {
     (".gltf",): "export it as .glb, one file with all it needs",

@@ -1,7 +1,8 @@
-"""The tree planners: small frozen dataclasses of settings with one method, ``search``.
+"""The tree planners of most plans: small frozen dataclasses of settings with one method, ``search``.
 
-``BalancedRRTConnect`` is our own, compiled (native/search/balanced.cpp); the others run OMPL's algorithm of the same
-name (Sucan, Moll & Kavraki, IEEE RAM 19(4), 2012) through ``search/ompl.py``.
+``BalancedRRTConnect`` is our own, compiled (native/search/balanced.cpp); the others, and those of
+``search/ompl_planners.py``, run OMPL's algorithm of the same name (Sucan, Moll & Kavraki, IEEE RAM 19(4), 2012) through
+``search/ompl.py``.
 Distances are L2 norms over the joints, in radians if all of them are revolute. Equal problems with equal seeds have
 equal results.
 """
@@ -23,25 +24,15 @@ if TYPE_CHECKING:
     from planner_service.search import ompl
 
 __all__ = [
-    "AORRTC",
-    "BFMT",
-    "BKPIECE1",
-    "FMT",
-    "KPIECE1",
-    "LBKPIECE1",
     "RRT",
-    "BITstar",
     "BalancedRRTConnect",
-    "InformedRRTstar",
+    "BiasedTree",
+    "OmplSearch",
     "RRTConnect",
-    "RRTstar",
-    "SORRTstar",
     "Settings",
+    "Tree",
     "metric",
 ]
-
-_DEFAULT_CHECKS = 20_000
-"""States after which an anytime planner stops improving: about ten times what a first path costs."""
 
 _WORD = 2**64 - 1
 
@@ -93,7 +84,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class _Search(Settings):
+class OmplSearch(Settings):
     """A planner that OMPL runs until it has a path, or, if it has ``checks``, until so many states were checked."""
 
     def search(self, problem: SearchProblem) -> SearchResult:
@@ -104,7 +95,7 @@ class _Search(Settings):
 
 
 @dataclass(frozen=True)
-class _Tree(_Search):
+class Tree(OmplSearch):
     """A planner that grows one or two trees with edges of at most ``range``; long searches are restarted."""
 
     range: float = 0.5
@@ -112,41 +103,14 @@ class _Tree(_Search):
 
 
 @dataclass(frozen=True)
-class _BiasedTree(_Tree):
+class BiasedTree(Tree):
     """A planner that grows its tree towards a goal in the share ``goal_bias`` of its steps."""
 
     goal_bias: float = 0.05
 
 
 @dataclass(frozen=True)
-class _Rewiring(_Search):
-    """A planner that rewires its tree for ever shorter paths."""
-
-    range: float = 0.5
-    goal_bias: float = 0.05
-    checks: int = _DEFAULT_CHECKS
-
-    @property
-    def patience(self) -> int | None:  # type: ignore[override]
-        """As many states as it may use to improve a path."""
-        return self.checks
-
-
-@dataclass(frozen=True)
-class _Batch(Settings):
-    """A planner that draws one batch of samples, and a batch of twice the size each time it fails for all goals."""
-
-    samples: int = 100
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        from planner_service.search import ompl
-
-        return ompl.solve_in_batches(problem, type(self).__name__, self.samples)
-
-
-@dataclass(frozen=True)
-class BalancedRRTConnect(_Tree):
+class BalancedRRTConnect(Tree):
     """The default: RRTConnect that always grows the smaller of its trees, with dynamic domains.
 
     Distances are weighted by how far a joint moves the body (``SearchProblem.reach``), scaled so that the longest one
@@ -215,7 +179,7 @@ def _metric(spans: tuple[float, ...], reach: tuple[float, ...]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class RRTConnect(_Tree):
+class RRTConnect(Tree):
     """OMPL's two trees that grow towards each other, quick to a first path (Kuffner & LaValle, ICRA 2000).
 
     Attributes:
@@ -229,7 +193,7 @@ class RRTConnect(_Tree):
 
 
 @dataclass(frozen=True)
-class RRT(_BiasedTree):
+class RRT(BiasedTree):
     """One tree from the start (LaValle & Kuffner, IJRR 20(5), 2001).
 
     Attributes:
@@ -238,130 +202,3 @@ class RRT(_BiasedTree):
     """
 
     name: ClassVar[str] = "rrt"
-
-
-@dataclass(frozen=True)
-class RRTstar(_Rewiring):
-    """One tree that is rewired for ever shorter paths (Karaman & Frazzoli, IJRR 30(7), 2011).
-
-    Attributes:
-        range: Longest edge of the tree before rewiring, in joint distance (rad).
-        goal_bias: Share of the samples that are a goal.
-        checks: States after which it ends with its best path; without one it goes on.
-    """
-
-    name: ClassVar[str] = "rrtstar"
-
-
-@dataclass(frozen=True)
-class InformedRRTstar(_Rewiring):
-    """RRTstar that samples only where a shorter path may run (Gammell, Srinivasa & Barfoot, IROS 2014).
-
-    Attributes:
-        range: Longest edge of the tree before rewiring, in joint distance (rad).
-        goal_bias: Share of the samples that are a goal.
-        checks: States after which it ends with its best path; without one it goes on.
-    """
-
-    name: ClassVar[str] = "informedrrtstar"
-
-
-@dataclass(frozen=True)
-class SORRTstar(_Rewiring):
-    """InformedRRTstar over batches sorted by promise (Gammell, Barfoot & Srinivasa, IEEE T-RO 34(4), 2018).
-
-    Attributes:
-        range: Longest edge of the tree before rewiring, in joint distance (rad).
-        goal_bias: Share of the samples that are a goal.
-        checks: States after which it ends with its best path; without one it goes on.
-    """
-
-    name: ClassVar[str] = "sorrtstar"
-
-
-@dataclass(frozen=True)
-class BITstar(_Search):
-    """Batches of samples searched best first, edges judged only on promising paths (Gammell et al., IJRR 39(5), 2020).
-
-    Attributes:
-        samples: Samples per batch.
-        checks: States after which it ends with its best path; without one it goes on.
-    """
-
-    samples: int = 100
-    checks: int = _DEFAULT_CHECKS
-    name: ClassVar[str] = "bitstar"
-
-
-@dataclass(frozen=True)
-class AORRTC(_Search):
-    """RRTConnect repeated with a shrinking bound on the path's length (Wilson et al., arXiv 2505.10542).
-
-    Attributes:
-        range: Longest edge, in joint distance (rad).
-        checks: States after which it ends with its best path; without one it goes on. OMPL's own
-            shortening of a path is not interrupted and may add a few thousand.
-    """
-
-    range: float = 0.5
-    checks: int = _DEFAULT_CHECKS
-    name: ClassVar[str] = "aorrtc"
-
-
-@dataclass(frozen=True)
-class FMT(_Batch):
-    """A tree marching through one batch of samples in order of cost (Janson et al., IJRR 34(7), 2015).
-
-    Goals are tried in order; when all fail, the batch is doubled.
-
-    Attributes:
-        samples: Free samples of the first batch. Its edges are long: with six joints 100 samples
-            cost some 30,000 states, 1000 five times as many.
-    """
-
-    name: ClassVar[str] = "fmt"
-
-
-@dataclass(frozen=True)
-class BFMT(_Batch):
-    """FMT from both ends at once (Starek et al., IROS 2015).
-
-    Attributes:
-        samples: Free samples of the first batch.
-    """
-
-    name: ClassVar[str] = "bfmt"
-
-
-@dataclass(frozen=True)
-class KPIECE1(_BiasedTree):
-    """One tree that grows where a grid of its projection is least covered (Sucan & Kavraki, WAFR 2008).
-
-    Attributes:
-        range: Longest edge, in joint distance (rad).
-        goal_bias: Share of the extensions that aim at a goal.
-    """
-
-    name: ClassVar[str] = "kpiece1"
-
-
-@dataclass(frozen=True)
-class BKPIECE1(_Tree):
-    """KPIECE1 from both ends at once.
-
-    Attributes:
-        range: Longest edge, in joint distance (rad).
-    """
-
-    name: ClassVar[str] = "bkpiece1"
-
-
-@dataclass(frozen=True)
-class LBKPIECE1(_Tree):
-    """BKPIECE1 that judges an edge only once a path needs it.
-
-    Attributes:
-        range: Longest edge, in joint distance (rad).
-    """
-
-    name: ClassVar[str] = "lbkpiece1"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ast
 import io
-import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -193,6 +192,8 @@ def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
 
 def _member(data: bytes, name: str, most: int, *, packed: bool = True) -> bytes:
     """The one array file in a zip archive, or that called ``name``."""
+    import zipfile  # few points come in an archive
+
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
