@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
 from planner_service.geometry.arrays import FloatArray, Vector, axis_matrix, product
-from planner_service.geometry.shapes import Pose
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Pose, Shape
 from planner_service.robot.kinematic_tree import Body, LinkShape
 
 __all__ = ["FingerTurn", "Gripper", "GripperKind", "reach"]
@@ -24,6 +26,9 @@ GripperKind = Literal["parallel", "revolute", "vacuum"]
 
 HALVINGS = 60
 """Of the range of the leader, until its position for a width is exact but for rounding."""
+
+ROOM_STEPS = 17
+"""Positions of a turning finger; the room of the fingers of a Kinova is then grown by 0.1 mm."""
 
 
 @dataclass(frozen=True)
@@ -161,6 +166,31 @@ class Gripper:
             shapes.append(replace(item, body=parent, pose=Pose((x, y, z), item.pose.quaternion)))
         return bodies, shapes
 
+    def room(self) -> tuple[LinkShape, ...]:
+        """What contains the finger shapes at every width, in the order of ``closed``.
+
+        Of a finger that slides it is the hull of where it begins and ends. Of one that turns it is the hull of where it
+        is at some positions, grown by how far it can leave that hull in between: a point that turns at rate w (by all
+        its joints together) and is never farther than r from their axes leaves the chord of a step d by at most
+        (w d)^2 r / 8, as its acceleration is at most w^2 r.
+        """
+        if self.kind == "vacuum":
+            return self.closed
+        near, far = (self.position(width) for width in (self.lower, self.upper))
+        positions = np.linspace(near, far, 2 if self.kind == "parallel" else ROOM_STEPS).tolist()
+        moved = [self.turned(each) if self.kind == "revolute" else self.shapes(2.0 * each) for each in positions]
+        rooms = []
+        for k, item in enumerate(self.closed):
+            corners = _corners(item.shape)
+            at = [corners @ shapes[k].pose.rotation.T + shapes[k].pose.position for shapes in moved]
+            turns = self.turns[k] if self.kind == "revolute" else ()
+            rate = sum(abs(turn.ratio) for turn in turns)
+            chain = [*(np.array([turn.point]) for turn in turns), corners @ item.pose.rotation.T + item.pose.position]
+            arm = sum(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in pairwise(chain))
+            room = Mesh.around(np.concatenate(at)).grown((rate * (positions[1] - positions[0])) ** 2 * arm / 8.0)
+            rooms.append(LinkShape(item.link, item.body, room, Pose()))
+        return tuple(rooms)
+
     def content(self) -> dict[str, object]:
         """Everything that can change a plan."""
         known: dict[str, object] = {
@@ -179,6 +209,14 @@ class Gripper:
 def _between(start: Sequence[float], end: Sequence[float]) -> Vector:
     x, y, z = (b - a for a, b in zip(start, end, strict=True))
     return (x, y, z)
+
+
+def _corners(shape: Shape) -> FloatArray:
+    """Points (k, 3) whose hull contains the shape: of a mesh its corners, else those of the box around it."""
+    if isinstance(shape, Mesh):
+        return shape.vertices
+    low, high = (np.diagonal(shape.support(sign * np.eye(3))) for sign in (-1.0, 1.0))
+    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
 
 def reach(items: Iterable[LinkShape], direction: Vector) -> float:

@@ -439,6 +439,17 @@ class Robot:
         width = number("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m", lower, upper)
         return _opened(self.unopened, float(width))
 
+    def with_finger_room(self) -> Robot:
+        """This robot with fingers that fill the room that they need at any width, and no gripper to open.
+
+        What is free for it is free however the gripper stands and moves meanwhile. Itself without a gripper.
+        """
+        if self.gripper is None:
+            return self
+        rooms = iter(self.gripper.room())
+        shapes = tuple(next(rooms) if item.link in self.gripper.links else item for item in self.shapes)
+        return replace(self, gripper=None, gripper_width=0.0, shapes=shapes)
+
     @property
     def unopened(self) -> Robot:
         """The robot of which ``with_gripper`` made this one, which is the same for all widths; itself if it did not."""
