@@ -26,7 +26,7 @@ from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray, joint_distance
 from planner_service.geometry.validation import (
     copied_in,
     finite_numbers,
@@ -53,6 +53,8 @@ __all__ = [
     "Prover",
     "Refusal",
     "Trail",
+    "TubeProof",
+    "Tubes",
     "certify",
     "clearance_text",
     "instruction_sets",
@@ -230,6 +232,27 @@ class Trail:
     leaves: FloatArray = field(default_factory=lambda: NO_LEAVES)
 
 
+@dataclass(frozen=True)
+class TubeProof:
+    """How many edges, from the first on, are proven free with their room.
+
+    Attributes:
+        free: That number.
+        distances: Bounds asked.
+        pair: What is too near on the edge after them, by name; None if all are free.
+        at: Where on that edge, (n,).
+        gap: Metres between the pair there, at least; below 0 if they overlap.
+        collides: Whether the edge itself collides, rather than something within its room.
+    """
+
+    free: int
+    distances: int
+    pair: tuple[str, str] | None = None
+    at: tuple[float, ...] = ()
+    gap: float = math.inf
+    collides: bool = False
+
+
 class Proof(NamedTuple):
     """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so.
 
@@ -242,6 +265,18 @@ class Proof(NamedTuple):
     proven: float
     obstruction: Obstruction | None
     leaves: bytes = b""
+
+
+class Tubes(NamedTuple):
+    """How many edges are free, the bounds that were asked, and of the edge after them a pair, where, and whether the
+    edge itself collides, rather than what is within its room; the pair is -1 where all are free.
+    """
+
+    free: int
+    bounds: float
+    pair: int
+    s: float
+    collides: bool
 
 
 class Prover:
@@ -289,6 +324,14 @@ class Prover:
         if not answer.taken:
             return NOT_TAKEN
         return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
+
+    def tubes(self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float) -> Tubes:
+        """How many edges from ``starts`` to ``ends`` are free with ``room``, (k, n) each, before the first that is not.
+
+        Every pair is proven more than ``enough`` metres apart at whatever is off the edge by no more than its room in
+        each joint. An edge itself on which a pair is nearer than ``nearer`` collides.
+        """
+        return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer))
 
     def clearances(self, Q: FloatArray) -> FloatArray:
         """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs.
@@ -488,6 +531,46 @@ class Certifier:
             at = JointPath(np.array([q1, q2], dtype=np.float64))(np.array([judged.s]))
             names = self._names_at(judged.pair, np.asarray(at))
         return EdgeProof(judged.verdict, judged.s, *names)
+
+    def certify_tubes(self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike, *, padding: float = 0.0) -> TubeProof:
+        """The proof that straight edges are free with room: at all that is off an edge by so much in each joint.
+
+        Edges are judged in their order, up to the first that is not free.
+
+        Args:
+            starts: Configurations within the limits, (k, n).
+            ends: The same.
+            room: Radians (or metres) that each joint may be off the edge, even beyond its limits, (k, n).
+            padding: Metres that every pair is to keep.
+
+        Raises:
+            InvalidRequest: other shapes, numbers that are not finite, configurations outside the joint limits, room
+                below 0, or a padding outside [0, 0.1].
+        """
+        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        expected = f"configurations of shape (k, {self.robot.n})"
+        given = {"starts": starts, "ends": ends, "room": room}
+        first, last, off = (numbers(name, value, expected) for name, value in given.items())
+        for name, rows in (("starts", first), ("ends", last), ("room", off)):
+            if rows.ndim != 2 or rows.shape != (len(first), self.robot.n):
+                raise InvalidRequest(name, rows.shape, f"{expected}, k the same for all")
+            if not np.isfinite(rows).all():
+                raise InvalidRequest(name, rows[~np.isfinite(rows).all(axis=1)][0].tolist(), "finite numbers")
+        self._check_limits("starts", first)
+        self._check_limits("ends", last)
+        self._check_still(np.concatenate([first, last]))
+        if (off < 0.0).any():
+            raise InvalidRequest("room", float(off.min()), "radians (or metres) >= 0")
+        first, last, off = map(np.ascontiguousarray, (first, last, off))
+        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN)
+        if found.free == len(first):
+            return TubeProof(found.free, int(found.bounds))
+        line = np.array([first[found.free], last[found.free]])
+        length = joint_distance(line[0].tolist(), line[1].tolist())
+        at = line[0] + (line[1] - line[0]) * (found.s / length if length > 0.0 else 0.0)
+        names = self._names_at(found.pair, at[None])
+        gap = float(self.prover.near(at[None], np.array([found.pair]), math.inf)[2].gaps.min(initial=math.inf))
+        return TubeProof(found.free, int(found.bounds), names, tuple(at.tolist()), gap, found.collides)
 
     def clearances(self, Q: ArrayLike) -> FloatArray:
         """Proven lower bounds (metres) of the smallest gap of any judged pair at configurations Q (m, n), (m,).

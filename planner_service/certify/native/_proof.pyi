@@ -70,5 +70,14 @@ class Prover:
     def edge(
         self, q1: NDArray[np.float64], q2: NDArray[np.float64], enough: float, nearer: float, slack: float, /
     ) -> EdgeAnswer: ...
+    def tubes(
+        self,
+        starts: NDArray[np.float64],
+        ends: NDArray[np.float64],
+        room: NDArray[np.float64],
+        enough: float,
+        nearer: float,
+        /,
+    ) -> tuple[int, float, int, float, bool]: ...
     def clearances(self, Q: NDArray[np.float64], out: NDArray[np.float64], /) -> None: ...
     def near(self, Q: NDArray[np.float64], pairs: NDArray[np.int64], within: float, /) -> bytes: ...

@@ -4,14 +4,15 @@
 
 namespace proof {
 
-Edge::Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer)
+Edge::Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer, const double* room)
     : model_(model),
       variant_(variant),
       curve_(curve),
       terms_(model.terms),
       enough_(enough),
       nearer_(nearer),
-      places_(model, variant),
+      roomy_(room != nullptr),
+      places_(model, variant, false, room),
       q_(static_cast<std::size_t>(model.dof)),
       travel_(static_cast<std::size_t>(model.dof)) {}
 
@@ -40,6 +41,13 @@ void Edge::lose(int pair, double s) {
     if (out_.verdict == Verdict::free) out_ = {Verdict::undecided, pair, s};
 }
 
+// Whether a pair is far enough apart at a node for all of its room; if it is not, no halving helps.
+bool Edge::leaves_room(int pair, std::size_t node, const Bound& bound) {
+    if (!roomy_ || bound.gap - places_.room_motion(pair_of(pair), node) > enough_) return true;
+    lose(pair, places_.s(node));
+    return false;
+}
+
 bool Edge::closed(const Bound& one, const Bound& two, double motion) const {
     const double a = one.gap, b = two.gap;
     return std::max(0.5 * (a + b - motion), std::max(a, b) - motion) > enough_;
@@ -56,9 +64,13 @@ Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int c
     if (closes(bound)) return Found::closed;
     if (!pair.leaf()) return Found::open;
     variant_.refined(terms_, facing, static_cast<int>(terms_.rounds), bound);
-    if (bound.gap > enough_) return closes(bound) ? Found::closed : Found::open;
+    const auto settled = [&] {
+        if (closes(bound)) return Found::closed;
+        return leaves_room(number, node, bound) ? Found::open : Found::lost;
+    };
+    if (bound.gap > enough_) return settled();
     const Contact contact = variant_.settled(terms_, facing, enough_, nearer_, bound);
-    if (contact == Contact::apart) return closes(bound) ? Found::closed : Found::open;
+    if (contact == Contact::apart) return settled();
     if (contact == Contact::overlap) {
         out_ = {Verdict::colliding, number, places_.s(node)};
         return Found::over;
@@ -92,7 +104,7 @@ bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
                                       [&](const Bound& b) { return b.gap - motion > enough_; });
             if (found == Found::over) return false;
             if (found != Found::open) continue;
-            if (pair.leaf() || size_of(pair) < motion) {
+            if (stays_whole(pair, motion)) {
                 open.push_back({number, bound});
                 continue;
             }
@@ -141,7 +153,7 @@ bool Edge::ends(const std::vector<Middle>& open) {
 bool Edge::split() {
     std::vector<Row> asks, next;
     for (const Row& row : rows_)
-        (!pair_of(row.pair).leaf() && size_of(pair_of(row.pair)) >= row.motion ? asks : next).push_back(row);
+        (stays_whole(pair_of(row.pair), row.motion) ? next : asks).push_back(row);
     if (asks.empty()) return true;
     while (!asks.empty()) {
         std::vector<Row> fresh, deeper;
@@ -171,7 +183,7 @@ bool Edge::split() {
             row.before = left;
             row.after = right;
             const Pair pair = pair_of(row.pair);
-            (!pair.leaf() && size_of(pair) >= row.motion ? deeper : next).push_back(row);
+            (stays_whole(pair, row.motion) ? next : deeper).push_back(row);
         }
         asks = std::move(deeper);
     }

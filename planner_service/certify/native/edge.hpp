@@ -18,10 +18,12 @@ struct EdgeResult {
 
 class Edge {
   public:
-    // Every pair is to be farther apart than ``enough``; one that is nearer than ``nearer`` collides.
-    Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer);
+    // Every pair is to be farther apart than ``enough``; one that is nearer than ``nearer`` collides. ``room``: see Places; what is
+    // not sure to be far enough apart for all of it is undecided.
+    Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer, const double* room = nullptr);
 
     EdgeResult run(const std::vector<int>& roots);
+    double asked() const { return asked_; }
 
   private:
     struct Stretch {
@@ -44,6 +46,7 @@ class Edge {
     const Curve& curve_;
     const Terms& terms_;
     double enough_, nearer_;
+    bool roomy_;
     Places places_;
     EdgeResult out_;
     double asked_ = 0.0;
@@ -52,10 +55,14 @@ class Edge {
     std::vector<Row> rows_;
 
     Pair pair_of(int number) const { return model_.pair(number); }
-    double size_of(const Pair& pair) const { return model_.solid(pair.second).radius; }
+    // Bundles that are larger than the motion give way to what is in them; with room all do, since no halving takes it away.
+    bool stays_whole(const Pair& pair, double motion) const {
+        return pair.leaf() || (!roomy_ && model_.solid(pair.second).radius < motion);
+    }
     std::size_t place(double s);
     bool charge(std::size_t count, int pair, double s);
     void lose(int pair, double s);
+    bool leaves_room(int pair, std::size_t node, const Bound& bound);
     template <class Closes>
     Found judge(int pair, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes);
     bool middle(const std::vector<int>& roots, std::vector<Middle>& open);

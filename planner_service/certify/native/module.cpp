@@ -127,6 +127,7 @@ std::vector<std::size_t> outermost(const Rows& corners) {
 struct EdgeAnswer {
     bool taken = false;
     EdgeResult result;
+    double asked = 0.0;
 };
 
 // Rows of nine doubles: pair and numbers of each leaf.
@@ -205,8 +206,41 @@ class Prover {
     // The verdict on the straight edge between two configurations; none if one is no array of n doubles within the limits.
     EdgeAnswer edge(nb::handle q1, nb::handle q2, double enough, double nearer, double slack) const {
         const auto n = static_cast<std::size_t>(model_.dof);
-        std::vector<double> points(2 * n), tangent(n);
+        std::vector<double> points(2 * n);
         if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return {};
+        nb::gil_scoped_release release;
+        return judged(points, enough, nearer, nullptr);
+    }
+
+    // Straight edges between rows, with room for each joint, until one is not free: how many are, the bounds that were asked, and of
+    // the next one pair, s and whether it collides.
+    nb::tuple tubes(const Rows& starts, const Rows& ends, const Rows& room, double enough, double nearer) const {
+        const std::size_t n = static_cast<std::size_t>(model_.dof), count = starts.shape(0);
+        for (const auto* rows : {&starts, &ends, &room}) {
+            require(rows->shape(0) == count && rows->shape(1) == n, "configurations of another robot");
+            require_finite(*rows);
+        }
+        EdgeAnswer found;
+        std::size_t k = 0;
+        double asked = 0.0;
+        {
+            nb::gil_scoped_release release;
+            std::vector<double> points(2 * n);
+            for (; k < count; ++k) {
+                std::copy_n(starts.data() + n * k, n, points.data());
+                std::copy_n(ends.data() + n * k, n, points.data() + n);
+                found = judged(points, enough, nearer, room.data() + n * k);
+                asked += found.asked;
+                if (!found.taken || found.result.verdict != Verdict::free) break;
+            }
+        }
+        return nb::make_tuple(k, asked, found.result.pair, found.result.s, found.result.verdict == Verdict::colliding);
+    }
+
+    // The verdict on the edge between two rows of points; none if it is too long for numbers.
+    EdgeAnswer judged(const std::vector<double>& points, double enough, double nearer, const double* room) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        std::vector<double> tangent(n);
         double square = 0.0;
         for (std::size_t k = 0; k < n; ++k) {
             const double step = points[n + k] - points[k];
@@ -218,8 +252,9 @@ class Prover {
         const std::int64_t line = 0, blend = -1;
         const std::size_t pieces = length > 0.0 ? 1 : 0;
         const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, &line, &blend, nullptr});
-        nb::gil_scoped_release release;
-        return {true, Edge(model_, *variant_, curve, enough, nearer).run(roots_)};
+        Edge edge(model_, *variant_, curve, enough, nearer, room);
+        const EdgeResult result = edge.run(roots_);
+        return {true, result, edge.asked()};
     }
 
     // Lower bounds of the smallest gap at each row of Q, into ``out``.
@@ -642,6 +677,7 @@ NB_MODULE(_proof, m) {
              nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none(),
              nb::arg("walked").none())
         .def("edge", &Prover::edge)
+        .def("tubes", &Prover::tubes)
         .def("clearances", &Prover::clearances)
         .def("near", &Prover::near);
 }

@@ -47,13 +47,17 @@ double* Shelf::take() {
     return blocks_.back().get() + each_ * (AT_ONCE - left_--);
 }
 
-Places::Places(const Model& model, const Variant& variant, bool plain)
+Places::Places(const Model& model, const Variant& variant, bool plain, const double* room)
     : model_(model),
       variant_(variant),
       plain_(plain),
+      room_(room),
       per_bodies_(12 * model.bodies.size()),
       of_poses_(12),
-      of_radii_(model.depth) {}
+      of_radii_(model.depth) {
+    for (const Body& body : model.bodies)
+        if (body.column >= 0 && body.slides) slid_ += this->room(body.column) * std::fabs(body.multiplier);
+}
 
 std::size_t Places::add(double s, const double* q, const double* travel) {
     const std::size_t node = s_.size(), count = model_.bodies.size();
@@ -252,16 +256,33 @@ const double* Places::motions_about(std::size_t piece) {
     double* out = about_.data() + piece * (model_.depth + 1);
     if (abouts_[piece] != 0) return out;
     abouts_[piece] = 1;
+    add_motions(piece, about_node_, about_travel_, out);
+    return out;
+}
+
+// Of a piece against the parents of the joints that carry it while these travel so far (nullptr: not at all), and their room.
+void Places::add_motions(std::size_t piece, std::size_t node, const double* travel, double* out) {
     const Rider& found = model_.riders[piece];
-    const double* here = radii(piece, about_node_);
+    const double* here = radii(piece, node);
     out[0] = 0.0;
     for (std::size_t k = 0; k < found.count; ++k) {
         const Link& link = model_.links[found.first + k];
         const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
         out[k + 1] = out[k];
         if (body.column < 0) continue;
-        const double radius = body.slides ? 1.0 : std::min(here[k] + out[k], link.far);
-        out[k + 1] = out[k] + radius * (about_travel_[body.column] * std::fabs(body.multiplier));
+        const double radius = body.slides ? 1.0 : std::min(here[k] + out[k], link.far + slid_);
+        const double moved = (travel == nullptr ? 0.0 : travel[body.column]) + room(body.column);
+        out[k + 1] = out[k] + radius * (moved * std::fabs(body.multiplier));
+    }
+}
+
+double Places::room_motion(const Pair& pair, std::size_t node) {
+    std::vector<double> moved(model_.depth + 1);
+    add_motions(static_cast<std::size_t>(pair.first), node, nullptr, moved.data());
+    double out = moved[pair.own];
+    if (pair.other > 0) {
+        add_motions(static_cast<std::size_t>(pair.second), node, nullptr, moved.data());
+        out += moved[pair.other];
     }
     return out;
 }
@@ -296,8 +317,8 @@ const double* Places::motions(std::size_t piece, std::size_t stretch, std::size_
         const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
         out[k + 1] = out[k];
         if (body.column < 0) continue;
-        const double travel = (end[body.column] - start[body.column]) * std::fabs(body.multiplier);
-        const double radius = body.slides ? 1.0 : std::min(0.5 * (one[k] + two[k]) + 0.5 * out[k], link.far);
+        const double travel = (end[body.column] - start[body.column] + 2.0 * room(body.column)) * std::fabs(body.multiplier);
+        const double radius = body.slides ? 1.0 : std::min(0.5 * (one[k] + two[k]) + 0.5 * out[k], link.far + slid_);
         out[k + 1] = out[k] + radius * travel;
     }
     return out;

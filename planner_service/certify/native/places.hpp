@@ -27,8 +27,12 @@ class Shelf {
 
 class Places {
   public:
-    // ``plain``: whatever the configuration, the largest distances from the axes count.
-    Places(const Model& model, const Variant& variant, bool plain = false);
+    // ``plain``: whatever the configuration, the largest distances from the axes count. ``room`` (the caller's, nullptr: none): how
+    // far each joint may be off the curve. Where q(s) is a node and q' at most that far off q(x), the robot gets from the one to the
+    // other along the curve and then straight to q': each joint travels what it does from s to x, and its room. So motions from a
+    // node are of travel and room, and those from both ends of a stretch to one q' together of the stretch's travel and twice the
+    // room, which is what ``pair_motion`` gives. Slides may leave their limits by their room.
+    Places(const Model& model, const Variant& variant, bool plain = false, const double* room = nullptr);
 
     // A node at configuration q, reached after ``travel`` of each joint; its number.
     std::size_t add(double s, const double* q, const double* travel);
@@ -60,6 +64,8 @@ class Places {
     // whatever direction; the node and the travel (the caller's) are set first.
     void begin_about(std::size_t node, const double* travel);
     double motion_about(const Pair& pair);
+    // The same of the room alone.
+    double room_motion(const Pair& pair, std::size_t node);
     // Whether their bounding spheres are farther apart there than they move, and than ``enough``.
     bool spheres_clear(const Pair& pair, double enough);
 
@@ -67,6 +73,8 @@ class Places {
     const Model& model_;
     const Variant& variant_;
     bool plain_;
+    const double* room_;
+    double slid_ = 0.0;  // what all slides together may be off
     std::size_t per_bodies_;
     std::vector<double> s_, q_, travel_, bodies_;
     std::vector<double*> poses_, radii_;  // of each node and riding piece; nullptr: not known yet
@@ -91,7 +99,9 @@ class Places {
     Sphere sphere(int piece, std::size_t node);
     const double* radii(std::size_t piece, std::size_t node);
     void find_radii(std::size_t piece, std::size_t node, double* out);
+    double room(int column) const { return room_ == nullptr ? 0.0 : room_[column]; }
     const double* motions_about(std::size_t piece);
+    void add_motions(std::size_t piece, std::size_t node, const double* travel, double* out);
     const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
     const double* bends(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b, const double* strays);
 };

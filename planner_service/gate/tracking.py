@@ -1,0 +1,134 @@
+"""Where a driver's setpoint can be while targets are replaced before they are due, in closed form.
+
+A driver gets a target c every T seconds, and sends its setpoint s straight to it, to be there ``goal_time`` G later.
+The next target comes after T, give or take a jitter J: until then the setpoint has covered a share ``u`` of the way,
+which lies between ``low = (T - J) / G`` and ``high = (T + J) / G``, both cut to [0, 1].
+
+Let s lie within r of m, in each joint, when a target comes. Then
+
+- on its way s is ``(1 - u) (m + d) + u c`` with abs(d) <= r, so within r of the straight edge from m to c, whatever
+  comes after the target, and if nothing does: that edge is also the way to a stop;
+- when the next target comes, s is ``m + u (c - m) + (1 - u) d`` with u in [low, high]: within
+  ``(1 - low) r + (high - low) / 2 abs(c - m)`` of ``m + (low + high) / 2 (c - m)``.
+
+The arm itself is within ``error`` of the setpoint. So the room that it needs around each edge is r + error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import number, numbers
+
+__all__ = ["Course", "Setpoint", "Tracking"]
+
+MAX_ERROR = 0.5
+"""Radians (or metres); more is a mistake in the unit."""
+
+LONGEST = 10.0
+"""Seconds; likewise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """What is assumed of a driver: it goes straight to each target, and the arm follows closely.
+
+    Attributes:
+        goal_time: Seconds after which the setpoint is at a target that is not replaced.
+        error: Radians (or metres) between the arm and the setpoint at most, of all joints or of each, (n,).
+        jitter: Seconds by which the time between two targets may differ from the rate's.
+
+    Raises:
+        InvalidRequest: a time that is no number of seconds from 1 ms (jitter: 0) to 10 s, or an error outside [0, 0.5].
+    """
+
+    goal_time: float
+    error: float | Sequence[float] | FloatArray
+    jitter: float = 0.002
+
+    def __post_init__(self) -> None:
+        number("goal_time", self.goal_time, f"seconds in [0.001, {LONGEST:g}]", 0.001, LONGEST)
+        number("jitter", self.jitter, f"seconds in [0, {LONGEST:g}]", 0.0, LONGEST)
+        expected = f"radians (or metres) in [0, {MAX_ERROR:g}], one number or one for each joint"
+        error = numbers("error", self.error, expected)
+        if error.ndim > 1 or not np.all((error >= 0.0) & (error <= MAX_ERROR)):
+            raise InvalidRequest("error", self.error, expected)
+        object.__setattr__(self, "error", read_only(error) if error.ndim else float(error))
+
+    def of(self, joints: int) -> FloatArray:
+        """The error of each of so many joints, (n,).
+
+        Raises:
+            InvalidRequest: it was given for another number of them.
+        """
+        error = np.asarray(self.error, dtype=np.float64)
+        if error.ndim and error.shape != (joints,):
+            raise InvalidRequest("error", list(error.shape), f"one number, or {joints}")
+        return np.broadcast_to(error, (joints,)).copy()
+
+    def shares(self, elapsed: float) -> tuple[float, float]:
+        """What a setpoint has covered of its way ``elapsed`` seconds after a target came, give or take the jitter."""
+        low, high = ((elapsed + side * self.jitter) / self.goal_time for side in (-1.0, 1.0))
+        return min(max(low, 0.0), 1.0), min(max(high, 0.0), 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Setpoint:
+    """Where the setpoint can be when a target comes: within ``radius`` of ``place`` in each joint.
+
+    Attributes:
+        place: Shape (n,).
+        radius: Shape (n,), >= 0.
+        speed: How fast the setpoint went before, rad/s, (n,); 0 at rest.
+    """
+
+    place: FloatArray
+    radius: FloatArray
+    speed: FloatArray
+
+    @classmethod
+    def at_rest(cls, q: ArrayLike, error: FloatArray) -> Setpoint:
+        """Of an arm that is measured at q (n,) and stands still: its setpoint is within its error of that."""
+        place = np.array(q, dtype=np.float64)
+        return cls(place, error.copy(), np.zeros(len(place)))
+
+    def after(self, target: FloatArray, shares: tuple[float, float], goal_time: float) -> Setpoint:
+        """Where it can be when the next target comes."""
+        return self.course(target[None], shares, goal_time).at(1)
+
+    def course(self, targets: FloatArray, shares: tuple[float, float], goal_time: float) -> Course:
+        """Where it can be as each of targets (k, n) comes, and after the last."""
+        low, high = shares
+        mean, off, left = 0.5 * (low + high), 0.5 * (high - low), 1.0 - low
+        places, radii = [self.place], [self.radius]
+        ways = np.empty_like(targets)
+        for k, target in enumerate(targets):
+            ways[k] = way = target - places[k]
+            places.append(places[k] + mean * way)
+            radii.append(left * radii[k] + off * np.abs(way))
+        return Course(np.array(places), np.array(radii), np.concatenate([self.speed[None], ways / goal_time]))
+
+
+class Course(NamedTuple):
+    """Where the setpoint can be as each of k targets comes, and after the last: (k + 1, n) each.
+
+    Attributes:
+        places: Where about it is each time.
+        radii: How far from there at most, in each joint.
+        speeds: How fast it went before.
+    """
+
+    places: FloatArray
+    radii: FloatArray
+    speeds: FloatArray
+
+    def at(self, k: int) -> Setpoint:
+        """As target k comes."""
+        return Setpoint(self.places[k], self.radii[k], self.speeds[k])

@@ -1,0 +1,101 @@
+"""The proof of straight edges with room beside them: nothing in it touches, and what is far enough apart is proven."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service.certify import MARGIN, Certifier
+from planner_service.certify.certifier import TubeProof
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.errors import InvalidRequest
+from planner_service.scene.scene import Scene
+from tests.support.backends import case, edges_of
+from tests.unit.certify.test_certifier import PLANAR, RIM, SWEEP, ball_beyond
+
+STILL = np.zeros((1, 2))
+
+
+def tube(scene: Scene, edges: Any, room: Any, **options: Any) -> TubeProof:
+    edges = np.asarray(edges, dtype=np.float64).reshape(-1, 2, 2)
+    return Certifier(PLANAR, scene).certify_tubes(
+        edges[:, 0], edges[:, 1], np.broadcast_to(room, (len(edges), 2)), **options
+    )
+
+
+def test_without_room_a_tube_is_what_an_edge_is() -> None:
+    for name in ("wxai bin", "panda shelf"):
+        robot, scene = case(name)
+        certifier, checker = Certifier(robot, scene), CollisionChecker(robot, scene, edge_step=JointStep(0.002))
+        for a, b in edges_of(checker, 100, seed=5):
+            edge, found = certifier.certify_edge(a, b), certifier.certify_tubes([a], [b], np.zeros((1, robot.n)))
+            assert (found.free == 1, found.collides) == (edge.free, edge.colliding)
+
+
+def test_room_that_leads_to_contact_is_refused_and_half_of_it_is_free() -> None:
+    """The outstretched arm stands still; at 0.3 rad it would be 2 cm inside the ball."""
+    scene = ball_beyond(-0.02, angle=0.3)
+    checker, low, high = CollisionChecker(PLANAR, scene), 0.0, 0.3
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if checker.state_is_free([middle, 0.0]) else (low, middle)
+    assert 0.1 < low < 0.3
+    for side in (1.01, 0.5):
+        assert tube(scene, [STILL[0], STILL[0]], [side * low, 0.0]).free == (side < 1.0)
+
+
+@pytest.mark.parametrize("name", ["wxai bin", "wxai clutter", "panda shelf"])
+def test_nothing_within_the_room_of_a_free_tube_touches(name: str) -> None:
+    robot, scene = case(name)
+    certifier, checker = Certifier(robot, scene), CollisionChecker(robot, scene, edge_step=JointStep(0.002))
+    rng, free = np.random.default_rng(8), 0
+    for a, b in edges_of(checker, 150, seed=9):
+        b = a + 0.1 * (b - a)
+        room = rng.uniform(0.0, 0.03, robot.n)
+        if not certifier.certify_tubes([a], [b], room[None]).free:
+            continue
+        free += 1
+        share, off = rng.uniform(0.0, 1.0, (50, 1)), rng.choice([-1.0, 1.0, 0.5], (50, robot.n))
+        Q = np.clip(a + share * (b - a) + off * room, *robot.bounds)
+        assert all(checker.state_is_free(q) for q in Q)
+    assert free > 20
+
+
+def test_the_first_edge_that_is_not_free_is_named_with_its_pair_place_and_gap() -> None:
+    scene = ball_beyond(-0.02)
+    edges = [[[-0.5, 0.0], [-0.4, 0.0]], [[-0.4, 0.0], [0.5, 0.0]], [[-0.5, 0.0], [-0.4, 0.0]]]
+    found = tube(scene, edges, 0.001)
+    assert (found.free, found.collides) == (1, True)
+    assert found.pair is not None
+    assert set(found.pair) == {"forearm", "ball"}
+    assert found.gap < 0.0
+    assert not CollisionChecker(PLANAR, scene).state_is_free(found.at)
+
+
+def test_an_edge_that_is_free_but_for_its_room_does_not_collide() -> None:
+    found = tube(ball_beyond(0.02), SWEEP, [0.0, 0.6])
+    assert (found.free, found.collides) == (0, False)
+    assert 0.0 < found.gap < RIM
+
+
+def test_padding_is_kept_beyond_the_room() -> None:
+    assert tube(ball_beyond(0.02), SWEEP, 0.0, padding=0.02 - 2 * MARGIN).free == 1
+    assert tube(ball_beyond(0.02), SWEEP, 0.0, padding=0.02 + 2 * MARGIN).free == 0
+
+
+@pytest.mark.parametrize(
+    ("starts", "ends", "room", "field"),
+    [
+        (STILL, STILL, [[0.0]], "room"),
+        (STILL, STILL, [[0.0, -0.1]], "room"),
+        (STILL, STILL, [[0.0, np.nan]], "room"),
+        (STILL, np.zeros((2, 2)), STILL, "ends"),
+        (STILL + 9.0, STILL, STILL, "starts"),
+        ([["a", "b"]], STILL, STILL, "starts"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(starts: Any, ends: Any, room: Any, field: str) -> None:
+    with pytest.raises(InvalidRequest, match=field):
+        Certifier(PLANAR, ball_beyond(0.02)).certify_tubes(starts, ends, room)

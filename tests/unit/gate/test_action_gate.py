@@ -1,0 +1,195 @@
+"""What a gate lets pass is free wherever the arm can be, with a stop behind it; what it refuses, it names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service import PlannerService
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.errors import InvalidRequest
+from planner_service.gate import ActionGate, Kind, Tracking, Verdict
+from planner_service.geometry.arrays import FloatArray
+from planner_service.scene.scene import Scene
+from tests.unit.certify.test_certifier import PLANAR, ball_beyond
+
+TRACKING = Tracking(goal_time=0.1, error=0.002, jitter=0.004)
+RATE = 30.0
+START = np.array([-0.5, 0.0])
+STEP = np.array([0.01, 0.0])
+
+
+def gate_of(scene: Scene, **options: Any) -> ActionGate:
+    return ActionGate(PlannerService(PLANAR, scene), rate=RATE, tracking=TRACKING, **options)
+
+
+def ramp(count: int, start: FloatArray = START, step: FloatArray = STEP) -> FloatArray:
+    """Targets that get faster, up to ``step`` each period."""
+    speeds = np.minimum(np.arange(1, count + 1) / 10.0, 1.0)
+    return np.asarray(start + np.cumsum(speeds)[:, None] * step)
+
+
+def colliding(gate: ActionGate, start: FloatArray, rows: FloatArray, draws: int, seed: int) -> int:
+    """At how many of the configurations that a simulated arm passes something touches; each run draws its latencies."""
+    checker = CollisionChecker(gate.robot, gate.service.scene, edge_step=JointStep(0.002))
+    rng, error = np.random.default_rng(seed), TRACKING.of(gate.robot.n)
+    setpoint = start + error * rng.uniform(-1.0, 1.0, (draws, gate.robot.n))
+    touching = 0
+    for target in rows:
+        for share in (0.3, 1.0):
+            wait = 1.0 / RATE + TRACKING.jitter * rng.uniform(-1.0, 1.0, (draws, 1))
+            now = setpoint + np.minimum(share * wait / TRACKING.goal_time, 1.0) * (target - setpoint)
+            arm = now + error * rng.uniform(-1.0, 1.0, now.shape)
+            touching += sum(not checker.state_is_free(q) for q in np.clip(arm, *gate.robot.bounds))
+        setpoint = now
+    return touching
+
+
+def test_a_free_chunk_passes_as_it_is_with_a_stop_behind_it() -> None:
+    gate = gate_of(ball_beyond(0.1))
+    chunk = ramp(20)
+    verdict = gate.check(START, chunk)
+    assert verdict.ok
+    assert verdict.proven
+    np.testing.assert_array_equal(verdict.targets, chunk)
+    assert len(verdict.stop) >= 1
+    np.testing.assert_array_equal(verdict.rows, np.concatenate([chunk, verdict.stop]))
+
+
+def test_a_chunk_into_an_obstacle_passes_in_part_and_what_passes_touches_nothing() -> None:
+    gate = gate_of(ball_beyond(-0.05))
+    verdict = gate.check(START, ramp(90))
+    assert verdict.refused is not None
+    assert verdict.refused.kind in (Kind.CONTACT, Kind.STOP)
+    assert verdict.refused.pair is not None
+    assert set(verdict.refused.pair) == {"forearm", "ball"}
+    assert 20 < verdict.accepted < 70
+    assert verdict.refused.index == verdict.accepted
+    assert verdict.refused.time == pytest.approx(verdict.accepted / RATE)
+    assert colliding(gate, START, verdict.rows, draws=20, seed=1) == 0
+
+
+def test_the_stop_keeps_the_limits_of_speed_and_acceleration_and_ends_at_rest() -> None:
+    gate = gate_of(ball_beyond(0.1))
+    verdict = gate.check(START, ramp(30, step=np.array([0.01, 0.02])))
+    assert verdict.ok
+    rows, places, share = verdict.rows, [START], (1.0 / RATE) / TRACKING.goal_time
+    for row in rows:
+        places.append(places[-1] + share * (row - places[-1]))
+    speeds = np.concatenate([[[0.0, 0.0]], (rows - np.array(places[:-1])) / TRACKING.goal_time, [[0.0, 0.0]]])
+    limits = PLANAR.limits
+    assert np.all(np.abs(speeds) <= limits.velocity)
+    assert np.all(np.abs(np.diff(speeds, axis=0)) * RATE <= limits.acceleration * (1.0 + 1e-6))
+    np.testing.assert_allclose(places[-1], rows[-1], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("chunk", "kind", "index"),
+    [
+        ([0.5, 0.0], Kind.SPEED, 0),
+        ([-0.45, 0.0], Kind.ACCELERATION, 0),
+        ([START, [8.5, 0.0]], Kind.LIMIT, 1),
+        ([START, START, [np.nan, 0.0]], Kind.NUMBER, 2),
+        ([START, [0.0, -np.inf]], Kind.NUMBER, 1),
+        ([START, [0.0, 1e308]], Kind.LIMIT, 1),
+    ],
+)
+def test_a_refusal_names_kind_target_and_joint(chunk: Any, kind: Kind, index: int) -> None:
+    gate = gate_of(ball_beyond(0.1))
+    verdict = gate.check(START, chunk)
+    assert verdict.refused is not None
+    assert (verdict.refused.kind, verdict.refused.index) == (kind, index)
+    assert verdict.refused.joint in PLANAR.joint_names
+    assert verdict.accepted == index
+    assert gate.counts.refused == {kind.value: 1}
+
+
+def steps(gate: ActionGate, targets: FloatArray) -> list[Verdict]:
+    """Verdicts on targets one by one, with a driver that does as it is assumed to."""
+    setpoint, found = START, []
+    for target in targets:
+        verdict = gate.check(setpoint, target)
+        found.append(verdict)
+        row = verdict.rows[0]
+        setpoint = setpoint + (1.0 / RATE) / TRACKING.goal_time * (row - setpoint)
+    return found
+
+
+def test_one_target_at_a_time_ends_at_rest_before_the_obstacle() -> None:
+    gate = gate_of(ball_beyond(-0.05))
+    found = steps(gate, ramp(90))
+    assert found[0].ok
+    assert not found[-1].ok
+    assert all(each.proven for each in found)
+    last = found[-1].rows[-1]
+    assert START[0] < last[0] < 0.123
+    assert CollisionChecker(PLANAR, ball_beyond(-0.05)).state_is_free(last)
+
+
+def test_an_arm_that_is_not_where_it_can_be_is_stopped_until_reset() -> None:
+    gate = gate_of(ball_beyond(0.1))
+    assert gate.check(START, ramp(5)).ok
+    there = ramp(5)[-1]
+    lost = gate.check(there + 0.1, there)
+    assert lost.refused is not None
+    assert (lost.refused.kind, lost.proven, lost.accepted) == (Kind.TRACKING, False, 0)
+    assert PLANAR.joint_names[0] in lost.refused.detail
+    assert gate.check(lost.rows[-1], there).refused is not None
+    gate.reset()
+    assert gate.check(there, there).ok
+
+
+def test_a_measurement_that_is_no_number_counts_as_lost() -> None:
+    gate = gate_of(ball_beyond(0.1))
+    assert gate.check(START, ramp(5)).ok
+    verdict = gate.check([np.nan, 0.0], ramp(5))
+    assert verdict.refused is not None
+    assert verdict.refused.kind is Kind.TRACKING
+
+
+def test_a_changed_scene_cuts_what_is_left_to_send() -> None:
+    gate = gate_of(ball_beyond(0.1))
+    chunk = ramp(90)
+    assert gate.check(START, chunk).ok
+    verdict = gate.update(ball_beyond(-0.05), sent=10)
+    assert 0 < verdict.accepted < 70
+    assert verdict.proven
+    np.testing.assert_array_equal(verdict.targets, chunk[10 : 10 + verdict.accepted])
+    assert colliding(gate, START, np.concatenate([chunk[:10], verdict.rows]), draws=20, seed=2) == 0
+
+
+def test_a_scene_that_leaves_no_stop_stops_the_arm_now_and_says_that_this_is_not_proven() -> None:
+    gate = gate_of(ball_beyond(0.1))
+    assert gate.check(START, ramp(90)).ok
+    verdict = gate.update(ball_beyond(-0.05, angle=START[0]), sent=0, elapsed=0.0)
+    assert (verdict.accepted, verdict.proven) == (0, False)
+    np.testing.assert_allclose(verdict.rows, START[None], atol=1e-9)
+
+
+def test_too_fast_a_chunk_is_followed_more_slowly_where_that_is_wanted() -> None:
+    gate = gate_of(ball_beyond(0.1), slow=True)
+    chunk = START + np.linspace(0.0, 1.0, 6)[1:, None] * [0.3, 0.0]
+    verdict = gate.check(START, chunk)
+    assert verdict.refused is None
+    assert 0.0 < verdict.speed < 1.0
+    assert not verdict.ok
+    assert gate.counts.slowed == 1
+    assert np.all(np.diff(verdict.targets[:, 0]) > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ({"q": [0.0], "chunk": START}, "q"),
+        ({"q": START, "chunk": []}, "chunk"),
+        ({"q": START, "chunk": "x"}, "chunk"),
+        ({"q": START, "chunk": START, "sent": 1}, "sent"),
+        ({"q": START, "chunk": START, "elapsed": -1.0}, "elapsed"),
+        ({"q": [np.nan, 0.0], "chunk": START}, "q"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(arguments: dict[str, Any], field: str) -> None:
+    with pytest.raises(InvalidRequest, match=field):
+        gate_of(ball_beyond(0.1)).check(**arguments)
