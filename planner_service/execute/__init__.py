@@ -10,6 +10,7 @@ from planner_service.execute.settings import HARDWARE_SPEED, Streaming
 from planner_service.execute.simulate import Rehearsal, meant_contacts, rehearse, taken
 from planner_service.execute.simulator import ArmContact, SimulatedArm
 from planner_service.execute.stream import execute
+from planner_service.execute.target_stream import TargetStream
 from planner_service.execute.trossen import TrossenDriver
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "Rehearsal",
     "SimulatedArm",
     "Streaming",
+    "TargetStream",
     "TrossenDriver",
     "execute",
     "meant_contacts",

@@ -12,12 +12,15 @@ from planner_service.execute.driver import ArmLimits
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import numbers
 
-__all__ = ["JOINT_NAMES", "SIMULATED_LAG", "TrossenDriver"]
+__all__ = ["JOINT_NAMES", "READINGS", "SIMULATED_LAG", "TrossenDriver"]
 
 JOINTS = 6
 
 JOINT_NAMES = tuple(f"joint_{k}" for k in range(JOINTS))
 """By which the vendor's models of the arm, and robots that are made of them, call its joints."""
+
+READINGS = ("positions", "velocities", "efforts", "external_efforts")
+"""What the driver says of each joint: rad, rad/s and Nm, of the finger m, m/s and N."""
 
 SIMULATED_LAG = (0.05, 0.05, 0.05, 0.05, 0.10, 0.10)
 """Seconds: kv / kp of the simulated controller's joints, which knows no feed-forward."""
@@ -84,10 +87,22 @@ class TrossenDriver:
         """See ``Driver``; the gripper stays as it was told."""
         self._arm.set_arm_positions(np.asarray(q), 0.0, False, np.asarray(qd), np.asarray(qdd))
 
+    def go(self, q: ArrayLike, seconds: float) -> None:
+        """Go straight to q, shape (6,), to be there after so many seconds, unless another command comes before.
+
+        The vendor's driver moves its setpoint there; it goes straight for less than 0.2 seconds only.
+        """
+        self._arm.set_arm_positions(np.asarray(q), seconds, False)
+
     def hold(self, q: ArrayLike) -> None:
         """See ``Driver``."""
         rest = np.zeros(JOINTS)
         self.command(q, rest, rest)
+
+    def readings(self) -> dict[str, FloatArray]:
+        """Positions, velocities, efforts and external efforts of all joints at one instant, the finger's last: (7,)."""
+        joints = self._arm.get_robot_output().joint.all
+        return {name: np.array(getattr(joints, name)) for name in READINGS}
 
     def gripper_width(self) -> float:
         """Metres between the pads: each finger stands at half of it."""
