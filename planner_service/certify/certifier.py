@@ -353,6 +353,19 @@ class Prover:
         rows, near = table[:, :2].astype(np.intp).T
         return rows, near, Bounds(table[:, 2].copy(), table[:, 3:].T.copy())
 
+    def stretch(self, path: JointPath, ends: Span, pairs: IntArray, directions: FloatArray) -> FloatArray:
+        """What a proof knows of plain pairs (k,) between two places of a curve, metres, (k, 3).
+
+        How far their pieces move against each other at most; how far points of both leave the straight lines between
+        where they are at the two places, together, seen from the last body that carries both, infinite if that is not
+        known; and a lower bound of their gap all along, by a direction that stays as it is for that body.
+
+        Args:
+            directions: At the first place, in the axes of the second pieces, (k, 3).
+        """
+        found = self._prover.stretch(*path.tables, *ends, np.ascontiguousarray(pairs, dtype=np.int64), directions)
+        return np.frombuffer(found).reshape(-1, 3)
+
 
 def instruction_sets() -> tuple[str, ...]:
     """Instruction sets of the compiled prover on this processor, the fastest last."""

@@ -81,3 +81,18 @@ class Prover:
     ) -> tuple[int, float, int, float, bool]: ...
     def clearances(self, Q: NDArray[np.float64], out: NDArray[np.float64], /) -> None: ...
     def near(self, Q: NDArray[np.float64], pairs: NDArray[np.int64], within: float, /) -> bytes: ...
+    def stretch(
+        self,
+        waypoints: NDArray[np.float64],
+        knots: NDArray[np.float64],
+        tangents: NDArray[np.float64],
+        breaks: NDArray[np.float64],
+        lines: NDArray[np.int64],
+        blends: NDArray[np.int64],
+        corners: NDArray[np.float64],
+        start: float,
+        end: float,
+        pairs: NDArray[np.int64],
+        directions: NDArray[np.float64],
+        /,
+    ) -> bytes: ...

@@ -287,6 +287,34 @@ class Prover {
         return nb::bytes(static_cast<const void*>(out.data()), out.size() * sizeof(double));
     }
 
+    // Of plain pairs between two places of a curve, three doubles each: how far their pieces move against each other at most;
+    // how far their points leave their straight lines, seen from the last body that carries both (infinite: not known); and
+    // a bound of their gap all along, by a direction given in the axes of the second piece at the first place.
+    nb::bytes stretch(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
+                      const Wholes& lines, const Wholes& blends, const Rows& corners, double start, double end,
+                      const Wholes& pairs, const Rows& directions) const {
+        const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, corners);
+        require(directions.shape(0) == pairs.shape(0) && directions.shape(1) == 3, "a direction for each pair");
+        const auto n = static_cast<std::size_t>(model_.dof);
+        std::vector<double> q(n), travel(n), strays(n), out;
+        Places places(model_, *variant_);
+        for (const double s : {start, end}) {
+            curve.at(s, q.data(), travel.data());
+            places.add(s, q.data(), travel.data());
+        }
+        places.begin_stretches(1);
+        const bool even = curve.strays(start, end, strays.data());
+        for (std::size_t k = 0; k < pairs.shape(0); ++k) {
+            const auto last = static_cast<std::int64_t>(model_.pairs.size()) - 1;
+            const Pair pair = model_.pair(whole(pairs.data()[k], 0, last, "no such plain pair"));
+            const double bend = even ? places.pair_bend(pair, 0, 0, 1, strays.data()) : std::numeric_limits<double>::infinity();
+            Bound here{};
+            variant_->along(model_.terms, places.facing(pair, 0), directions.data() + 3 * k, here);
+            out.insert(out.end(), {places.pair_motion(pair, 0, 0, 1), bend, places.steady(pair, 0, 1, here, bend)});
+        }
+        return nb::bytes(static_cast<const void*>(out.data()), out.size() * sizeof(double));
+    }
+
   private:
     Model model_;
     const Variant* variant_ = nullptr;
@@ -679,7 +707,8 @@ NB_MODULE(_proof, m) {
         .def("edge", &Prover::edge)
         .def("tubes", &Prover::tubes)
         .def("clearances", &Prover::clearances)
-        .def("near", &Prover::near);
+        .def("near", &Prover::near)
+        .def("stretch", &Prover::stretch);
 }
 
 }  // namespace proof

@@ -364,6 +364,14 @@ double Places::pair_bend(const Pair& pair, std::size_t stretch, std::size_t a, s
     return out;
 }
 
+double Places::steady(const Pair& pair, std::size_t from, std::size_t to, const Bound& known, double bend) {
+    double n[3];
+    Bound found{};
+    turned(pair, from, to, known.n, n);
+    variant_.along(model_.terms, facing(pair, to), n, found);
+    return std::min(known.gap, found.gap) - bend;
+}
+
 void Places::turned(const Pair& pair, std::size_t from, std::size_t to, const double* n, double* out) {
     std::copy(n, n + 3, out);
     if (static_cast<std::size_t>(pair.second) >= model_.riding) return;

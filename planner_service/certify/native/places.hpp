@@ -56,9 +56,9 @@ class Places {
     // How much closer the pieces of a pair come along a fixed direction than they are along it at both ends, at most; a
     // stretch as above, between whose ends no joint strays farther than ``strays`` says (bends in motion_bounds.py).
     double pair_bend(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b, const double* strays);
-    // A direction in the axes of the second piece at one node, as it is in them at another: seen from the last body that
-    // carries both pieces it stays as it is.
-    void turned(const Pair& pair, std::size_t from, std::size_t to, const double* n, double* out);
+    // A bound that holds all along that stretch: along a direction that stays as it is for the last body that carries both
+    // pieces. ``known`` is what is known at ``from``, one end of it, ``bend`` what ``pair_bend`` says.
+    double steady(const Pair& pair, std::size_t from, std::size_t to, const Bound& known, double bend);
 
     // How far the pieces of a pair move against each other, at most, while each joint travels so far from a node, in
     // whatever direction; the node and the travel (the caller's) are set first.
@@ -103,6 +103,9 @@ class Places {
     const double* motions_about(std::size_t piece);
     void add_motions(std::size_t piece, std::size_t node, const double* travel, double* out);
     const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
+    // A direction in the axes of the second piece at one node, as it is in them at another, if it stays as it is for the last
+    // body that carries both pieces.
+    void turned(const Pair& pair, std::size_t from, std::size_t to, const double* n, double* out);
     const double* bends(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b, const double* strays);
 };
 

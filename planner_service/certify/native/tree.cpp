@@ -403,12 +403,8 @@ double Tree::bent(const Row& row, double wanted) {
     for (const bool from_before : {nearer_before, !nearer_before}) {
         const Bound& known = from_before ? row.before : row.after;
         const std::size_t from = from_before ? stretch.left : stretch.right, to = from_before ? stretch.right : stretch.left;
-        double n[3];
-        Bound found{};
-        places_.turned(pair, from, to, known.n, n);
         ++out_.asked;
-        variant_.along(terms_, places_.facing(pair, to), n, found);
-        const double bound = std::min(known.gap, found.gap) - bend;
+        const double bound = places_.steady(pair, from, to, known, bend);
         if (bound >= wanted) return bound;
     }
     return -INFINITE;
