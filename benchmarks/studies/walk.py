@@ -16,7 +16,7 @@ __all__ = ["run", "walked"]
 
 PACKAGE = str(Path(planner_service.__file__).parent)
 
-MAX_FILES, MAX_CHANGES = 21, 260
+MAX_FILES, MAX_CHANGES = 20, 255
 
 PLANS = 5
 """Of which the shortest walk counts: the proof asks once a millisecond whether it has to end."""

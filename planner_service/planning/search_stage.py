@@ -476,15 +476,14 @@ def _shortened(
     with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
         entry.length, rng = polyline_length(points), SeededDraws(request.seed, 1)
         points = _cut(points, oracle, rng)
-        entry.length = polyline_length(points)
+        entry.length = length = polyline_length(points)
         planner = request.planner
-        if isinstance(planner, BalancedRRTConnect) and problem.projector is None and _is_long(points, entry.length):
-            entry.note = f"searched again, {entry.length:.2f} rad being long"
-            other = search_nearer(context, planner, problem, entry.length, states, 0)
+        if isinstance(planner, BalancedRRTConnect) and problem.projector is None and _is_long(points, length):
+            entry.note = f"searched again, {length:.2f} rad being long"
+            other = search_nearer(context, planner, problem, length, states, 0)
             if other is not None:
                 points = min(points, _cut(other, oracle, rng), key=polyline_length)
-                entry.length = polyline_length(points)
-    length = polyline_length(points)
+                entry.length = length = polyline_length(points)
     if accounting.tracer is not None:
         accounting.tracer.cut(points)
     if len(points) > 2:
@@ -499,7 +498,7 @@ def _shortened(
 
 def _is_long(points: FloatArray, length: float) -> bool:
     """Whether a path from the start to a goal is so much longer than the straight line that another search may pay."""
-    straight = joint_distance(points[0].tolist(), points[-1].tolist())
+    straight = polyline_length(points[[0, -1]])
     return length > (LONG if len(points[0]) <= FEW_JOINTS else LONG_OF_MANY) * straight
 
 
