@@ -9,14 +9,17 @@ last target that was, as abruptly as its driver does. ``docs/design/the-gate.md`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify.certifier import Certifier, TubeProof
 from planner_service.errors import InvalidRequest
-from planner_service.gate.tracking import Course, Setpoint, Tracking
+from planner_service.gate.limits import CommandLimits
+from planner_service.gate.log import GateLog
+from planner_service.gate.tracking import Course, Setpoint, Tracking, Whereabouts
 from planner_service.gate.verdict import Counts, Kind, Refused, Verdict
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import finite_numbers, flag, instance, number, numbers, whole
@@ -30,22 +33,12 @@ MAX_CHUNK = 1000
 """Targets; at 30 Hz half a minute."""
 
 MAX_RATE = 2000.0
-MAX_SCALE = 10.0
-
-MAX_BRAKES = 400
-"""Targets that brake the arm; at 200 Hz two seconds."""
 
 TRIES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675)
 """How many targets are taken back, one after the other, until what brakes the arm after the rest is free."""
 
 SLOWER = 6
 """Halvings of the interval in which the largest speed is looked for that keeps the limits."""
-
-ROUNDING = 1e-9
-"""Of an acceleration that is as large as it may be, relative."""
-
-TINY_SPEED = 1e-6
-"""Radians (or metres) a second: less is rest."""
 
 
 class ActionGate:
@@ -55,15 +48,20 @@ class ActionGate:
     rows of its verdict, one each period, until there is another; from one thread.
 
     Args:
-        service: Of the robot and the scene. Continuous joints stay in the window that the robot was given.
+        service: Of the robot and the scene. Continuous joints stay in the window that the robot was given, and a
+            gripper as far open; ``robot.with_finger_room()`` is one whose fingers may move meanwhile.
         rate: Targets a second.
         tracking: What is assumed of the driver.
         padding: Metres that everything keeps beyond the room that the arm may need.
         acceleration_scale: Part of the robot's acceleration limits that setpoints and the stop may use, in (0, 10].
+        jerk_scale: The same of its limits of jerk; None if targets may change the acceleration at once.
+        torque_scale: Share in (0, 1] of the efforts of its URDF that targets may take; None if torques are not judged.
         slow: Whether a chunk that is too fast is followed along the same line at less than its own speed.
+        log: A file to which what is refused or changed is appended, a line of JSON each, up to 64 MiB.
 
     Attributes:
         counts: What was decided.
+        limits: Those of the robot that are kept.
         certifier: What proves it.
 
     Raises:
@@ -78,19 +76,24 @@ class ActionGate:
         tracking: Tracking,
         padding: float = 0.0,
         acceleration_scale: float = 1.0,
+        jerk_scale: float | None = None,
+        torque_scale: float | None = None,
         slow: bool = False,
+        log: str | Path | None = None,
     ) -> None:
         self.service = instance("service", service, PlannerService, "a PlannerService")
         self.robot: Robot = service.robot
         self.rate = number("rate", rate, f"targets a second, in [1, {MAX_RATE:g}]", 1.0, MAX_RATE)
         self.tracking = instance("tracking", tracking, Tracking, "a Tracking")
         self.padding = number("padding", padding, "metres in [0, 0.1]", 0.0, 0.1)
-        scale = number("acceleration_scale", acceleration_scale, "a number in (0, 10]", math.ulp(0.0), MAX_SCALE)
+        self.limits = CommandLimits(
+            *(self.robot, service.scene, self.rate, self.tracking),
+            acceleration_scale=acceleration_scale, jerk_scale=jerk_scale, torque_scale=torque_scale,
+        )  # fmt: skip
         self.slow = flag("slow", slow)
         self.counts = Counts()
+        self._log = None if log is None else GateLog(log)
         self._error = tracking.of(self.robot.n)
-        self._acceleration = scale * self.robot.limits.acceleration
-        self._lower, self._upper = self.robot.bounds
         self._shares = tracking.shares(1.0 / self.rate)
         self.certifier = self._new_certifier(service.scene)
         self._nothing: FloatArray = read_only(np.empty((0, self.robot.n)))
@@ -110,7 +113,8 @@ class ActionGate:
             chunk: Targets, (k, n) or (n,), one each period.
             sent: How many of the last verdict's ``rows`` were sent since; if None, all of its targets, or one row of
                 its stop if it had none.
-            elapsed: Seconds since the last of them was sent; a period if None.
+            elapsed: Seconds since the last of them was sent; a period if None, or if it differs from that by no more
+                than the jitter.
 
         Raises:
             InvalidRequest: other shapes, no numbers, or more rows sent than there were. Nothing is decided then, and
@@ -140,12 +144,17 @@ class ActionGate:
         """
         certifier = self._new_certifier(instance("scene", scene, Scene, "a Scene"))
         service = self.service.with_scene(scene)
-        now = self._advanced(None, sent, elapsed) if self._came is not None else None
-        self.certifier, self.service = certifier, service
-        if now is None:
+        if self._came is None:
+            self.certifier, self.service = certifier, service
             return Verdict(self._nothing, self._nothing, None)
+        now = self._advanced(None, sent, elapsed)
+        self.certifier, self.service = certifier, service
         if self._lost:
             return self._passed(self._held(now, Refused(Kind.TRACKING, 0, self._lost)))
+        here = self._certified(*self._whereabouts)  # where the arm may still be
+        if here.pair is not None:
+            refused = replace(self._contact(here), kind=Kind.SCENE, index=0, time=0.0)
+            return self._passed(self._held(now, refused, here.distances))
         return self._passed(self._decided(now, self._pending[: self._left]))
 
     def reset(self, target: ArrayLike | None = None) -> None:
@@ -160,6 +169,10 @@ class ActionGate:
         """
         self._came: Setpoint | None = None  # where the setpoint was when the last target came
         self._target: FloatArray | None = None  # that target
+        self._trail: list[
+            tuple[float, FloatArray, FloatArray, FloatArray]
+        ] = []  # edges before that, and when they ended
+        self._clock = 0.0  # seconds for which targets have been sent, at least
         if target is not None:
             self._target = finite_numbers("target", target, self.robot.n)
             self._came = Setpoint.at_rest(self._target, np.zeros(self.robot.n))
@@ -172,34 +185,61 @@ class ActionGate:
         """Follow what was sent, and see whether the arm is where it can be by now."""
         rows = self._left or min(1, len(self._pending))
         rows = rows if sent is None else whole("sent", sent, 0, len(self._pending))
-        waited = 1.0 / self.rate if elapsed is None else number("elapsed", elapsed, "seconds >= 0", 0.0, math.inf)
+        waited = period = 1.0 / self.rate
+        if elapsed is not None:
+            given = number("elapsed", elapsed, "seconds >= 0", 0.0, math.inf)
+            waited = period if abs(given - period) <= self.tracking.jitter else given
         if self._came is None:
             if measured is None or not np.isfinite(measured).all():
                 raise InvalidRequest("q", measured, f"{self.robot.n} finite numbers at the first check")
-            place = np.clip(measured, self._lower, self._upper)
+            place = np.clip(measured, self.limits.lower, self.limits.upper)
             beyond = np.minimum(np.abs(measured - place), self._error)  # more is noticed below
             self._came = Setpoint.at_rest(place, self._error + beyond)
         for target in self._pending[:rows]:
-            self._came, self._target = self._moved(self._came, self._shares), target
+            self._came, self._target = self._moved(self._came, period), target
         self._pending, self._left = self._pending[rows:], max(0, self._left - rows)
-        now = self._moved(self._came, self.tracking.shares(waited))
-        if measured is not None and not self._lost:
-            self._lost = self._astray(now, measured)
-        return now
+        self._whereabouts = self._around(self._came, waited)
+        if measured is not None and not self._lost and not self._whereabouts.holds(measured):
+            self._lost = self._astray(measured)
+        return self._came if self._target is None else self._came.after(self._target, *self._terms(waited))
 
-    def _moved(self, came: Setpoint, shares: tuple[float, float]) -> Setpoint:
-        return came if self._target is None else came.after(self._target, shares, self.tracking.goal_time)
+    def _terms(self, waited: float) -> tuple[tuple[float, float], float]:
+        return self.tracking.shares(waited), self.tracking.goal_time
 
-    def _astray(self, now: Setpoint, measured: FloatArray) -> str:
-        """Why the arm is not where it can be; empty if it is."""
-        off = np.abs(measured - now.place)
-        room = now.radius + self._error
-        if np.all(off <= room):
-            return ""
-        joint = int(np.argmax(np.where(np.isfinite(off), off - room, np.inf)))
+    def _moved(self, came: Setpoint, waited: float) -> Setpoint:
+        """Where the setpoint is when another target comes, and what of its way is kept for an arm that lags."""
+        if self._target is None:
+            return came
+        shares, goal_time = self._terms(waited)
+        if self.tracking.lag > 0.0:
+            self._clock += max(waited - self.tracking.jitter, 0.0)
+            self._trail = [edge for edge in self._trail if edge[0] > self._clock - self.tracking.lag]
+            end = came.place + shares[1] * (self._target - came.place)
+            self._trail.append((self._clock, came.place, end, came.radius))
+        return came.after(self._target, shares, goal_time)
+
+    def _around(self, came: Setpoint, waited: float) -> Whereabouts:
+        """Where the arm can be so long after the last target came."""
+        tracking = self.tracking
+        target = came.place if self._target is None else self._target
+        first, last = tracking.shares(waited - tracking.lag)[0], tracking.shares(waited)[1]
+        since = self._clock + max(waited - tracking.jitter, 0.0) - tracking.lag
+        before = [edge[1:] for edge in self._trail if edge[0] > since]
+        radius = came.radius if self._target is None else (1.0 - first) * came.radius
+        edges = [*before, (*(came.place + share * (target - came.place) for share in (first, last)), radius)]
+        starts, ends, radii = (np.array(rows) for rows in zip(*edges, strict=True))
+        return Whereabouts(starts, ends, radii + self._error)
+
+    def _astray(self, measured: FloatArray) -> str:
+        """In which joint the arm is farthest from where it can be."""
+        starts, ends, rooms = self._whereabouts
+        off = np.maximum(np.minimum(starts, ends) - measured, measured - np.maximum(starts, ends))
+        beyond = np.where(np.isfinite(off), off - rooms, np.inf)
+        edge = int(beyond.max(axis=1).argmin())
+        joint = int(beyond[edge].argmax())
         return (
-            f"{self.robot.joint_names[joint]} is {off[joint]:.4g} from where its driver should have it, and at most"
-            f" {room[joint]:.4g} is assumed: the arm does not follow as Tracking says"
+            f"{self.robot.joint_names[joint]} is {off[edge, joint]:.4g} from where its driver should have it, and at"
+            f" most {rooms[edge, joint]:.4g} is assumed: the arm does not follow as Tracking says"
         )
 
     def _held(self, now: Setpoint, refused: Refused, bounds: int = 0) -> Verdict:
@@ -216,19 +256,22 @@ class ActionGate:
         if verdict.refused is not None:
             kind = verdict.refused.kind.value
             counts.refused[kind] = counts.refused.get(kind, 0) + 1
+        if self._log is not None and not verdict.ok:
+            self._log.write(counts.chunks, verdict)
+            counts.unlogged = self._log.lost
         return verdict
 
     # -- decisions --------------------------------------------------------------------------------
 
     def _decided(self, now: Setpoint, wanted: FloatArray) -> Verdict:
-        beyond, speed = self._beyond(wanted), 1.0
+        beyond, speed = self.limits.beyond(wanted), 1.0
         targets = wanted = wanted if beyond is None else wanted[: beyond.index]
         course = self._course(now, targets)
-        refused = self._objection(course, targets)
+        refused = self.limits.objection(course, targets)
         if refused is not None and self.slow:
             speed, targets = self._slowed(now, wanted)
             course = self._course(now, targets)
-            refused = self._objection(course, targets)
+            refused = self.limits.objection(course, targets)
         refused = beyond if refused is None else refused
         passing = len(targets) if refused is None else refused.index
         proof = self._proof(course, targets[:passing])
@@ -236,10 +279,11 @@ class ActionGate:
         if proof.pair is not None:
             passing, refused = proof.free, self._contact(proof)
         for back in (*(each for each in TRIES if each < passing), passing):
-            rows = np.array(list(self._braking(course.at(passing - back))))
-            found = self._stop_proof(course.at(passing - back), rows)
+            start = course.at(passing - back)
+            rows = self.limits.braking(start)
+            found = None if rows is None else self._stop_proof(start, rows)
             bounds += 0 if found is None else found.distances
-            if found is not None and found.pair is None:
+            if rows is not None and found is not None and found.pair is None:
                 refused = self._no_stop(passing - back, refused) if back else refused
                 return Verdict(read_only(targets[: passing - back]), read_only(rows), refused, speed, bounds=bounds)
         refused = self._no_stop(0, refused)
@@ -256,47 +300,17 @@ class ActionGate:
 
     def _stop_proof(self, now: Setpoint, rows: FloatArray) -> TubeProof | None:
         """The proof of rows that brake, from where the setpoint is; none if they are outside the joint limits."""
-        if float(np.maximum(rows - self._upper, self._lower - rows).max()) > 0.0:
+        if not self.limits.inside(rows):
             return None
         return self._proof(self._course(now, rows), rows)
 
     def _proof(self, course: Course, targets: FloatArray) -> TubeProof:
         """How many of the ways to targets (k, n) are free, from the first on, with what may be beside them."""
         k = len(targets)
-        return self.certifier.certify_tubes(
-            course.places[:k], targets, course.radii[:k] + self._error, padding=self.padding
-        )
+        return self._certified(course.places[:k], targets, course.radii[:k] + self._error)
 
-    def _beyond(self, targets: FloatArray) -> Refused | None:
-        """The first target outside the joint limits, or that is no number."""
-        inside = (targets >= self._lower) & (targets <= self._upper)
-        if inside.all():
-            return None
-        index, joint = (int(each[0]) for each in np.nonzero(~inside))
-        value = targets[index, joint]
-        if not math.isfinite(value):
-            return self._of_joint(Kind.NUMBER, index, joint, f"{value} is no finite number")
-        span = f"[{self._lower[joint]:.6g}, {self._upper[joint]:.6g}]"
-        return self._of_joint(Kind.LIMIT, index, joint, f"{value:.6g} is outside its limits {span}")
-
-    def _objection(self, course: Course, targets: FloatArray) -> Refused | None:
-        """The first target that breaks a limit of speed or acceleration, and which."""
-        limits, k = self.robot.limits, len(targets)
-        speeds = (np.abs(targets - course.places[:k]) + course.radii[:k]) / self.tracking.goal_time
-        changes = np.abs(np.diff(course.speeds, axis=0)) * self.rate
-        over = np.stack([speeds - limits.velocity, changes - self._acceleration * (1.0 + ROUNDING)], axis=1) > 0.0
-        if not over.any():
-            return None
-        index, what, joint = (int(each[0]) for each in np.nonzero(over))
-        if what == 0:
-            words = f"{speeds[index, joint]:.4g} a second to be there in time, of {limits.velocity[joint]:.4g}"
-            return self._of_joint(Kind.SPEED, index, joint, words)
-        words = f"{changes[index, joint]:.4g} a second squared, of {self._acceleration[joint]:.4g}"
-        return self._of_joint(Kind.ACCELERATION, index, joint, words)
-
-    def _of_joint(self, kind: Kind, index: int, joint: int, what: str) -> Refused:
-        name = self.robot.joint_names[joint]
-        return Refused(kind, index, f"{name}: {what}", index / self.rate, name)
+    def _certified(self, starts: FloatArray, ends: FloatArray, rooms: FloatArray) -> TubeProof:
+        return self.certifier.certify_tubes(starts, ends, rooms, padding=self.padding)
 
     def _contact(self, proof: TubeProof) -> Refused:
         assert proof.pair is not None
@@ -331,26 +345,11 @@ class ActionGate:
         for _ in range(SLOWER):
             share = 0.5 * (low + high)
             targets = _along(line, share)
-            if self._objection(self._course(now, targets), targets) is None:
+            if self.limits.objection(self._course(now, targets), targets) is None:
                 best, low = (share, targets), share
             else:
                 high = share
         return best
-
-    def _braking(self, now: Setpoint) -> Iterator[FloatArray]:
-        """Targets that each take as much speed as the limits allow, of all joints alike, until the driver may stop."""
-        goal_time = self.tracking.goal_time
-        place, speed = now.place, now.speed
-        share = 0.5 * sum(self._shares)
-        for _ in range(MAX_BRAKES):
-            left = float((np.abs(speed) * self.rate / self._acceleration).max())
-            if left <= 1.0 or float(np.abs(speed).max()) < TINY_SPEED:
-                break
-            speed = speed * (1.0 - 1.0 / left)
-            target = place + speed * goal_time
-            yield target
-            place = place + share * (target - place)
-        yield place
 
     def _chunk(self, chunk: ArrayLike) -> FloatArray:
         expected = f"targets of shape (k, {self.robot.n}) or ({self.robot.n},), 1 to {MAX_CHUNK} of them"

@@ -11,7 +11,8 @@ Let s lie within r of m, in each joint, when a target comes. Then
 - when the next target comes, s is ``m + u (c - m) + (1 - u) d`` with u in [low, high]: within
   ``(1 - low) r + (high - low) / 2 abs(c - m)`` of ``m + (low + high) / 2 (c - m)``.
 
-The arm itself is within ``error`` of the setpoint. So the room that it needs around each edge is r + error.
+The arm itself is within ``error`` of where the setpoint is, or was in the last ``lag`` seconds. So the room that it
+needs around each edge is r + error.
 """
 
 from __future__ import annotations
@@ -27,35 +28,42 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import number, numbers
 
-__all__ = ["Course", "Setpoint", "Tracking"]
+__all__ = ["Course", "Setpoint", "Tracking", "Whereabouts"]
 
 MAX_ERROR = 0.5
 """Radians (or metres); more is a mistake in the unit."""
 
-LONGEST = 10.0
-"""Seconds; likewise."""
+LONGEST = 0.2
+"""Seconds of a goal time: drivers do not go straight at an even speed to targets that are due later."""
+
+LATEST = 1.0
+"""Seconds of a lag or a jitter; more is a mistake in the unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """What is assumed of a driver: it goes straight to each target, and the arm follows closely.
+    """What is assumed of a driver: it goes straight to each target, at an even speed, and the arm follows closely.
 
     Attributes:
         goal_time: Seconds after which the setpoint is at a target that is not replaced.
         error: Radians (or metres) between the arm and the setpoint at most, of all joints or of each, (n,).
         jitter: Seconds by which the time between two targets may differ from the rate's.
+        lag: Seconds by which the arm may be late: it is within ``error`` of some place where the setpoint was since.
 
     Raises:
-        InvalidRequest: a time that is no number of seconds from 1 ms (jitter: 0) to 10 s, or an error outside [0, 0.5].
+        InvalidRequest: a goal time outside [1 ms, 0.2 s], a jitter or lag outside [0, 1 s], or an error outside
+            [0, 0.5].
     """
 
     goal_time: float
     error: float | Sequence[float] | FloatArray
     jitter: float = 0.002
+    lag: float = 0.0
 
     def __post_init__(self) -> None:
         number("goal_time", self.goal_time, f"seconds in [0.001, {LONGEST:g}]", 0.001, LONGEST)
-        number("jitter", self.jitter, f"seconds in [0, {LONGEST:g}]", 0.0, LONGEST)
+        for name in ("jitter", "lag"):
+            number(name, getattr(self, name), f"seconds in [0, {LATEST:g}]", 0.0, LATEST)
         expected = f"radians (or metres) in [0, {MAX_ERROR:g}], one number or one for each joint"
         error = numbers("error", self.error, expected)
         if error.ndim > 1 or not np.all((error >= 0.0) & (error <= MAX_ERROR)):
@@ -87,17 +95,19 @@ class Setpoint:
         place: Shape (n,).
         radius: Shape (n,), >= 0.
         speed: How fast the setpoint went before, rad/s, (n,); 0 at rest.
+        change: What the target before changed in that, rad/s, (n,).
     """
 
     place: FloatArray
     radius: FloatArray
     speed: FloatArray
+    change: FloatArray
 
     @classmethod
     def at_rest(cls, q: ArrayLike, error: FloatArray) -> Setpoint:
-        """Of an arm that is measured at q (n,) and stands still: its setpoint is within its error of that."""
+        """Of an arm that stands still, and whose setpoint is within ``error`` (n,) of q (n,)."""
         place = np.array(q, dtype=np.float64)
-        return cls(place, error.copy(), np.zeros(len(place)))
+        return cls(place, error.copy(), np.zeros(len(place)), np.zeros(len(place)))
 
     def after(self, target: FloatArray, shares: tuple[float, float], goal_time: float) -> Setpoint:
         """Where it can be when the next target comes."""
@@ -106,29 +116,62 @@ class Setpoint:
     def course(self, targets: FloatArray, shares: tuple[float, float], goal_time: float) -> Course:
         """Where it can be as each of targets (k, n) comes, and after the last."""
         low, high = shares
-        mean, off, left = 0.5 * (low + high), 0.5 * (high - low), 1.0 - low
-        places, radii = [self.place], [self.radius]
-        ways = np.empty_like(targets)
-        for k, target in enumerate(targets):
-            ways[k] = way = target - places[k]
-            places.append(places[k] + mean * way)
-            radii.append(left * radii[k] + off * np.abs(way))
-        return Course(np.array(places), np.array(radii), np.concatenate([self.speed[None], ways / goal_time]))
+        k, mean, off, left = len(targets), 0.5 * (low + high), 0.5 * (high - low), 1.0 - low
+        places, radii, ways = np.empty((k + 1, *self.place.shape)), np.empty((k + 1, *self.place.shape)), targets.copy()
+        places[0], radii[0] = self.place, self.radius
+        for i in range(k):
+            ways[i] -= places[i]
+            places[i + 1] = places[i] + mean * ways[i]
+            radii[i + 1] = left * radii[i] + off * np.abs(ways[i])
+        speeds = np.concatenate([self.speed[None], ways / goal_time])
+        changes = np.concatenate([self.change[None], np.diff(speeds, axis=0)])
+        if low >= 1.0 and k:  # it was at each target, and stood still, when the next came
+            speeds[1:], changes[1:] = 0.0, 0.0
+        return Course(places, radii, ways / goal_time, speeds, changes)
 
 
 class Course(NamedTuple):
-    """Where the setpoint can be as each of k targets comes, and after the last: (k + 1, n) each.
+    """Where the setpoint can be as each of k targets comes, and after the last.
 
     Attributes:
-        places: Where about it is each time.
-        radii: How far from there at most, in each joint.
-        speeds: How fast it went before.
+        places: Where about it is each time, (k + 1, n).
+        radii: How far from there at most, in each joint, (k + 1, n).
+        speeds: How fast it goes to each target, (k, n).
+        before: How fast it went before each target, and after the last, (k + 1, n).
+        changes: What the target before each changed in that, (k + 1, n).
     """
 
     places: FloatArray
     radii: FloatArray
     speeds: FloatArray
+    before: FloatArray
+    changes: FloatArray
 
     def at(self, k: int) -> Setpoint:
         """As target k comes."""
-        return Setpoint(self.places[k], self.radii[k], self.speeds[k])
+        return Setpoint(self.places[k], self.radii[k], self.before[k], self.changes[k])
+
+
+class Whereabouts(NamedTuple):
+    """Where an arm can be: within a room of one of some straight edges.
+
+    Attributes:
+        starts: Of each edge, (k, n).
+        ends: The same.
+        rooms: Radians (or metres) beside each in each joint, (k, n).
+    """
+
+    starts: FloatArray
+    ends: FloatArray
+    rooms: FloatArray
+
+    def holds(self, q: FloatArray) -> bool:
+        """Whether q (n,) is there: of an edge, those points are that are near enough in every joint at once."""
+        ways, off = self.ends - self.starts, q - self.starts
+        still = ways == 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, two = (off - self.rooms) / ways, (off + self.rooms) / ways
+        inside = np.where(np.abs(off) <= self.rooms, np.inf, -np.inf)
+        first = np.where(still, -inside, np.minimum(one, two)).max(axis=1)
+        last = np.where(still, inside, np.maximum(one, two)).min(axis=1)
+        return bool((np.maximum(first, 0.0) <= np.minimum(last, 1.0)).any())

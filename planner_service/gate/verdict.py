@@ -107,6 +107,7 @@ class Counts:
         slowed: Chunks that passed at less than their own speed.
         repaired: Chunks that passed as a plan to their end.
         bounds: What the proofs asked.
+        unlogged: Refusals and changes that are not in the log, because it is full or cannot be written any more.
     """
 
     chunks: int = 0
@@ -115,3 +116,4 @@ class Counts:
     slowed: int = 0
     repaired: int = 0
     bounds: int = 0
+    unlogged: int = 0

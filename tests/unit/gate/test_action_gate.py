@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +13,7 @@ import pytest
 from planner_service import PlannerService
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
-from planner_service.gate import ActionGate, Kind, Tracking, Verdict
+from planner_service.gate import ActionGate, Kind, Setpoint, Tracking, Verdict
 from planner_service.geometry.arrays import FloatArray
 from planner_service.scene.scene import Scene
 from tests.unit.certify.test_certifier import PLANAR, ball_beyond
@@ -177,6 +180,108 @@ def test_too_fast_a_chunk_is_followed_more_slowly_where_that_is_wanted() -> None
     assert not verdict.ok
     assert gate.counts.slowed == 1
     assert np.all(np.diff(verdict.targets[:, 0]) > 0.0)
+
+
+@pytest.mark.parametrize("name", ["jerk", "torque"])
+def test_jerks_and_torques_are_judged_where_that_is_wanted(name: str) -> None:
+    """At a thousandth of what the arm may take, its own weight, or a first small step, is too much."""
+    service = PlannerService("wxai", Scene())
+    start = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    for scale, kind in ((None, None), (1.0, None), (0.001, name)):
+        scales: dict[str, Any] = {f"{name}_scale": scale}
+        gate = ActionGate(service, rate=RATE, tracking=TRACKING, **scales)
+        gate.reset(start)
+        verdict = gate.check(start, start + 1e-4)
+        assert (verdict.refused.kind.value if verdict.refused else None) == kind
+
+
+def test_a_stop_that_would_take_thousands_of_targets_is_none() -> None:
+    limits, start = gate_of(ball_beyond(0.1)).limits, Setpoint.at_rest(START, np.zeros(2))
+    assert limits.braking(replace(start, speed=np.array([1e9, 0.0]))) is None
+    rows = limits.braking(replace(start, speed=np.array([1.0, 0.0])))
+    assert rows is not None
+    assert len(rows) == 1.0 * RATE / PLANAR.limits.acceleration[0]
+
+
+LAGGING = Tracking(goal_time=0.1, error=0.002, jitter=0.004, lag=0.15)
+
+
+@pytest.mark.parametrize(("late", "lost"), [(0, False), (2, False), (4, False), (9, True)])
+def test_an_arm_may_be_as_late_as_its_lag(late: int, lost: bool) -> None:
+    gate = ActionGate(PlannerService(PLANAR, ball_beyond(0.1)), rate=RATE, tracking=LAGGING)
+    places, share = [START], (1.0 / RATE) / TRACKING.goal_time
+    for target in ramp(30):
+        verdict = gate.check(places[max(len(places) - 1 - late, 0)], target)
+        if not verdict.ok:
+            break
+        places.append(places[-1] + share * (verdict.rows[0] - places[-1]))
+    assert (verdict.refused is not None and verdict.refused.kind is Kind.TRACKING) == lost
+
+
+def test_a_scene_that_changes_where_a_late_arm_may_still_be_stops_it() -> None:
+    """A ball comes where the setpoint has been: an arm without lag has passed it, one with lag may not have."""
+
+    def proven(tracking: Tracking, angle: float) -> bool:
+        gate = ActionGate(PlannerService(PLANAR, ball_beyond(0.1, angle=2.0)), rate=RATE, tracking=tracking)
+        assert gate.check(START, ramp(90)).ok
+        return gate.update(ball_beyond(-0.01, angle=angle), sent=50).proven
+
+    angles = np.linspace(-0.3, 0.2, 26).tolist()
+    there, late = [proven(TRACKING, angle) for angle in angles], [proven(LAGGING, angle) for angle in angles]
+    assert all(one or not other for one, other in zip(there, late, strict=True))
+    assert sum(late) + 3 <= sum(there) < len(angles)
+
+
+def test_a_chunk_that_is_refused_leaves_what_is_left_of_the_last_as_the_stop_where_no_other_is_free() -> None:
+    """So there is always a proven stop, whatever is asked for next."""
+    gate = gate_of(ball_beyond(-0.05))
+    first = gate.check(START, ramp(90))
+    rows = first.rows
+    at = START - 0.3
+    for sent in range(1, len(rows)):
+        fresh = gate_of(ball_beyond(-0.05))
+        assert fresh.check(START, ramp(90)).accepted == first.accepted
+        setpoint = START
+        for row in rows[:sent]:
+            setpoint = setpoint + (1.0 / RATE) / TRACKING.goal_time * (row - setpoint)
+        verdict = fresh.check(setpoint, at, sent=sent)
+        assert verdict.proven
+        assert not verdict.accepted
+
+
+def test_what_is_refused_or_changed_is_in_the_log_and_nothing_else(tmp_path: Path) -> None:
+    log = tmp_path / "gate.jsonl"
+    gate = gate_of(ball_beyond(-0.05), slow=True, log=log)
+    gate.check(START, ramp(3))
+    gate.check(START, ramp(90), sent=0)
+    gate.check(START, [START], sent=0)
+    gate.check(START, [0.5, 0.0], sent=0)
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    assert len(lines) == sum(gate.counts.refused.values()) + gate.counts.slowed
+    assert (len(lines), lines[1]["speed"] < 1.0) == (2, True)
+    assert lines[0]["kind"] in ("contact", "stop")
+    assert set(lines[0]["pair"]) == {"forearm", "ball"}
+    assert lines[0]["index"] == lines[0]["accepted"]
+    assert gate.counts.unlogged == 0
+
+
+def test_a_log_that_cannot_be_written_any_more_stops_nobody_and_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = gate_of(ball_beyond(0.1), log=tmp_path / "gate.jsonl")
+    monkeypatch.setattr("planner_service.gate.log.MAX_LOG", 10)
+    assert gate.check(START, [0.5, 0.0]).refused
+    assert (gate.counts.unlogged, (tmp_path / "gate.jsonl").read_bytes()) == (1, b"")
+    (tmp_path / "gate.jsonl").unlink()
+    (tmp_path / "gate.jsonl").mkdir()
+    assert gate.check(START, [0.5, 0.0]).refused
+    assert gate.counts.unlogged == 2
+
+
+def test_a_log_is_appended_to_no_other_file(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InvalidRequest, match="notes"):
+        gate_of(ball_beyond(0.1), log=tmp_path / "notes.txt")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,133 @@
+"""The limits of a robot that targets for its driver are to keep.
+
+A setpoint goes to each target at an even speed. That speed is what limits of velocity are about, however late the
+target comes; the change of speed at a target that comes in time, over the period between two, what those of
+acceleration are about; and the change of that what those of jerk are about. Torques are what these speeds and
+accelerations take at the place where the target comes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planner_service.gate.tracking import Course, Setpoint, Tracking
+from planner_service.gate.verdict import Kind, Refused
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import number
+from planner_service.planning.request import torque_limits
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+
+__all__ = ["CommandLimits"]
+
+MAX_SCALE = 10.0
+
+MAX_BRAKES = 5000
+"""Targets that brake the arm; at 200 Hz 25 seconds."""
+
+ROUNDING = 1e-9
+"""Of an acceleration that is as large as it may be, relative."""
+
+
+def _scale(field: str, value: object) -> float:
+    return number(field, value, f"a number in (0, {MAX_SCALE:g}]", math.ulp(0.0), MAX_SCALE)
+
+
+class CommandLimits:
+    """Judges targets for a driver by the limits of its robot.
+
+    Args:
+        robot: Whose limits.
+        scene: What it holds in it counts for torques.
+        rate: Targets a second.
+        tracking: What is assumed of the driver.
+        acceleration_scale: Part of the limits of acceleration, in (0, 10].
+        jerk_scale: The same of jerk; None if that is not judged.
+        torque_scale: Share of the efforts, in (0, 1]; None if torques are not judged.
+
+    Raises:
+        InvalidRequest: a scale out of range, or torques that are not known of this robot.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        rate: float,
+        tracking: Tracking,
+        *,
+        acceleration_scale: float,
+        jerk_scale: float | None,
+        torque_scale: float | None,
+    ) -> None:
+        self._names, self._rate, self._goal_time = robot.joint_names, rate, tracking.goal_time
+        self._share = 0.5 * sum(tracking.shares(1.0 / rate))
+        self.lower, self.upper = robot.bounds
+        self.velocity = robot.limits.velocity
+        self.acceleration = _scale("acceleration_scale", acceleration_scale) * robot.limits.acceleration
+        self._jerk = None if jerk_scale is None else _scale("jerk_scale", jerk_scale) * robot.limits.jerk
+        if torque_scale is not None:
+            number("torque_scale", torque_scale, "a share in (0, 1] of the efforts", math.ulp(0.0), 1.0)
+        self._torques = None if torque_scale is None else torque_limits(robot, scene, scale=torque_scale)
+
+    def refuse(self, kind: Kind, index: int, joint: int, what: str) -> Refused:
+        """The refusal of a target because of a joint."""
+        name = self._names[joint]
+        return Refused(kind, index, f"{name}: {what}", index / self._rate, name)
+
+    def inside(self, rows: FloatArray) -> bool:
+        """Whether targets (k, n) are within the joint limits."""
+        return bool(((rows >= self.lower) & (rows <= self.upper)).all())
+
+    def beyond(self, targets: FloatArray) -> Refused | None:
+        """The first target outside the joint limits, or that is no number."""
+        inside = (targets >= self.lower) & (targets <= self.upper)
+        if inside.all():
+            return None
+        index, joint = (int(each[0]) for each in np.nonzero(~inside))
+        value = targets[index, joint]
+        if not math.isfinite(value):
+            return self.refuse(Kind.NUMBER, index, joint, f"{value} is no finite number")
+        span = f"[{self.lower[joint]:.6g}, {self.upper[joint]:.6g}]"
+        return self.refuse(Kind.LIMIT, index, joint, f"{value:.6g} is outside its limits {span}")
+
+    def objection(self, course: Course, targets: FloatArray) -> Refused | None:
+        """The first target that breaks a limit of speed, acceleration, jerk or torque, and which."""
+        k = len(targets)
+        changes = course.speeds - course.before[:k]
+        asked = [
+            (Kind.SPEED, np.abs(course.speeds) + course.radii[:k] / self._goal_time, self.velocity, "rad (or m) / s"),
+            (Kind.ACCELERATION, np.abs(changes) * self._rate, self.acceleration, "rad (or m) / s^2"),
+        ]
+        if self._jerk is not None:
+            jerks = np.abs(changes - course.changes[:k]) * self._rate**2
+            asked.append((Kind.JERK, jerks, self._jerk, "rad (or m) / s^3"))
+        if self._torques is not None:
+            taken = np.abs(self._torques.torques(course.places[:k], course.speeds, changes * self._rate))
+            asked.append((Kind.TORQUE, taken, self._torques.limit, "Nm (or N)"))
+        wrong = [values > limit * (1.0 + ROUNDING) for _, values, limit, _ in asked]
+        rows = [int(each.any(axis=1).argmax()) if each.any() else k for each in wrong]
+        index = min(rows)
+        if index == k:
+            return None
+        kind, values, limit, unit = asked[rows.index(index)]
+        joint = int((values[index] / limit).argmax())
+        words = f"{kind.value} {values[index, joint]:.4g} {unit}, of {limit[joint]:.4g}"
+        return self.refuse(kind, index, joint, words)
+
+    def braking(self, now: Setpoint) -> FloatArray | None:
+        """Targets that bring a setpoint to rest, (m, n): each takes as much speed as the acceleration allows.
+
+        Of all joints alike, so that the arm goes straight on, until so little is left that the driver may stop. None
+        if that takes more than ``MAX_BRAKES`` targets.
+        """
+        left = float((np.abs(now.speed) * self._rate / self.acceleration).max())
+        count = max(math.ceil(left), 1) - 1 if left <= MAX_BRAKES else MAX_BRAKES
+        if count == MAX_BRAKES:
+            return None
+        speeds = ((left - np.arange(1, count + 1)) / max(left, 1.0))[:, None] * now.speed
+        moved = np.cumsum(self._share * self._goal_time * speeds, axis=0)
+        places = now.place + np.concatenate([np.zeros((1, len(now.place))), moved])
+        return np.asarray(np.concatenate([places[:-1] + self._goal_time * speeds, places[-1:]]))

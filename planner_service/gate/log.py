@@ -1,0 +1,77 @@
+"""A log of what a gate refused or changed: lines of JSON, each appended at once."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import time
+from pathlib import Path
+
+from planner_service.files.writing import require_writable
+from planner_service.gate.verdict import Verdict
+from planner_service.geometry.validation import instance
+
+__all__ = ["MAX_LOG", "GateLog"]
+
+OURS = re.compile(rb'\{"time": ')
+
+MAX_LOG = 64 * 1024 * 1024
+"""Bytes of a log, some 200,000 refusals; what comes then is counted as not logged."""
+
+
+class GateLog:
+    """Appends what was refused or changed to a file, one line of JSON each, in one piece.
+
+    Args:
+        path: The file; made if it is not there.
+
+    Attributes:
+        lost: Decisions that are not in the file: it is full, or cannot be written any more.
+
+    Raises:
+        InvalidRequest: no path.
+        InvalidFile: a file that cannot be written, or of another kind.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        instance("log", path, (str, Path), "the path of a file")
+        self.path = Path(path)
+        self.lost = 0
+        require_writable(self.path, OURS)
+
+    def write(self, chunk: int, verdict: Verdict) -> None:
+        """Append the decision on a chunk that has such a number. Nothing stops the arm's caller if that fails."""
+        refused = verdict.refused
+        line: dict[str, object] = {
+            "time": round(time.time(), 6),
+            "chunk": chunk,
+            "accepted": verdict.accepted,
+            "speed": verdict.speed,
+            "repaired": verdict.repaired,
+            "proven": verdict.proven,
+        }
+        if refused is not None:
+            line |= {
+                "kind": refused.kind.value,
+                "index": refused.index,
+                "after": refused.time,
+                "joint": refused.joint,
+                "pair": refused.pair,
+                "at": refused.at,
+                "depth": refused.depth if math.isfinite(refused.depth) else None,
+                "detail": refused.detail,
+            }
+        try:
+            self._append(json.dumps(line).encode() + b"\n")
+        except OSError:
+            self.lost += 1
+
+    def _append(self, line: bytes) -> None:
+        descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            full = os.fstat(descriptor).st_size + len(line) > MAX_LOG
+            self.lost += full or os.write(descriptor, line) != len(line)
+        finally:
+            os.close(descriptor)
