@@ -64,7 +64,11 @@ OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {
     "queries": (whole(0, 10**6), "N", "queries of each set, or of a part"),
     "seeds": (whole(0, 1000), "M", "plans of each public problem"),
     "seed": (whole(0), "N", "of what is drawn"),
-    "problems": (Path, "PATH", "a published problem set, for --robot; for arms the folder of sets and robots"),
+    "problems": (
+        Path,
+        "PATH",
+        "a published problem set, for --robot; for arms and differential the folder of sets and robots",
+    ),
     "against": (Path, "PYTHON", "of an environment with what is compared"),
 }
 """Options that studies may have: how each is read, its metavar and its help."""

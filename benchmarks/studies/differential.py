@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from rich.table import Table
 
 import planner_service as ps
 from benchmarks.harness.report import Promise, Report, Row, table_of
+from benchmarks.studies.arms import arms_in
 from benchmarks.worlds.contacts import around_contacts, random_states
 from planner_service.collision import Known
 from planner_service.collision.backends import NativeBackend
@@ -27,6 +29,7 @@ from planner_service.collision.budget import SearchStopped
 from planner_service.collision.native_kernel import MARGIN, build_kernel, instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.parallel import Lost, Processes, Sequential
+from planner_service.records import read_problems
 from planner_service.search.problem import SearchOracle, SearchProblem
 
 __all__ = [
@@ -53,6 +56,9 @@ CASES = (
     "example-robot-data:kinova bin",
 )
 """Primitives, hulls, hulls of another arm, an arm in the plane, a finger that mimics another, continuous joints."""
+
+PUBLIC = "problems"
+"""The scene of an arm's first public problem."""
 
 KINDS = ("random", "as planned", "near contact")
 STATES, EDGES = 1_000_000, 20_000
@@ -126,9 +132,16 @@ class Tally:
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
-def case(name: str) -> tuple[ps.Robot, ps.Scene]:
-    """A robot and a scene by their names, of which ``pins`` and ``cloud`` are made here."""
+def case(name: str, folder: Path | None = None) -> tuple[ps.Robot, ps.Scene]:
+    """A robot and a scene by their names, of which ``pins`` and ``cloud`` are made here.
+
+    Args:
+        folder: Of the arms of ``arms`` and their problems, where the scene is ``PUBLIC``.
+    """
     robot, scene = name.split()
+    if scene == PUBLIC:
+        (arm,) = arms_in(folder, robot)
+        return ps.load_robot(arm.source), read_problems(arm.problems).problems[0].scene
     if scene == "cloud":
         return ps.load_robot(robot), _cloud(ps.load_scene("shelf"))
     if scene == "pins":
@@ -348,23 +361,24 @@ class _Case:
 
     name: str
     seed: int
+    folder: Path | None
 
     def prepare(self) -> None:
         """Nothing."""
 
     def __call__(self, part: tuple[int, int, int]) -> dict[tuple[str, str], Tally]:
         number, states, edges = part
-        robot, scene = case(self.name)
+        robot, scene = case(self.name, self.folder)
         made = kernels(robot, scene)
         made["fcl"] = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(STEP), backend="fcl")
         return compare(made, questions(robot, scene, states, edges, self.seed, number))
 
 
-def _case_rows(name: str, states: int, edges: int, seed: int) -> Iterator[Row]:
+def _case_rows(name: str, folder: Path | None, states: int, edges: int, seed: int) -> Iterator[Row]:
     count = max(1, -(-states // PART))
     parts = [(k, _share(states, k, count), _share(edges, k, count)) for k in range(count)]
     console, total = Console(stderr=True), dict[tuple[str, str], Tally]()
-    with closing((Processes() if count > 1 else Sequential()).run(_Case(name, seed), parts)) as answers:
+    with closing((Processes() if count > 1 else Sequential()).run(_Case(name, seed, folder), parts)) as answers:
         for _, found in track(answers, name, count, console=console, disable=not console.is_terminal):
             if isinstance(found, Lost):
                 raise AssertionError(f"{name}: {found.detail}")
@@ -376,17 +390,28 @@ def _case_rows(name: str, states: int, edges: int, seed: int) -> Iterator[Row]:
         yield row | {"differences": tally.differences, "words": tally.words, "us": each, "sets": instruction_sets()}
 
 
-def run(robot: str | None = None, states: int = STATES, edges: int = EDGES, seed: int = 0) -> Report:
+def run(
+    robot: str | None = None,
+    states: int = STATES,
+    edges: int = EDGES,
+    seed: int = 0,
+    problems: Path | None = None,
+) -> Report:
     """Compare on all of these robots, or on one; some minutes for each.
+
+    Args:
+        problems: A folder of arms and their public problems, as of ``arms``: these are compared instead.
 
     Raises:
         UnknownName: none of them is called so.
+        InvalidRequest: The folder has not got it.
     """
-    robots = [name.split()[0] for name in CASES]
+    cases = CASES if problems is None else [f"{arm.name} {PUBLIC}" for arm in arms_in(problems, robot)]
+    robots = [name.split()[0] for name in cases]
     if robot is not None and robot not in robots:
         raise ps.UnknownName("robot", robot, robots)
-    names = [name for name in CASES if robot in (None, name.split()[0])]
-    rows = [row for name in names for row in _case_rows(name, states, edges, seed)]
+    names = [name for name in cases if robot in (None, name.split()[0])]
+    rows = [row for name in names for row in _case_rows(name, problems, states, edges, seed)]
     return Report("differential", tuple(rows), (_table(rows, seed),), tuple(_promise(name, rows) for name in names))
 
 
