@@ -155,6 +155,7 @@ class _Contact:
         touches_out: Where contact is meant on the straight line out.
         grip: What may touch while the gripper closes or opens there.
         names: Of the three motions: to the line, in along it, and out along it.
+        closed: What reasons begin with that are about the closed gripper.
         objection: Why a configuration there would not do, as the checker of the way in sees it; empty if it would.
     """
 
@@ -165,6 +166,7 @@ class _Contact:
     touches_out: tuple[_Touch, ...]
     grip: _Touch
     names: tuple[str, str, str]
+    closed: tuple[str, ...]
 
     @cached_property
     def made(self) -> tuple[PlannerService, PlannerService]:
@@ -194,7 +196,9 @@ def _grasping(
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
         return grasp_objection(target, grasp, gripper) or unwanted(checker, q, touch.pairs)
 
-    return _Contact(grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"))
+    return _Contact(
+        grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"), ("lift:",)
+    )
 
 
 def kept_upright(grasp: Pose, tolerance: float) -> Constraint:
@@ -223,9 +227,9 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
     reason = "" if service.robot.gripper is None else service.robot.gripper.touching(held.name, "leave")
     touch = _Touch(_touching(service, _fingers(service), held.name), None, reason)
     lowering = _standing(service, held.name, handling)
-    return _Contact(
-        pose @ held.pose.inverse(), services, objection, lowering, (touch,), touch, ("transfer", "lower", "retreat")
-    )
+    motions = ("transfer", "lower", "retreat")
+    tool, closed = pose @ held.pose.inverse(), ("way ", "transfer:", "lower:")
+    return _Contact(tool, services, objection, lowering, (touch,), touch, motions, closed)
 
 
 def _fingers(service: PlannerService) -> tuple[str, ...]:
@@ -309,8 +313,19 @@ class _Task:
                 return self._result(segments, contact.made[1], end, None, choosing, notes)
             if self._ended is not None:
                 return self._failed(self._ended)
-        detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
+        detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}{self._too_wide(contacts[0])}"
         return self._failed(self._explained(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail)))
+
+    def _too_wide(self, contact: _Contact) -> str:
+        """That a smaller opening may do, where open fingers were in the way and nobody said how wide they open."""
+        if self._handling.open_width is not None or _gripper(self._service).kind == "vacuum":
+            return ""
+        names = Names(self._service.robot, self._service.scene)
+        fingers = [f"{names.link(finger)} x " for finger in _fingers(self._service)]
+        opened = (reason for reason in self._tried if not reason.startswith(contact.closed))
+        if not any(finger in reason for reason in opened for finger in fingers):
+            return ""
+        return f"; fingers open {FINGER_ROOM * 1000:g} mm beyond the object on either side: a smaller open_width may do"
 
     def _explained(self, failure: Failure) -> Failure:
         """The failure with why the tool cannot be brought to the nearest of the poses that are out of reach."""

@@ -146,6 +146,39 @@ def test_an_object_is_set_down_on_its_support_not_into_it_or_above_it(
     assert re.search(message, present(put.failure).detail)
 
 
+def among_others(gap: float) -> ps.Scene:
+    """A table with a block of 45 mm that others of its size stand around, ``gap`` metres away."""
+    scene, block = ps.load_scene("table"), ps.Box((0.045, 0.045, 0.045))
+    for k, (x, y) in enumerate(((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))):
+        at = ps.Pose((0.33 + x * (0.045 + gap), y * (0.045 + gap), 0.0235))
+        scene = scene.with_obstacle(ps.Obstacle(f"other_{k}" if k else "block", block, at))
+    return scene
+
+
+def test_a_pick_among_others_says_that_a_smaller_opening_may_do_and_it_does() -> None:
+    service = ps.PlannerService("wxai", among_others(0.02))
+    grasps = ps.top_grasps(service.robot, service.scene.obstacle("block"))
+    failed = ps.pick(service, service.robot.home, "block", grasps, ps.Handling(support="table"))
+    assert "a smaller open_width may do" in present(failed.failure).detail
+    assert ps.pick(service, service.robot.home, "block", grasps, ps.Handling(support="table", open_width=0.05)).ok
+
+
+@pytest.mark.parametrize(("gap", "open_width", "told"), [(0.02, None, True), (0.02, 0.069, False), (0.01, None, False)])
+def test_a_place_beside_another_speaks_of_the_opening_only_where_it_is_what_fails(
+    gap: float, open_width: float | None, told: bool
+) -> None:
+    block, stands = ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.33, 0.0, 0.0235))
+    beside = ps.Obstacle("other", block, ps.Pose((0.2, 0.28, 0.0235)))
+    scene = ps.load_scene("table").with_obstacle(ps.Obstacle("block", block, stands)).with_obstacle(beside)
+    service = ps.PlannerService("wxai", scene)
+    grasps = ps.top_grasps(service.robot, scene.obstacle("block"))
+    handling = ps.Handling(support="table", open_width=open_width)
+    taken = ps.pick(service, service.robot.home, "block", grasps, handling)
+    there = ps.Pose((0.2, 0.235 - gap, 0.0235))
+    put = ps.place(ps.PlannerService.of(taken.world), taken.q, "block", [there], handling)
+    assert ("open_width" in present(put.failure).detail) is told
+
+
 # --- what the request says holds on the straight lines too
 
 SLOW_AND_SMOOTH = {"velocity_scale": 0.5, "acceleration_scale": 0.6, "max_tool_speed": 0.08, "padding": 0.003}
