@@ -1,6 +1,7 @@
 #include "edge.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace proof {
 
@@ -15,6 +16,27 @@ Edge::Edge(const Model& model, const Variant& variant, const Curve& curve, doubl
       places_(model, variant, false, room),
       q_(static_cast<std::size_t>(model.dof)),
       travel_(static_cast<std::size_t>(model.dof)) {}
+
+LineVerdict judge_line(const Model& model, const Variant& variant, const double* q1, const double* q2, double enough, double nearer,
+                       const double* room, const std::vector<int>& roots) {
+    const auto n = static_cast<std::size_t>(model.dof);
+    std::vector<double> points(q1, q1 + n), tangent(n);
+    points.insert(points.end(), q2, q2 + n);
+    double square = 0.0;
+    for (std::size_t k = 0; k < n; ++k) {
+        const double step = points[n + k] - points[k];
+        square += step * step;
+    }
+    const double length = std::sqrt(square), knots[2] = {0.0, length};
+    if (!std::isfinite(length)) return {};
+    for (std::size_t k = 0; k < n; ++k) tangent[k] = (points[n + k] - points[k]) / length;
+    const std::int64_t line = 0, blend = -1;
+    const std::size_t pieces = length > 0.0 ? 1 : 0;
+    const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, &line, &blend, nullptr});
+    Edge edge(model, variant, curve, enough, nearer, room);
+    const EdgeResult result = edge.run(roots);
+    return {true, result, edge.asked()};
+}
 
 EdgeResult Edge::run(const std::vector<int>& roots) {
     std::vector<Middle> open;

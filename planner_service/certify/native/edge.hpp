@@ -16,6 +16,16 @@ struct EdgeResult {
     double s = 0.0;
 };
 
+struct LineVerdict {
+    bool taken = false;  // or the edge is too long for numbers
+    EdgeResult result;
+    double asked = 0.0;
+};
+
+// The verdict on the straight edge from q1 to q2, n numbers each; the rest is as for ``Edge``.
+LineVerdict judge_line(const Model& model, const Variant& variant, const double* q1, const double* q2, double enough, double nearer,
+                       const double* room, const std::vector<int>& roots);
+
 class Edge {
   public:
     // Every pair is to be farther apart than ``enough``; one that is nearer than ``nearer`` collides. ``room``: see Places; what is

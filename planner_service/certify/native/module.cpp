@@ -21,6 +21,7 @@
 #include "clearance.hpp"
 #include "edge.hpp"
 #include "tree.hpp"
+#include "tubes.hpp"
 
 namespace nb = nanobind;
 
@@ -127,7 +128,6 @@ std::vector<std::size_t> outermost(const Rows& corners) {
 struct EdgeAnswer {
     bool taken = false;
     EdgeResult result;
-    double asked = 0.0;
 };
 
 // Rows of nine doubles: pair and numbers of each leaf.
@@ -209,7 +209,8 @@ class Prover {
         std::vector<double> points(2 * n);
         if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return {};
         nb::gil_scoped_release release;
-        return judged(points, enough, nearer, nullptr);
+        const LineVerdict found = judge_line(model_, *variant_, points.data(), points.data() + n, enough, nearer, nullptr, roots_);
+        return {found.taken, found.result};
     }
 
     // Straight edges between rows, with room for each joint, until one is not free: how many are, the bounds that were asked, and of
@@ -220,41 +221,14 @@ class Prover {
             require(rows->shape(0) == count && rows->shape(1) == n, "configurations of another robot");
             require_finite(*rows);
         }
-        EdgeAnswer found;
-        std::size_t k = 0;
-        double asked = 0.0;
+        Tubes tubes(model_, *variant_, count, starts.data(), ends.data(), room.data(), enough, nearer);
+        std::size_t free = 0;
         {
             nb::gil_scoped_release release;
-            std::vector<double> points(2 * n);
-            for (; k < count; ++k) {
-                std::copy_n(starts.data() + n * k, n, points.data());
-                std::copy_n(ends.data() + n * k, n, points.data() + n);
-                found = judged(points, enough, nearer, room.data() + n * k);
-                asked += found.asked;
-                if (!found.taken || found.result.verdict != Verdict::free) break;
-            }
+            free = tubes.run(roots_);
         }
-        return nb::make_tuple(k, asked, found.result.pair, found.result.s, found.result.verdict == Verdict::colliding);
-    }
-
-    // The verdict on the edge between two rows of points; none if it is too long for numbers.
-    EdgeAnswer judged(const std::vector<double>& points, double enough, double nearer, const double* room) const {
-        const auto n = static_cast<std::size_t>(model_.dof);
-        std::vector<double> tangent(n);
-        double square = 0.0;
-        for (std::size_t k = 0; k < n; ++k) {
-            const double step = points[n + k] - points[k];
-            square += step * step;
-        }
-        const double length = std::sqrt(square), knots[2] = {0.0, length};
-        if (!std::isfinite(length)) return {};
-        for (std::size_t k = 0; k < n; ++k) tangent[k] = (points[n + k] - points[k]) / length;
-        const std::int64_t line = 0, blend = -1;
-        const std::size_t pieces = length > 0.0 ? 1 : 0;
-        const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, &line, &blend, nullptr});
-        Edge edge(model_, *variant_, curve, enough, nearer, room);
-        const EdgeResult result = edge.run(roots_);
-        return {true, result, edge.asked()};
+        const EdgeResult& found = tubes.found();
+        return nb::make_tuple(free, tubes.asked(), free < count ? found.pair : -1, found.s, found.verdict == Verdict::colliding);
     }
 
     // Lower bounds of the smallest gap at each row of Q, into ``out``.

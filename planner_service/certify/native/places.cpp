@@ -51,11 +51,16 @@ Places::Places(const Model& model, const Variant& variant, bool plain, const dou
     : model_(model),
       variant_(variant),
       plain_(plain),
-      room_(room),
       per_bodies_(12 * model.bodies.size()),
       of_poses_(12),
       of_radii_(model.depth) {
-    for (const Body& body : model.bodies)
+    leave_room(room);
+}
+
+void Places::leave_room(const double* room) {
+    room_ = room;
+    slid_ = 0.0;
+    for (const Body& body : model_.bodies)
         if (body.column >= 0 && body.slides) slid_ += this->room(body.column) * std::fabs(body.multiplier);
 }
 
@@ -277,12 +282,12 @@ void Places::add_motions(std::size_t piece, std::size_t node, const double* trav
 }
 
 double Places::room_motion(const Pair& pair, std::size_t node) {
-    std::vector<double> moved(model_.depth + 1);
-    add_motions(static_cast<std::size_t>(pair.first), node, nullptr, moved.data());
-    double out = moved[pair.own];
+    beside_.resize(model_.depth + 1);
+    add_motions(static_cast<std::size_t>(pair.first), node, nullptr, beside_.data());
+    double out = beside_[pair.own];
     if (pair.other > 0) {
-        add_motions(static_cast<std::size_t>(pair.second), node, nullptr, moved.data());
-        out += moved[pair.other];
+        add_motions(static_cast<std::size_t>(pair.second), node, nullptr, beside_.data());
+        out += beside_[pair.other];
     }
     return out;
 }

@@ -33,6 +33,7 @@ class Places {
     // node are of travel and room, and those from both ends of a stretch to one q' together of the stretch's travel and twice the
     // room, which is what ``pair_motion`` gives. Slides may leave their limits by their room.
     Places(const Model& model, const Variant& variant, bool plain = false, const double* room = nullptr);
+    void leave_room(const double* room);
 
     // A node at configuration q, reached after ``travel`` of each joint; its number.
     std::size_t add(double s, const double* q, const double* travel);
@@ -73,8 +74,9 @@ class Places {
     const Model& model_;
     const Variant& variant_;
     bool plain_;
-    const double* room_;
-    double slid_ = 0.0;  // what all slides together may be off
+    const double* room_ = nullptr;
+    double slid_ = 0.0;           // what all slides together may be off
+    std::vector<double> beside_;  // room for motions by the room
     std::size_t per_bodies_;
     std::vector<double> s_, q_, travel_, bodies_;
     std::vector<double*> poses_, radii_;  // of each node and riding piece; nullptr: not known yet

@@ -1,0 +1,82 @@
+#include "tubes.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace proof {
+
+Tubes::Tubes(const Model& model, const Variant& variant, std::size_t count, const double* starts, const double* ends,
+             const double* room, double enough, double nearer)
+    : model_(model),
+      variant_(variant),
+      n_(static_cast<std::size_t>(model.dof)),
+      count_(count),
+      starts_(starts),
+      ends_(ends),
+      room_(room),
+      enough_(enough),
+      nearer_(nearer),
+      places_(model, variant),
+      middle_(n_),
+      reach_(n_),
+      beside_(n_),
+      still_(n_, 0.0) {}
+
+std::size_t Tubes::run(const std::vector<int>& roots) {
+    return count_ == 0 ? 0 : free(0, count_, roots);
+}
+
+// How many edges from the first on are free, at most all before the last.
+std::size_t Tubes::free(std::size_t first, std::size_t last, const std::vector<int>& pairs) {
+    if (pairs.empty()) return last - first;
+    if (last - first == 1) return edge(first, pairs) ? 1 : 0;
+    const std::vector<int> open = left(first, last, pairs);
+    const std::size_t half = first + (last - first) / 2, found = free(first, half, open);
+    return found < half - first ? found : found + free(half, last, open);
+}
+
+// Pairs that are not far enough apart in the middle of some edges.
+std::vector<int> Tubes::left(std::size_t first, std::size_t last, std::vector<int> pairs) {
+    for (std::size_t j = 0; j < n_; ++j) {
+        double low = starts_[n_ * first + j], high = low, room = 0.0;
+        for (std::size_t k = first; k < last; ++k) {
+            low = std::min({low, starts_[n_ * k + j], ends_[n_ * k + j]});
+            high = std::max({high, starts_[n_ * k + j], ends_[n_ * k + j]});
+            room = std::max(room, room_[n_ * k + j]);
+        }
+        middle_[j] = 0.5 * (low + high);
+        reach_[j] = std::max(high - middle_[j], middle_[j] - low);
+        beside_[j] = room;
+    }
+    places_.clear();
+    places_.leave_room(beside_.data());
+    places_.add(0.0, middle_.data(), still_.data());
+    places_.begin_about(0, reach_.data());
+    std::vector<int> open;
+    for (std::size_t k = 0; k < pairs.size(); ++k) {  // those of bundles are added at the end
+        const Pair pair = model_.pair(pairs[k]);
+        if (places_.spheres_clear(pair, enough_)) continue;
+        asked_ += 1.0;
+        const double motion = places_.motion_about(pair);
+        const Facing facing = places_.facing(pair, 0);
+        Bound bound{};
+        bound.gap = variant_.glance(facing);
+        if (!(bound.gap - motion > enough_)) variant_.rough(model_.terms, facing, nullptr, 0, bound);
+        if (bound.gap - motion > enough_) continue;
+        if (pair.leaf() || model_.solid(pair.second).radius < motion) {
+            open.push_back(pairs[k]);
+            continue;
+        }
+        for (int child = 0; child < pair.children; ++child) pairs.push_back(pair.child + child);
+    }
+    return open;
+}
+
+bool Tubes::edge(std::size_t k, const std::vector<int>& pairs) {
+    const auto judged = judge_line(model_, variant_, starts_ + n_ * k, ends_ + n_ * k, enough_, nearer_, room_ + n_ * k, pairs);
+    asked_ += judged.asked;
+    found_ = judged.result;
+    return judged.taken && found_.verdict == Verdict::free;
+}
+
+}  // namespace proof

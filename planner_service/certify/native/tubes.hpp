@@ -1,0 +1,40 @@
+// Straight edges with room beside them: how many are free, the first ones first. Whatever is on several edges, or beside them, is
+// within so much of one configuration in each joint; pairs that are far enough apart there for that are not looked at again. What
+// is left of edges is halved, and of a single one judged by ``Edge``.
+#pragma once
+
+#include <vector>
+
+#include "edge.hpp"
+
+namespace proof {
+
+class Tubes {
+  public:
+    // ``starts``, ``ends`` and ``room`` (the caller's): of so many edges, a row of numbers each.
+    Tubes(const Model& model, const Variant& variant, std::size_t count, const double* starts, const double* ends,
+          const double* room, double enough, double nearer);
+
+    // How many edges are free before the first that is not.
+    std::size_t run(const std::vector<int>& roots);
+    // Of that one.
+    const EdgeResult& found() const { return found_; }
+    double asked() const { return asked_; }
+
+  private:
+    const Model& model_;
+    const Variant& variant_;
+    std::size_t n_, count_;
+    const double *starts_, *ends_, *room_;
+    double enough_, nearer_;
+    EdgeResult found_;
+    double asked_ = 0.0;
+    Places places_;
+    std::vector<double> middle_, reach_, beside_, still_;
+
+    std::size_t free(std::size_t first, std::size_t last, const std::vector<int>& pairs);
+    bool edge(std::size_t k, const std::vector<int>& pairs);
+    std::vector<int> left(std::size_t first, std::size_t last, std::vector<int> pairs);
+};
+
+}  // namespace proof
