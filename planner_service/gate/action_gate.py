@@ -195,28 +195,28 @@ class ActionGate:
             place = np.clip(measured, self.limits.lower, self.limits.upper)
             beyond = np.minimum(np.abs(measured - place), self._error)  # more is noticed below
             self._came = Setpoint.at_rest(place, self._error + beyond)
-        for target in self._pending[:rows]:
-            self._came, self._target = self._moved(self._came, period), target
-        self._pending, self._left = self._pending[rows:], max(0, self._left - rows)
+        if rows > 0:
+            self._send(self._came, self._pending[:rows])
+            self._pending, self._left = self._pending[rows:], max(0, self._left - rows)
         self._whereabouts = self._around(self._came, waited)
         if measured is not None and not self._lost and not self._whereabouts.holds(measured):
             self._lost = self._astray(measured)
-        return self._came if self._target is None else self._came.after(self._target, *self._terms(waited))
-
-    def _terms(self, waited: float) -> tuple[tuple[float, float], float]:
-        return self.tracking.shares(waited), self.tracking.goal_time
-
-    def _moved(self, came: Setpoint, waited: float) -> Setpoint:
-        """Where the setpoint is when another target comes, and what of its way is kept for an arm that lags."""
         if self._target is None:
-            return came
-        shares, goal_time = self._terms(waited)
+            return self._came
+        return self._came.after(self._target, self.tracking.shares(waited), self.tracking.goal_time)
+
+    def _send(self, came: Setpoint, targets: FloatArray) -> None:
+        """Follow targets (k, n) that were sent in time, and keep what of their ways matters for an arm that lags."""
+        begun = targets[:-1] if self._target is None else np.concatenate([self._target[None], targets[:-1]])
+        course = self._course(came, begun)
+        self._came, self._target = course.at(len(begun)), targets[-1]
         if self.tracking.lag > 0.0:
-            self._clock += max(waited - self.tracking.jitter, 0.0)
+            least = max(1.0 / self.rate - self.tracking.jitter, 0.0)
+            starts, ends = course.places[:-1], course.places[:-1] + self._shares[1] * (begun - course.places[:-1])
+            for edge in zip(starts, ends, course.radii, strict=False):
+                self._clock += least
+                self._trail.append((self._clock, *edge))
             self._trail = [edge for edge in self._trail if edge[0] > self._clock - self.tracking.lag]
-            end = came.place + shares[1] * (self._target - came.place)
-            self._trail.append((self._clock, came.place, end, came.radius))
-        return came.after(self._target, shares, goal_time)
 
     def _around(self, came: Setpoint, waited: float) -> Whereabouts:
         """Where the arm can be so long after the last target came."""

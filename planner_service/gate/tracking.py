@@ -116,18 +116,26 @@ class Setpoint:
     def course(self, targets: FloatArray, shares: tuple[float, float], goal_time: float) -> Course:
         """Where it can be as each of targets (k, n) comes, and after the last."""
         low, high = shares
-        k, mean, off, left = len(targets), 0.5 * (low + high), 0.5 * (high - low), 1.0 - low
-        places, radii, ways = np.empty((k + 1, *self.place.shape)), np.empty((k + 1, *self.place.shape)), targets.copy()
-        places[0], radii[0] = self.place, self.radius
-        for i in range(k):
-            ways[i] -= places[i]
-            places[i + 1] = places[i] + mean * ways[i]
-            radii[i + 1] = left * radii[i] + off * np.abs(ways[i])
+        k, mean, off = len(targets), 0.5 * (low + high), 0.5 * (high - low)
+        places = _faded(self.place, 1.0 - mean, mean * targets)
+        ways = targets - places[:k]
+        radii = _faded(self.radius, 1.0 - low, off * np.abs(ways))
         speeds = np.concatenate([self.speed[None], ways / goal_time])
         changes = np.concatenate([self.change[None], np.diff(speeds, axis=0)])
         if low >= 1.0 and k:  # it was at each target, and stood still, when the next came
             speeds[1:], changes[1:] = 0.0, 0.0
         return Course(places, radii, ways / goal_time, speeds, changes)
+
+
+def _faded(first: FloatArray, share: float, added: FloatArray) -> FloatArray:
+    """Rows x (k + 1, n): the first, and after each row ``share`` of it and what is added (k, n)."""
+    out = np.empty((len(added) + 1, *first.shape))
+    out[0] = first
+    rows = list(out)
+    for before, after, more in zip(rows, rows[1:], added, strict=False):
+        np.multiply(before, share, out=after)
+        after += more
+    return out
 
 
 class Course(NamedTuple):

@@ -99,3 +99,35 @@ def test_padding_is_kept_beyond_the_room() -> None:
 def test_what_makes_no_sense_is_refused(starts: Any, ends: Any, room: Any, field: str) -> None:
     with pytest.raises(InvalidRequest, match=field):
         Certifier(PLANAR, ball_beyond(0.02)).certify_tubes(starts, ends, room)
+
+
+@pytest.mark.parametrize("name", ["wxai bin", "panda shelf"])
+def test_a_tube_is_free_where_its_edge_keeps_all_that_its_room_can_move_anything(name: str) -> None:
+    """The plain proof: of an edge with so much more padding, whatever the configuration."""
+    robot, scene = case(name)
+    certifier, checker = Certifier(robot, scene), CollisionChecker(robot, scene, edge_step=JointStep(0.002))
+    rng, free = np.random.default_rng(4), 0
+    reached = [float(np.linalg.norm(robot.tool_pose(q)[:3, 3])) for q in rng.uniform(*robot.bounds, (200, robot.n))]
+    farthest = 2.0 * max(reached)
+    for a, b in edges_of(checker, 150, seed=11):
+        b = a + 0.3 * (b - a)
+        room = rng.uniform(0.0, 0.002, robot.n)
+        if certifier.certify_edge(a, b, padding=min(0.1, farthest * float(room.sum()))).free:
+            free += 1
+            assert certifier.certify_tubes([a], [b], room[None]).free == 1
+    assert free > 20
+
+
+@pytest.mark.parametrize("name", ["wxai bin", "wxai clutter", "panda shelf"])
+def test_of_many_edges_as_many_are_free_as_one_by_one(name: str) -> None:
+    robot, scene = case(name)
+    certifier, checker = Certifier(robot, scene), CollisionChecker(robot, scene, edge_step=JointStep(0.002))
+    rng, cut = np.random.default_rng(6), 0
+    for a, b in edges_of(checker, 150, seed=12):
+        line = a + np.linspace(0.0, 1.0, 33)[:, None] * (b - a)
+        room = rng.uniform(0.0, 0.01, (32, robot.n))
+        alone = [certifier.certify_tubes(line[k : k + 1], line[k + 1 : k + 2], room[k : k + 1]).free for k in range(32)]
+        found = certifier.certify_tubes(line[:-1], line[1:], room)
+        assert found.free == (alone.index(0) if 0 in alone else 32)
+        cut += 0 < found.free < 32
+    assert cut > 3
