@@ -145,8 +145,8 @@ class Record(Described):
     """A part of a file: an object with the keys that the class declares, and no others.
 
     Args:
-        makes: The class of ``value``, called with ``arguments``. The record has all its fields, in their order, each as
-            its type says unless the record declares it; those that only the record has come first.
+        makes: The class of ``value``, called with ``arguments``. The record has all its fields that are compared, in
+            their order, each as its type says unless the record declares it; those that only the record has come first.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
@@ -166,7 +166,7 @@ class Record(Described):
         if makes is None:
             return
         own, hints = cls.__pydantic_fields__, get_type_hints(makes)
-        names = getattr(makes, "_fields", None) or [each.name for each in fields(makes)]
+        names = getattr(makes, "_fields", None) or [each.name for each in fields(makes) if each.compare]
         made = {name: own.get(name) or FieldInfo.from_annotation(cls._annotation(hints[name])) for name in names}
         cls.__pydantic_fields__ = {name: info for name, info in own.items() if name not in made} | made
         cls.model_rebuild(force=True)

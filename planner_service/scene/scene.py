@@ -9,6 +9,7 @@ A scene file::
     cylinder = { radius = 0.03, length = 0.4 }          # or capsule = {...}, box = [x, y, z] (full lengths), sphere = r
     position = [0.3, 0.0, 0.2]                          # of the shape's centre, in the robot's base frame, metres
     quaternion_wxyz = [1.0, 0.0, 0.0, 0.0]              # optional
+    colour = "#c86432"                                  # optional, for pictures
 
     [[obstacle]]                                        # a mesh is judged as its solid convex hull, in its own frame
     name = "cup"
@@ -36,6 +37,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -58,6 +60,7 @@ __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "scene_blocks", "sc
 KIND_SUFFIXES = (" (link)", " (object)")
 """Endings that distinguish a link and an object of one name in print; no object's own name ends so."""
 MAX_DESCRIPTION = 1000
+COLOUR = re.compile(r"#[0-9a-f]{6}", re.ASCII | re.IGNORECASE)
 MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
 
@@ -72,6 +75,13 @@ def checked_description(value: Any) -> str:
     """The description of a scene, if it can be one."""
     if not isinstance(value, str) or len(value) > MAX_DESCRIPTION or not value.replace("\n", "").isprintable():
         raise unusable_text("description", value, f"at most {MAX_DESCRIPTION} printable characters and line ends")
+    return value
+
+
+def checked_colour(value: Any) -> str:
+    """The colour of an obstacle, if it can be one."""
+    if not isinstance(value, str) or not COLOUR.fullmatch(value):
+        raise unusable_text("colour", value, 'red, green and blue in hexadecimal, such as "#c86432"')
     return value
 
 
@@ -90,18 +100,25 @@ def _check_body(name: str, shape: Any, pose: Any) -> None:
 class Obstacle:
     """A named shape that stands still in the world; ``pose`` is the shape's in the robot's base frame.
 
+    Args:
+        colour: What it is drawn in, as ``"#rrggbb"``; None for one that the viewer chooses. It is kept in scene files
+            only, changes no verdict and no hash, and is not compared.
+
     Raises:
         InvalidRequest: the name is empty, longer than 64 characters, unprintable, has spaces at its
             ends or ends in " (link)" or " (object)"; shape or pose is of another kind; the position is
-            beyond 1 km (a unit mistake).
+            beyond 1 km (a unit mistake); the colour is not of that form.
     """
 
     name: str
     shape: Solid
     pose: Pose = field(default_factory=Pose)
+    colour: str | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         _check_body(self.name, self.shape, self.pose)
+        if self.colour is not None:
+            checked_colour(self.colour)
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.geometry.validation import MAX_LENGTH, checked_name
-from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_description
+from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_colour, checked_description
 
-__all__ = ["MAX_BYTES", "read_scene", "write_scene"]
+__all__ = ["MAX_BYTES", "read_scene", "scene_file_text", "write_scene"]
 
 MAX_BYTES = 5_000_000
 """A scene of 10,000 obstacles takes about 2 MB; a larger file is no scene."""
@@ -60,10 +60,19 @@ def write_scene(scene: Scene, path: Path) -> None:
         InvalidRequest: the file would be too large to be read again.
         InvalidFile: it cannot be written.
     """
+    write_whole(path, scene_file_text(scene), OURS)
+
+
+def scene_file_text(scene: Scene) -> str:
+    """What ``write_scene`` writes.
+
+    Raises:
+        InvalidRequest: the file would be too large to be read again.
+    """
     content = "\n\n".join(_paragraphs(SceneFile.of(scene).model_dump(exclude_unset=True, by_alias=True))) + "\n"
     if len(content.encode()) > MAX_BYTES:
         raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
-    write_whole(path, content, OURS)
+    return content
 
 
 def _paragraphs(document: dict[str, Any]) -> Iterator[str]:
@@ -254,8 +263,8 @@ class PartTable(Record):
         return _shape_in(self), _pose(self.position, self.quaternion_wxyz)
 
 
-class ObstacleTable(Record):
-    """``[[obstacle]]``."""
+class BodyTable(Record):
+    """A named solid at a pose: what ``[[obstacle]]`` and ``[[attached]]`` have in common."""
 
     name: Name
     box: Size | None = Field(None, description=XYZ)
@@ -269,12 +278,18 @@ class ObstacleTable(Record):
     position: Position
     quaternion_wxyz: Quaternion = Field([1.0, 0.0, 0.0, 0.0], description=WXYZ)
 
+
+class ObstacleTable(BodyTable):
+    """``[[obstacle]]``."""
+
+    colour: Annotated[str, AfterValidator(checked_colour), Field(description='"#rrggbb"')] | None = None
+
     @cached_property
-    def value(self) -> Any:
-        return Obstacle(self.name, _shape_in(self), _pose(self.position, self.quaternion_wxyz))
+    def value(self) -> Obstacle:
+        return Obstacle(self.name, _shape_in(self), _pose(self.position, self.quaternion_wxyz), self.colour)
 
 
-class AttachedTable(ObstacleTable):
+class AttachedTable(BodyTable):
     """``[[attached]]``."""
 
     touch_links: Annotated[list[str], FirstOnly()] = Field([], description="a list of texts")
@@ -309,7 +324,7 @@ class SceneFile(Record):
     @classmethod
     def of(cls, scene: Scene) -> SceneFile:
         texts = {"name": scene.name, "description": scene.description}
-        obstacles = [_body_keys(body) for body in scene.obstacles]
+        obstacles = [{**_body_keys(body), **_colour_keys(body)} for body in scene.obstacles]
         attached = [{**_body_keys(held), **_carrying_keys(held)} for held in scene.attached]
         given = {key: text for key, text in texts.items() if text}
         return cls.model_validate({**given, "obstacle": obstacles, "attached": attached})
@@ -320,7 +335,7 @@ class SceneFile(Record):
         return Scene(tuple(table.value for table in self.obstacle), attached, self.name, self.description)
 
 
-def _shape_in(table: PartTable | ObstacleTable) -> Any:
+def _shape_in(table: PartTable | BodyTable) -> Any:
     """The one shape that a table has."""
     known = [key for key in SHAPE_KEYS if key in type(table).model_fields]
     given = [key for key in known if key in table.model_fields_set]
@@ -345,6 +360,10 @@ def _pose(position: list[float], quaternion: list[float]) -> Pose:
 
 def _body_keys(body: Obstacle | Attached) -> dict[str, Any]:
     return {"name": body.name, **_shape_keys(body.shape), **_pose_keys(body.pose)}
+
+
+def _colour_keys(obstacle: Obstacle) -> dict[str, Any]:
+    return {} if obstacle.colour is None else {"colour": obstacle.colour}
 
 
 def _carrying_keys(held: Attached) -> dict[str, Any]:

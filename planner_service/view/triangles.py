@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from types import MappingProxyType
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
+from planner_service.geometry.composite import Solid as AnySolid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
@@ -27,16 +29,25 @@ from planner_service.robot_setup.visuals import Visual
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = [
+    "CARRIED",
     "TOOL",
     "Colour",
+    "Copies",
+    "Form",
     "IntArray",
     "Solid",
     "Triangles",
+    "copies_of",
+    "crease_lines",
+    "extremes",
     "is_ground",
     "lathe",
+    "obstacle_colour",
     "placements",
     "robot_solids",
     "scene_solids",
+    "triangles_of",
+    "unit_triangles",
     "visual_solids",
 ]
 
@@ -78,6 +89,9 @@ robot's base than this, is ground."""
 
 ROUND = 48
 """Sides of the prism drawn for a cylinder."""
+
+CREASE = math.radians(25.0)
+"""Between the normals of two triangles whose common side is drawn as an edge."""
 
 MAX_DRAWN = 1_000_000
 """Triangles drawn of what a robot looks like: some 35 MB for the browser."""
@@ -154,18 +168,28 @@ def scene_solids(scene: Scene) -> tuple[Solid, ...]:
     Clouds and height fields of more than ``MAX_BOXES`` boxes are drawn in coarser cells that cover the exact ones.
     """
     families: dict[str, Colour] = {}
-    standing = []
-    for o in scene.obstacles:
-        vertices, faces = _placed(o)
-        colour = GROUND if is_ground(vertices) else _colour_of(o.name, families)
-        standing.append(Solid(o.name, vertices, faces, colour, 1.0, None))
+    standing = [Solid(o.name, *_placed(o), obstacle_colour(o, families), 1.0, None) for o in scene.obstacles]
     return (*standing, *(Solid(a.name, *_placed(a), CARRIED, 1.0, TOOL) for a in scene.attached))
 
 
-def _colour_of(name: str, families: dict[str, Colour]) -> Colour:
-    """The colour in its name, or that of the names with the same first word (the parts of a shelf), or the next one."""
-    first = re.split(r"[\W\d_]", name.lower())[0]
+def obstacle_colour(obstacle: Obstacle, families: dict[str, Colour]) -> Colour:
+    """Its own colour; that of the ground; the one in its name; that of names with the same first word (the parts of a
+    shelf), which ``families`` remembers; or the next one.
+    """
+    if obstacle.colour is not None:
+        red, green, blue = bytes.fromhex(obstacle.colour[1:])
+        return red, green, blue
+    if is_ground(extremes(obstacle)):
+        return GROUND
+    first = re.split(r"[\W\d_]", obstacle.name.lower())[0]
     return NAMED.get(first) or families.setdefault(first, OBSTACLES[len(families) % len(OBSTACLES)])
+
+
+def extremes(body: Obstacle | Attached) -> FloatArray:
+    """The lowest and the highest corner, (2, 3), of the box around a body along the axes of the frame it stands in."""
+    axes = body.pose.rotation
+    ends = [(axes * body.shape.support(sign * axes)).sum(axis=1) for sign in (-1.0, 1.0)]
+    return np.asarray(np.stack(ends) + np.array(body.pose.position))
 
 
 def placements(robot: Robot, q: ArrayLike) -> dict[str, FloatArray]:
@@ -186,14 +210,71 @@ def is_ground(vertices: FloatArray) -> bool:
 
 def _placed(body: Obstacle | Attached) -> Triangles:
     """The triangles of an obstacle in the world, or of an attached object in the tool frame."""
-    shape = body.shape
+    if isinstance(body.shape, Compound | PointCloud | HeightField):
+        return _moved(triangles_of(body.shape), body.pose)
+    return _convex(body.shape, body.pose)
+
+
+def triangles_of(shape: AnySolid) -> Triangles:
+    """The triangles of a solid in its own frame."""
     if isinstance(shape, Compound):
-        return _moved(_union(_convex(part, pose) for part, pose in shape.parts), body.pose)
+        return _union(_convex(part, pose) for part, pose in shape.parts)
     if isinstance(shape, PointCloud):
-        return _moved(_boxes(*_cloud_boxes(shape)), body.pose)
+        return _boxes(*_cloud_boxes(shape))
     if isinstance(shape, HeightField):
-        return _moved(_boxes(*_column_boxes(shape)), body.pose)
-    return _convex(shape, body.pose)
+        return _boxes(*_column_boxes(shape))
+    return _convex(shape, Pose())
+
+
+class Form(Enum):
+    """Shapes that are drawn as scaled copies of one."""
+
+    BOX, SPHERE, CYLINDER = "box", "sphere", "cylinder"
+
+
+@dataclass(frozen=True, eq=False)
+class Copies:
+    """A solid as copies of one form: their centres (k, 3) in the solid's own frame, and their scales (k, 3)."""
+
+    form: Form
+    centres: FloatArray
+    scales: FloatArray
+
+
+def copies_of(shape: AnySolid) -> Copies | None:
+    """A solid as scaled copies of a form; None for a capsule, a hull or a compound."""
+    if isinstance(shape, PointCloud | HeightField):
+        low, high = _cloud_boxes(shape) if isinstance(shape, PointCloud) else _column_boxes(shape)
+        return Copies(Form.BOX, (low + high) / 2.0, high - low)
+    if isinstance(shape, Box):
+        form, scale = Form.BOX, shape.size
+    elif isinstance(shape, Sphere):
+        form, scale = Form.SPHERE, (shape.radius,) * 3
+    elif isinstance(shape, Cylinder):
+        form, scale = Form.CYLINDER, (shape.radius, shape.radius, shape.length)
+    else:
+        return None
+    return Copies(form, np.zeros((1, 3)), np.array([scale]))
+
+
+def unit_triangles(form: Form) -> Triangles:
+    """The triangles of a form: a box of edges 1, a sphere of radius 1, a cylinder of radius and length 1."""
+    shapes: dict[Form, Shape] = {Form.BOX: Box((1.0, 1.0, 1.0)), Form.SPHERE: Sphere(1.0)}
+    return _convex(shapes.get(form) or Cylinder(1.0, 1.0), Pose())
+
+
+def crease_lines(triangles: Triangles) -> FloatArray:
+    """The edges at which a closed surface bends by more than ``CREASE``, as segments (k, 2, 3)."""
+    vertices, faces = triangles
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.sqrt((normals**2).sum(axis=1, keepdims=True)), 1e-300)
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(sides.T)
+    same = np.flatnonzero((sides[order][1:] == sides[order][:-1]).all(axis=1))
+    first, second = order[same], order[same + 1]
+    bends = (normals[first // 3] * normals[second // 3]).sum(axis=1) < math.cos(CREASE)
+    return np.asarray(vertices[sides[first[bends]]])
 
 
 def _moved(triangles: Triangles, pose: Pose) -> Triangles:

@@ -22,7 +22,7 @@ from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
 from planner_service.roadmap import roadmap_file
 from planner_service.robot.model import Robot
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Obstacle, Scene
 
 MODELS = ("planner_service.records", roadmap_file.__name__)
 """Where the models of files and bodies are; of other modules those that have been imported would come along."""
@@ -44,6 +44,7 @@ OTHERWISE: dict[type[Any], str] = {
     PlanResult: "roadmap trace origin fraction allowed no_path",  # of the process that made it, or of sections
     StageReport: "counts",  # one by one
     Robot: "visuals description groups",  # not what it is, but what it is shown as and called
+    Obstacle: "colour",  # what it is drawn in, which scene files alone keep
     Segment: "width grip",
     Handling: "cancel",
     CheckCounts: "projections",  # a roadmap is built without any; files of plans and bodies have them

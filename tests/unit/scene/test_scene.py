@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,9 @@ def test_what_is_no_scene_is_refused() -> None:
         (lambda: Obstacle("a", "box"), "shape of 'a': got 'box'; expected one of Box"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere(0.1), (0.0, 0.0, 0.0)), "pose of 'a'"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere(0.1), Pose((0.0, 1001.0, 0.0))), "position of 'a': .* at most 1000"),
+        (lambda: Obstacle("a", Sphere(0.1), colour="red"), "colour: got 'red'; expected red, green and blue in hexa"),
+        (lambda: Obstacle("a", Sphere(0.1), colour="#12345\u0661"), "colour"),
+        (lambda: Obstacle("a", Sphere(0.1), colour=0xC86432), "colour"),  # type: ignore[arg-type]
         (lambda: Attached("a", Sphere(0.1), Pose(), ("",)), "touch_links: got ''"),
         (lambda: Scene((HELD,)), "obstacles.*: got .*a sequence of Obstacle"),  # type: ignore[arg-type]
         (lambda: Scene(attached=(POST,)), "attached.*: got .*a sequence of Attached"),  # type: ignore[arg-type]
@@ -86,6 +90,13 @@ def test_every_other_content_has_another_hash() -> None:
         Scene((POST, BALL), (Attached("block", HELD.shape, HELD.pose, ("finger_left",)),)),
     ]:
         assert other.hash != SCENE.hash
+
+
+def test_a_colour_changes_neither_hash_nor_equality() -> None:
+    red = replace(POST, colour="#c80000")
+    assert red == POST
+    assert Scene((red, BALL), (HELD,)).hash == SCENE.hash
+    assert Scene((red, BALL)).obstacle_hashes == Scene((POST, BALL)).obstacle_hashes
 
 
 def test_the_hash_is_the_same_in_every_process() -> None:
@@ -147,7 +158,12 @@ def test_a_saved_scene_comes_back_equal_to_the_last_bit(tmp_path_factory: pytest
     assert back.hash == scene.hash
 
 
-# Finding files
+def test_a_colour_is_kept_in_a_scene_file(tmp_path: Path) -> None:
+    scene = Scene((replace(POST, colour="#C86432"), BALL))
+    save_scene(scene, tmp_path / "scene.toml")
+    back = load_scene(tmp_path / "scene.toml")
+    assert [obstacle.colour for obstacle in back.obstacles] == ["#C86432", None]
+    assert [obstacle.colour for obstacle in back.moved("post", Pose()).obstacles] == ["#C86432", None]
 
 
 # Files that cannot be used
@@ -172,6 +188,8 @@ def test_a_file_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
         (("sphere = 0.1", "sphere = -0.1"), ".sphere: got -0.1; expected a positive length up to 1000 m"),
         (("sphere = 0.1", "box = [0.1, -0.1, 0.1]"), ".box[1]: got -0.1; expected a positive length"),
         (("sphere = 0.1", "box = 0.1"), ".box: got 0.1; expected [x, y, z]"),
+        (("sphere = 0.1", "sphere = 0.1\ncolour = 'red'"), ".colour: got 'red'; expected red, green and blue in hexa"),
+        (("sphere = 0.1", "sphere = 0.1\ncolour = 7"), ".colour: got 7"),
         (("sphere = 0.1", "capsule = { radius = inf, length = 1 }"), ".capsule.radius: got inf"),
     ],
 )
