@@ -19,6 +19,7 @@ from planner_service.planning.result import Origin
 from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedTask, load_plan_or_task
 from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.view import HOST, PORT, open_viewer
 
@@ -33,15 +34,16 @@ def view(
     host: Annotated[str, option("Address to serve the page at. Anyone who reaches it can use it.")] = (HOST),
     allow: options.Allow = None,
     keep: Annotated[bool, option("--keep", "Keep serving after the last window is closed.")] = False,
+    folder: Annotated[str | None, option("DIR", "Where the page may load meshes and clouds, and save scenes.")] = None,
     no_browser: Annotated[bool, option("--no-browser", "Only print the page's address.")] = False,
 ) -> None:
-    """Show robot, scene and plan on a page in the browser, where you can move joints and plan.
+    """Show robot, scene and plan on a page in the browser, where you can move joints, plan, and build a cell.
 
     The command ends when the page is closed.
     """
     with bad_input_exits():
-        service, shown, notes = opened(file, robot, scene, allow)
-        viewer = open_viewer(service, shown, host=host, port=port, keep=keep)
+        service, shown, notes = opened(file, robot, scene, allow, empty=folder is not None)
+        viewer = open_viewer(service, shown, host=host, port=port, keep=keep, folder=folder)
     with viewer:
         until = "Ctrl-C ends it" if keep else "close the page or press Ctrl-C to end"
         emit("".join(f"note: {note}\n" for note in notes) + f"view: {viewer.url} ({until})\n")
@@ -51,17 +53,25 @@ def view(
 
 
 def opened(
-    file: str | None, robot: options.RobotChoice | None, scene: str | None, allow: Sequence[str] | None = None
+    file: str | None,
+    robot: options.RobotChoice | None,
+    scene: str | None,
+    allow: Sequence[str] | None = None,
+    *,
+    empty: bool = False,
 ) -> tuple[PlannerService, Showable | None, list[str]]:
     """The service, the plan or task to show, and notes on where they differ from the file.
+
+    Args:
+        empty: Whether an empty scene is meant if there is neither a file nor a scene.
 
     Raises:
         NotProven: the motions in the file are not proven in the scene in the file.
     """
     if file is None:
-        if scene is None:
+        if scene is None and not empty:
             raise InvalidRequest("--scene", None, "a scene", message="give --scene, or the FILE of a plan or task")
-        return PlannerService((robot or options.WXAI).load(), load_scene(scene)), None, []
+        return PlannerService((robot or options.WXAI).load(), Scene() if scene is None else load_scene(scene)), None, []
     made = load_plan_or_task(file)
     require_proven(made, allow)
     saved, notes = reopened(made, robot, scene)

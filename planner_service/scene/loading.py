@@ -15,7 +15,7 @@ from planner_service.geometry.scans import POINT_SUFFIXES
 from planner_service.geometry.validation import instance
 from planner_service.scene.scene import Scene, scene_names
 
-__all__ = ["load_scene", "save_scene"]
+__all__ = ["load_scene", "save_scene", "scene_text"]
 
 
 def _files() -> None:
@@ -127,3 +127,15 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     from planner_service.scene.toml_reader import write_scene
 
     write_scene(instance("scene", scene, Scene, "a Scene"), as_path("path", path))
+
+
+def scene_text(scene: Scene) -> str:
+    """What ``save_scene`` writes.
+
+    Raises:
+        InvalidRequest: the file would be too large to be loaded again.
+    """
+    loaded(_files)
+    from planner_service.scene.toml_reader import scene_file_text
+
+    return scene_file_text(instance("scene", scene, Scene, "a Scene"))

@@ -23,11 +23,14 @@ LARGE, SMALL = 20.0, 0.005
 """Metres: more, or less, than what stands in the reach of an arm measures if its unit is the metre."""
 
 
-def read_solid_scene(path: Path) -> Scene:
+def read_solid_scene(path: Path, scale: float = 1.0) -> Scene:
     """The scene of the mesh, cloud or tree in a file; the obstacle is called as the file without its suffix.
 
     A mesh is cut into convex pieces where its hull fills much more than it does. A size that looks like another unit
     gets a warning with the scene file that sets it right, and no cut.
+
+    Args:
+        scale: Metres of the file's unit.
 
     Raises:
         InvalidFile: the file cannot be used.
@@ -36,10 +39,10 @@ def read_solid_scene(path: Path) -> Scene:
     mesh = path.suffix.lower() in MESH_SUFFIXES and (path.suffix.lower() != ".ply" or has_faces(path))
     notes: list[str] = []
     try:
-        solid = _solid(path, mesh)
+        solid = _solid(path, mesh, scale)
         size = extent(solid)
         if not SMALL <= float(size.max()) <= LARGE and path.suffix.lower() not in TREES:
-            factor = 0.001 if float(size.max()) > LARGE else 1000.0
+            factor = scale * (0.001 if float(size.max()) > LARGE else 1000.0)
             measures = " x ".join(f"{edge:.3g}" for edge in size.tolist())
             notes.append(f"it measures {measures} m; if that is another unit: {_instead(path, mesh, factor)}")
         elif isinstance(solid, Mesh):

@@ -17,6 +17,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Segment
 from planner_service.service import PlannerService
+from planner_service.timing.laws import tool_speeds
 from planner_service.view.collision_report import CollisionReporter
 from planner_service.view.regions import PLACES, Kept
 
@@ -90,8 +91,8 @@ class Frame(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """A playback at m instants ``t``: fractions of the limits from -1 to 1, (m, n) each, and proven clearances in
-    metres, (m,). A position of -1 is the lower limit, 1 the upper one.
+    """A playback at m instants ``t``: fractions of the limits from -1 to 1, (m, n) each, proven clearances in metres,
+    and speeds of the tool in metres per second, (m,) each. A position of -1 is the lower limit, 1 the upper one.
     """
 
     t: FloatArray
@@ -99,6 +100,7 @@ class Samples(NamedTuple):
     velocity: FloatArray
     acceleration: FloatArray
     clearance: FloatArray
+    speed: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +184,5 @@ def _sampled(clip: Clip, t: FloatArray) -> Samples:
     q, qd, qdd = (clip.trajectory(t, order) for order in (0, 1, 2))
     limits = clip.service.robot.around(q[0]).limits
     middle, half = (limits.lower + limits.upper) / 2.0, (limits.upper - limits.lower) / 2.0
-    return Samples(
-        t + clip.begin, (q - middle) / half, qd / limits.velocity, qdd / limits.acceleration, clip.clearances(t)
-    )
+    shares = (q - middle) / half, qd / limits.velocity, qdd / limits.acceleration
+    return Samples(t + clip.begin, *shares, clip.clearances(t), tool_speeds(clip.service.robot, q, qd))

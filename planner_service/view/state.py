@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from planner_service.collision import CancelToken
+from planner_service.constraints import Constraint
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
-from planner_service.geometry.shapes import Pose
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.kinematics.inverse import closest_configuration
 from planner_service.planners import BalancedRRTConnect, planner_by_name
 from planner_service.planning.request import PlanRequest
@@ -19,16 +21,28 @@ from planner_service.planning.result import Failure, PlanResult
 from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedPlan, SavedTask
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
+from planner_service.tasks.pick_place import places_on, plan_pick_place
 from planner_service.timing.laws import TIMINGS, ToppRa
+from planner_service.view.cell.edits import Cell
+from planner_service.view.cell.surfaces import Hit
 from planner_service.view.collision_report import CollisionReport, CollisionReporter
 from planner_service.view.playback import Playback
 from planner_service.view.regions import Kept
 
-__all__ = ["Aim", "Choice", "ViewState"]
+__all__ = ["Aim", "Choice", "Errand", "ViewState"]
 
 PLAN_SECONDS = 10.0
 """Time limit of a plan made on the page."""
+
+MAX_WAYPOINTS = 50
+
+LEVEL = math.cos(math.radians(5.0))
+"""Of the angle by which a surface may lean on which something is placed."""
+
+SPOT = 1e-3
+"""Metres: the edges of the box whose top stands for a spot that was pointed at."""
 
 
 @dataclass(frozen=True)
@@ -51,33 +65,80 @@ class Aim:
 
 
 @dataclass(frozen=True, eq=False)
+class Errand:
+    """A pick-and-place that was asked for by pointing.
+
+    Attributes:
+        target: What to pick.
+        support: The name of what it shall stand on; None as long as that is not known.
+        poses: Where it may stand, in the base frame: as it is turned now, then by quarters.
+    """
+
+    target: Obstacle
+    support: str | None = None
+    poses: tuple[Pose, ...] = ()
+
+    def still(self, before: Scene, now: Scene) -> Errand | None:
+        """The errand in a scene that was edited: without its spot if that may be another; None without the target."""
+        target = next((obstacle for obstacle in now.obstacles if obstacle.name == self.target.name), None)
+        if target is None or self.support is None:
+            return None if target is None else Errand(target)
+        same = target == self.target and before.obstacle(self.support) in now.obstacles
+        return self if same else Errand(target)
+
+    def at(self, hit: Hit) -> Errand:
+        """The errand with a spot to place it at.
+
+        Raises:
+            InvalidRequest: nothing can stand there.
+        """
+        if hit.name == self.target.name:
+            raise InvalidRequest("place", hit.name, "a surface of another obstacle than the one that is picked")
+        if hit.normal[2] < LEVEL:
+            raise InvalidRequest("place", f"a side of {hit.name}", "a surface that is level")
+        x, y, z = hit.point.tolist()
+        spot = Obstacle("spot", Box((SPOT, SPOT, SPOT)), Pose((x, y, z - SPOT / 2.0)))
+        return replace(self, support=hit.name, poses=places_on(self.target, spot))
+
+
+@dataclass(frozen=True, eq=False)
 class ViewState:
     """What the page shows.
 
     Attributes:
-        service: Plans for the robot and the scene as they are now.
+        base: Plans in the scene as it is before any motion: that of the cell.
+        cell: That scene, and what is selected and can be undone in it.
+        service: Plans for the robot and the scene as they are now, on the way of a task.
         reporter: Reports collisions for that service.
         q: The configuration shown, (n,).
         start, goal: Start and goal of the next plan, each (n,).
+        waypoints: Configurations between them, each (n,), at which the next plan stops.
         seconds: Where q is on the playback's clock; None if the robot was moved by hand.
         playback: The motions, None if there are none.
         results: The plans, each with its name.
         failure: Why there is no plan, or no complete task.
         kept: The constraints of the motion shown, or of the plan that failed; None if there are none.
+        wanted: The constraints of the next plan, where they are others than those of what is shown.
+        errand: What is to be picked, and where it shall stand; None if nothing is.
         aim: Where the handles of the goal were dragged to; None if they are at its tool.
         saved: What a file of the plan or task holds; None if there is neither, or its world is not known.
     """
 
+    base: PlannerService
+    cell: Cell
     service: PlannerService
     reporter: CollisionReporter
     q: FloatArray
     start: FloatArray
     goal: FloatArray
+    waypoints: tuple[FloatArray, ...] = ()
     seconds: float | None = None
     playback: Playback | None = None
     results: tuple[Segment, ...] = ()
     failure: Failure | None = None
     kept: Kept | None = None
+    wanted: tuple[Constraint, ...] | None = None
+    errand: Errand | None = None
     aim: Aim | None = None
     saved: SavedPlan | SavedTask | None = None
 
@@ -89,24 +150,29 @@ class ViewState:
             InvalidRequest: ``shown`` is something else, or has another number of joints.
         """
         home = read_only(service.robot.home)
-        state = cls(service, CollisionReporter(service), home, home, home)
+        cell = Cell(service.scene)
+        state = cls(service, cell, service, CollisionReporter(service), home, home, home)
         if shown is None:
             return state
         if isinstance(shown, PlanResult):
             return state._with_result(shown)
         if isinstance(shown, TaskResult | SavedTask):
-            _require_joints(service, [segment.result for segment in shown.segments])
-            playback = Playback.of_task(service, shown.segments)
-            saved = SavedTask.of(shown) if isinstance(shown, TaskResult) else shown
-            state = replace(state, results=tuple(shown.segments), failure=shown.failure, saved=saved)
-            return state._with_playback(playback)
+            return state._with_task(service, shown)
         raise InvalidRequest("shown", shown, "a PlanResult, a TaskResult, a SavedTask or None")
+
+    def _with_task(self, service: PlannerService, shown: TaskResult | SavedTask) -> ViewState:
+        _require_joints(self.service, [segment.result for segment in shown.segments])
+        saved = SavedTask.of(shown) if isinstance(shown, TaskResult) else shown
+        results, playback = tuple(shown.segments), Playback.of_task(service, shown.segments)
+        state = replace(self, results=results, failure=shown.failure, saved=saved, seconds=None, playback=None)
+        return replace(state, wanted=None, aim=None)._with_playback(playback)
 
     def _with_result(self, result: PlanResult) -> ViewState:
         _require_joints(self.service, [result])
         named = (Segment("plan", result, self.service.robot.gripper_width),)
         saved = None if result.origin is None else SavedPlan.of(result)
         state = replace(self, results=named, failure=result.failure, seconds=None, playback=None, saved=saved, aim=None)
+        state = replace(state, wanted=None)
         request = None if result.origin is None else result.origin.request
         if request is not None:
             start = self._within(np.array(request.start))
@@ -139,6 +205,67 @@ class ViewState:
         moved = np.array(q, dtype=np.float64)
         return replace(self, q=self._within(np.where(np.isnan(moved), self.q, moved)), seconds=None)
 
+    def with_cell(self, cell: Cell) -> ViewState:
+        """Another cell, or another obstacle selected; motions planned in another scene are shown no longer."""
+        if cell.scene is self.cell.scene:
+            return replace(self, cell=cell)
+        base = self.base.changed(scene=cell.scene)
+        errand = None if self.errand is None else self.errand.still(self.cell.scene, cell.scene)
+        return replace(
+            self, base=base, cell=cell, service=base, reporter=CollisionReporter(base), seconds=None, playback=None,
+            results=(), failure=None, kept=None, wanted=self.keeping, saved=None, errand=errand,
+        )  # fmt: skip
+
+    @property
+    def keeping(self) -> tuple[Constraint, ...]:
+        """The constraints of the next plan."""
+        if self.wanted is not None:
+            return self.wanted
+        return () if self.kept is None else self.kept.constraints.constraints
+
+    @property
+    def drawn(self) -> Kept | None:
+        """The constraints to draw: of the next plan, if they are others than those of what is shown."""
+        if self.wanted is None:
+            return self.kept
+        return Kept.of(self.service.robot, self.wanted, np.stack([self.start, self.goal]))
+
+    def with_constraints(self, constraints: Sequence[Constraint]) -> ViewState:
+        """The next plan keeps these constraints, and no others.
+
+        Raises:
+            InvalidRequest: the robot has none of the links or joints that they name.
+        """
+        state = replace(self, wanted=tuple(constraints))
+        state.drawn  # noqa: B018 - refuses what does not fit the robot
+        return state
+
+    def with_waypoint(self) -> ViewState:
+        """The next plan stops at the configuration shown before it goes to the goal.
+
+        Raises:
+            InvalidRequest: there are too many.
+        """
+        if len(self.waypoints) >= MAX_WAYPOINTS:
+            raise InvalidRequest("waypoints", len(self.waypoints) + 1, f"at most {MAX_WAYPOINTS}")
+        return replace(self, waypoints=(*self.waypoints, self.q))
+
+    def picking(self, target: str) -> ViewState:
+        """An obstacle that the next task picks, to be placed at a spot that is not known yet.
+
+        Raises:
+            UnknownName: there is no such obstacle.
+        """
+        return replace(self, errand=Errand(self.cell.scene.obstacle(target)))
+
+    def placing(self, hit: Hit) -> ViewState:
+        """Where the next task places what it picks; nothing changes if nothing is to be picked.
+
+        Raises:
+            InvalidRequest: nothing can stand there.
+        """
+        return self if self.errand is None else replace(self, errand=self.errand.at(hit))
+
     def with_start(self) -> ViewState:
         """The next plan starts at the configuration shown."""
         return replace(self, start=self.q)
@@ -162,6 +289,11 @@ class ViewState:
         return Pose.from_matrix(self.service.robot.tool_pose(self.goal)) if self.aim is None else self.aim.pose
 
     @property
+    def tool_of_start(self) -> Pose:
+        """Where the tool is at the start, in the base frame."""
+        return Pose.from_matrix(self.service.robot.tool_pose(self.start))
+
+    @property
     def goal_objection(self) -> str:
         """Why the next plan cannot end at the goal, for a person; empty if nothing is known against it."""
         if self.aim is not None and not self.aim.reached:
@@ -178,13 +310,43 @@ class ViewState:
         return self.reporter.report(self.q, expected)
 
     def planned(self, choice: Choice, cancel: CancelToken | None = None) -> ViewState:
-        """The plan from start to goal as chosen, with its search trace; it keeps what ``kept`` does.
+        """The plan from start to goal as chosen, with its search trace; by the waypoints if there are any, as a task.
 
         Raises:
             InvalidRequest: there is no such planner, it keeps no constraints but there are some, or a wrong seed.
         """
-        constraints = () if self.kept is None else self.kept.constraints.constraints
-        request = PlanRequest(
+        request = self._request(choice)
+        if not self.waypoints:
+            return self._with_result(self.service.plan(request, cancel=cancel, trace=True))
+        service, stops = self.service, (self.start, *self.waypoints, self.goal)
+        names = ("start", *(f"waypoint {k}" for k in range(1, len(stops) - 1)), "goal")
+        segments, failure, q = list[Segment](), None, self.start
+        for k, (begin, end) in enumerate(pairwise(stops)):
+            result = service.plan(replace(request, start=begin, goal=end), cancel=cancel, trace=True)
+            segments.append(Segment(f"{names[k]} -> {names[k + 1]}", result, service.robot.gripper_width))
+            failure = result.failure
+            if failure is not None:
+                break
+            q = end
+        task = f"by {len(self.waypoints)} waypoints"
+        done = TaskResult(tuple(segments), service.world, q, failure, request=request, task=task)
+        return self._with_task(service, done)
+
+    def performed(self, choice: Choice, cancel: CancelToken | None = None) -> ViewState:
+        """The pick-and-place of ``errand`` from the start and back to it, with constraints and settings as chosen.
+
+        Raises:
+            InvalidRequest: it is not known what to pick and where to place it, or the robot has no gripper.
+        """
+        errand = self.errand
+        if errand is None or errand.support is None:
+            raise InvalidRequest("errand", errand, "an obstacle to pick and a spot to place it")
+        target, onto, request = errand.target.name, errand.support, self._request(choice)
+        done = plan_pick_place(self.base, target, onto, request, poses=errand.poses, cancel=cancel)
+        return self._with_task(self.base, done)
+
+    def _request(self, choice: Choice) -> PlanRequest:
+        return PlanRequest(
             self.start,
             self.goal,
             planner_by_name(choice.planner),
@@ -193,9 +355,8 @@ class ViewState:
             time_limit=PLAN_SECONDS,
             velocity_scale=choice.velocity_scale,
             acceleration_scale=choice.acceleration_scale,
-            constraints=constraints,
+            constraints=self.keeping,
         )
-        return self._with_result(self.service.plan(request, cancel=cancel, trace=True))
 
 
 def _goal(request: PlanRequest, state: ViewState) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import viser
@@ -16,6 +16,12 @@ MAX_BYTES = 65_536
 MAX_NUMBER = 2.0**53
 """Beyond it a browser's numbers are not exact."""
 
+MAX_TEXT = 256
+"""Characters of a text: what a name may be is told to who types it."""
+
+MAX_COORDINATE = 1e6
+"""Of a size, a place or a turn."""
+
 UNIT = 5e-4
 """How far a quaternion's length may be from 1."""
 
@@ -23,6 +29,9 @@ Real = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]  # refuses NaN, too
 Vector = tuple[Real, Real, Real]
 Quaternion = tuple[Real, Real, Real, Real]
 Name = Annotated[str, msgspec.Meta(max_length=256)]
+Index = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
+Screen = tuple[Real, Real]
+Modifier = Annotated[str, msgspec.Meta(max_length=32)]
 Pixels = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 
 
@@ -64,6 +73,29 @@ class _DragEnd(_Message, tag="TransformControlsDragEndMessage"):
     owner: Name = ""
 
 
+class _Click(_Message, tag="SceneNodeClickMessage"):
+    name: Name
+    instance_index: Index | None
+    ray_origin: Vector
+    ray_direction: Vector
+    screen_pos: Screen
+    modifier: Modifier | None
+    owner: Name = ""
+
+
+class _NodeDrag(_Message, tag="SceneNodeDragMessage"):
+    phase: Literal["start", "update", "end"]
+    name: Name
+    instance_index: Index | None
+    start_position: Vector
+    start_screen_pos: Screen
+    end_position: Vector
+    end_screen_pos: Screen
+    button: Literal["left", "middle", "right"]
+    modifier: Modifier | None
+    owner: Name = ""
+
+
 class PageMessages:
     """Tells messages that the page's controls can send from all others.
 
@@ -73,7 +105,7 @@ class PageMessages:
 
     def __init__(self, gui: Any) -> None:
         self._gui = gui
-        self._decoder = msgspec.msgpack.Decoder(_Camera | _Update | _Drag | _DragStart | _DragEnd)
+        self._decoder = msgspec.msgpack.Decoder(_Camera | _Update | _Drag | _DragStart | _DragEnd | _Click | _NodeDrag)
 
     def allowed(self, raw: str | bytes) -> bool:
         """Whether a message is one of them. Never raises."""
@@ -99,6 +131,12 @@ class PageMessages:
             return value is True
         if isinstance(handle, viser.GuiCheckboxHandle):
             return isinstance(value, bool)
+        if isinstance(handle, viser.GuiTextHandle):
+            return isinstance(value, str) and len(value) <= MAX_TEXT
+        if isinstance(handle, viser.GuiVector3Handle):
+            return _numbers(value, 3) and all(abs(number) <= MAX_COORDINATE for number in value)
+        if isinstance(handle, viser.GuiRgbHandle):
+            return _numbers(value, 3) and all(0 <= number <= 255 and number == int(number) for number in value)
         if isinstance(handle, (viser.GuiSliderHandle, viser.GuiNumberHandle)):
             return _is_number(value) and _within(value, handle)
         return False
@@ -106,6 +144,10 @@ class PageMessages:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MAX_NUMBER
+
+
+def _numbers(value: Any, count: int) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) == count and all(map(_is_number, value))
 
 
 def _within(value: float, handle: Any) -> bool:

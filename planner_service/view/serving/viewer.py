@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import socket
 import sys
 import threading
@@ -15,6 +16,7 @@ from planner_service.geometry.validation import whole
 from planner_service.planning.request import World
 from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService
+from planner_service.view.cell.folder import CellFolder
 from planner_service.view.page import Page
 from planner_service.view.state import ViewState
 
@@ -104,19 +106,26 @@ def show(
 
 
 def open_viewer(
-    service: PlannerService, shown: Showable | None, *, host: str = HOST, port: int = PORT, keep: bool = False
+    service: PlannerService,
+    shown: Showable | None,
+    *,
+    host: str = HOST,
+    port: int = PORT,
+    keep: bool = False,
+    folder: str | os.PathLike[str] | None = None,
 ) -> Viewer:
     """Open a page that shows a service's robot and scene, and a plan or a task.
 
     Args:
         port: The first port to try; if it is taken, the next free one is used. 0 for any.
         keep: Go on serving after the last window was closed.
+        folder: Where the page may read meshes, clouds and scenes, and write scenes; None for nowhere.
 
     Raises:
-        InvalidRequest: ``port`` or ``host`` is invalid, or ``shown`` cannot be shown.
+        InvalidRequest: ``port`` or ``host`` is invalid, ``folder`` is none, or ``shown`` cannot be shown.
         MissingDependency: viser is not installed.
     """
-    state = ViewState.of(service, shown)
+    state, files = ViewState.of(service, shown), None if folder is None else CellFolder(folder)
     whole("port", port, 0, 65_535)
     if not host:  # an empty host means every address of the machine
         raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
@@ -131,7 +140,7 @@ def open_viewer(
         raise InvalidRequest("host", host, f"an address of this machine ({error})") from None
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints its addresses
         server = PageServer(host, port)
-    return Viewer(server, Page(server.viser, state), keep=keep)
+    return Viewer(server, Page(server.viser, state, files), keep=keep)
 
 
 def interactive() -> bool:

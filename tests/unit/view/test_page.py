@@ -171,7 +171,7 @@ def constrained(browser: Any) -> Iterator[tuple[Any, Viewer]]:
         page.goto(viewer.url)
         page.get_by_text("shoulder").first.wait_for()
         page.get_by_role("tab", name="show").click()
-        page.get_by_text("handles to drag the goal").click()  # whose green is nearly teal
+        page.get_by_text("handles to drag").click()  # whose green is nearly teal
         until(lambda: len(np.unique(picture(page).reshape(-1, 3), axis=0)) > 50)
         yield page, viewer
 

@@ -127,7 +127,7 @@ def test_a_prompt_does_not_wait_for_the_page(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_controls_take_the_values_they_can_have_and_nothing_else_is_set(viewer: Viewer) -> None:
     messages, page = PageMessages(viewer._server.viser.gui), viewer.page
-    slider, box, choice, button = page._joints[0], page._show_ends, page._speed, page._play
+    slider, box, choice, button = page._joints[0], page._show_goal, page._speed, page._play
     good = [(slider, 0.5), (slider, 1), (box, False), (choice, "0.5"), (button, True), (page._controls._seed, 7)]
     assert all(messages.allowed(update(handle, value)) for handle, value in good)
     numbers: list[Any] = [1e9, float("nan"), float("inf"), True, "0.5", None, [0.5], {"a": 1}, 2**63]

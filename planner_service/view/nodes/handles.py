@@ -1,4 +1,4 @@
-"""The handles at the tool of the goal: drag them, and the goal follows, red where the next plan cannot end."""
+"""Handles to drag: at the tool of the goal, which follows, and at the obstacle that is selected."""
 
 from __future__ import annotations
 
@@ -6,21 +6,23 @@ from collections.abc import Callable
 from typing import Any
 
 from planner_service.geometry.shapes import Pose
+from planner_service.view.updates import update
 
-__all__ = ["GoalHandles"]
+__all__ = ["Handles"]
 
 
-class GoalHandles:
-    """Arrows, planes and rings to move and turn the tool of the goal.
+class Handles:
+    """Arrows, planes and rings to move and turn something.
 
     Args:
         scene: viser's scene.
+        path: The name of their node.
         size: Their length in metres.
         dragged: Called with the pose of the handles in the base frame, and whether they were let go.
     """
 
-    def __init__(self, scene: Any, size: float, dragged: Callable[[Pose, bool], None]) -> None:
-        self._node = scene.add_transform_controls("/aim", scale=size, depth_test=False, opacity=0.8)
+    def __init__(self, scene: Any, path: str, size: float, dragged: Callable[[Pose, bool], None]) -> None:
+        self._node = scene.add_transform_controls(path, scale=size, depth_test=False, opacity=0.8, visible=False)
         self._dragged = dragged
         self._node.on_update(self._on_update)
 
@@ -37,5 +39,8 @@ class GoalHandles:
         """Put the handles at a pose."""
         if self._pose() != pose:
             self._node.position, self._node.wxyz = pose.position, pose.quaternion
-        if self._node.visible != visible:
-            self._node.visible = visible
+        update(self._node, visible=visible)
+
+    def hide(self) -> None:
+        """Show them no longer."""
+        update(self._node, visible=False)
