@@ -119,7 +119,7 @@ class Page:
             self._robot.set_robot(robot)
             self._robot.move(state.q)
             self._looks.move(robot, state.q)
-            self._scene_nodes.show(state.service.scene, state.cell.selected)
+            self._scene_nodes.show(state.service.scene, state.cell)
             self._regions.show(state.drawn, state.q)
             update(self._show_regions, visible=self._regions.any)
             aimed = state.aim is not None

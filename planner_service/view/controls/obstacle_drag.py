@@ -41,7 +41,7 @@ class ObstacleDrag:
     def show(self, *, handles: bool) -> None:
         """Take hold of what is selected now."""
         obstacle, mesh = self._cell().obstacle, self._nodes.selected_mesh
-        if obstacle is not None:
+        if obstacle is not None and mesh is not None:
             self._handles.show(obstacle.pose, visible=handles)
         else:
             self._handles.hide()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from planner_service.geometry.composite import PointCloud
 from planner_service.geometry.shapes import Pose
 from planner_service.scene.names import Kind, Owner
 from planner_service.scene.scene import Attached, Obstacle, Scene
+from planner_service.view.cell.edits import Cell
 from planner_service.view.nodes.meshes import add_copies, add_lines, add_mesh, copies_colours
 from planner_service.view.triangles import (
     CARRIED,
@@ -58,12 +60,17 @@ class SceneNodes:
         self._label: Any = None
         self._count = 0
 
-    def show(self, scene: Scene, selected: str | None) -> None:
-        """Draw a scene; what did not change is not sent again."""
+    def show(self, scene: Scene, cell: Cell) -> None:
+        """Draw a scene that motions made of that of a cell; what did not change is not sent again.
+
+        What was set down has the colour that it had, and is not selected where it is now.
+        """
+        standing: dict[str, Body] = {obstacle.name: obstacle for obstacle in scene.obstacles}
+        bodies, chosen = standing | {held.name: held for held in scene.attached}, cell.obstacle
+        there = None if chosen is None else standing.get(chosen.name)
+        selected = chosen.name if chosen is not None and there is not None and there.pose == chosen.pose else None
         if scene is self._shown and selected == self._selected:
             return
-        standing: dict[str, Body] = {obstacle.name: obstacle for obstacle in scene.obstacles}
-        bodies = standing | {held.name: held for held in scene.attached}
         for name in [name for name, body in self._bodies.items() if not _alike(bodies.get(name), body)]:
             self._copies.pop(name, None)
             self._own.pop(name, None)
@@ -71,9 +78,15 @@ class SceneNodes:
             if name not in self._copies:
                 self._copies[name] = copies_of(body.shape)
             if name not in self._own:
-                self._own[name] = obstacle_colour(body, self._families) if isinstance(body, Obstacle) else CARRIED
-        self._shown, self._bodies, self._selected = scene, bodies, selected if selected in bodies else None
+                self._own[name] = self._colour_by(body, cell)
+        self._shown, self._bodies, self._selected = scene, bodies, selected
         self._draw()
+
+    def _colour_by(self, body: Body, cell: Cell) -> Colour:
+        if isinstance(body, Attached):
+            return CARRIED
+        before = next((obstacle.colour for obstacle in cell.scene.obstacles if obstacle.name == body.name), None)
+        return obstacle_colour(body if body.colour else replace(body, colour=before), self._families)
 
     def _draw(self) -> None:
         grouped: dict[Form, dict[str, Body]] = {form: {} for form in Form}
