@@ -371,17 +371,17 @@ def _certify(call: _Call, body: bodies.CertifyBody) -> Answer:
 
 
 def _check(call: _Call, body: bodies.CheckBody) -> Answer:
-    asking, telling = call.service.checker.variant(), call.service.checker.variant()
+    checker = call.service.checker.counting_anew()
     states = []
     for q in body.states:
         call.poll()
-        free = asking.state_is_free(q)
-        states.append(CheckedState(free, () if free else telling.contacts(q)))
+        free = checker.state_is_free(q)
+        states.append(CheckedState(free, () if free else checker.contacts(q)))
     edges = []
     for start, end in body.edges:
         call.poll()
-        edges.append(asking.edge_is_free(start, end))
-    return _json_answer(CheckReply, Checked(tuple(states), tuple(edges), asking.counts))
+        edges.append(checker.edge_is_free(start, end))
+    return _json_answer(CheckReply, Checked(tuple(states), tuple(edges), checker.counts))
 
 
 def _pick(call: _Call, body: bodies.PickBody) -> Answer:
