@@ -4,7 +4,8 @@
 """
 
 from planner_service.client.problems import ServerRefused, ServerUnavailable, StaleVersion
-from planner_service.client.remote import Remote, move_linear, pick, place, plan_pick_place
+from planner_service.client.remote import Remote
+from planner_service.client.tasks import move_linear, pick, place, plan_pick_place
 from planner_service.records.http.replies import Checked, CheckedState
 
 __all__ = [

@@ -7,9 +7,7 @@ another process made. Whoever moves an arm proves it again with a robot and a sc
 
 from __future__ import annotations
 
-import sys
 import tempfile
-import threading
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -17,30 +15,25 @@ from functools import cached_property, partial, wraps
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, TypeVar
-from weakref import WeakKeyDictionary
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service import tasks
 from planner_service.certify import Certificate, ExemptInterval
-from planner_service.client.connection import Answer, Connection
+from planner_service.client.answer import Answer
+from planner_service.client.claims import of_server, require_asked, require_there, task_result
+from planner_service.client.connection import Connection
 from planner_service.client.problems import ServerUnavailable
-from planner_service.client.scenes import ScenesOnServer
+from planner_service.client.server import Server
 from planner_service.client.threads import Threads
 from planner_service.collision import CancelToken, EdgeStep
 from planner_service.collision.budget import Cancelled
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import instance, items, numbers, whole
-from planner_service.grasping.grasps import top_grasps
+from planner_service.geometry.validation import flag, instance, items, numbers, whole
 from planner_service.infeasibility.remedies import Explanation
-from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
 from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
 from planner_service.planning.batch import Batch
 from planner_service.planning.pipeline import require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, World, kept_in
@@ -56,23 +49,19 @@ from planner_service.records.http.replies import (
     CheckReply,
     ExplainReply,
     RoadmapReply,
-    RobotReply,
 )
-from planner_service.records.http.sections import LineSections, ReplannedRecord, read_reply
-from planner_service.records.plan_file import SavedPlan, SavedTask
+from planner_service.records.http.sections import ReplannedRecord, read_reply
+from planner_service.records.plan_file import SavedPlan
 from planner_service.records.plan_reader import PlanReader
-from planner_service.records.request import RequestRecord, astray, goals_of
+from planner_service.records.request import goals_of
 from planner_service.replanning.result import Replanned, request_for, underway
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import kept_upright, require_poses
-from planner_service.tasks.tool_motions import Target
-from planner_service.timing.laws import Trapezoidal
 
-__all__ = ["Remote", "move_linear", "pick", "place", "plan_pick_place"]
+__all__ = ["Remote", "unless_cancelled"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -115,19 +104,29 @@ class Remote:
             sent to the server when it is first used and deleted by ``close``.
         token: The server's token; None if it has none. Over http anyone on the way can read it.
         patience: Seconds for which a request is tried while the server cannot be reached or has no room.
+        channel: Whether plans and all else that takes work are asked for over the server's channel, in msgpack, which
+            takes less time than HTTP; the answers are the same.
 
     Raises:
         InvalidRequest: ``url`` is no address of a server, or another value is out of range.
         ServerUnavailable: there is no server, or it is not ready for as long as ``patience`` lasts.
         ServerRefused: the token is wrong, or the server has no such scene.
-        MissingDependency: the extra ``client`` is not installed.
+        MissingDependency: the extra ``client`` is not installed, which a channel needs.
     """
 
-    def __init__(self, url: str, scene: Scene | str, *, token: str | None = None, patience: float = PATIENCE) -> None:
-        server = _Server(Connection(url, token, patience))
+    def __init__(
+        self,
+        url: str,
+        scene: Scene | str,
+        *,
+        token: str | None = None,
+        patience: float = PATIENCE,
+        channel: bool = False,
+    ) -> None:
+        server = Server(Connection(url, token, patience, channel=flag("channel", channel)))
         self._enter(server, server.world.robot, scene)
 
-    def _enter(self, server: _Server, robot: Robot, scene: Scene | str) -> None:
+    def _enter(self, server: Server, robot: Robot, scene: Scene | str) -> None:
         self._server = server
         self._version: int | None = None
         if not isinstance(scene, Scene):
@@ -363,18 +362,18 @@ class Remote:
         plan = document.get("result")
         document["result"] = self._reader.shared(plan if isinstance(plan, dict) else {}, answer.url)
         read = read_reply(ExplainReply, document, answer.url, self.robot.n)
-        _require_asked(answer, read.result.value.request, request)
+        require_asked(answer, read.result.value.request, request)
         explained: Explanation = read.value
-        explained = replace(explained, result=_of_server(explained.result, self.world, request))
+        explained = replace(explained, result=of_server(explained.result, self.world, request))
         changes = []
         if explained.way is not None:
-            _require_there(answer, request, explained.way, self.robot)
+            require_there(answer, request, explained.way, self.robot)
         for remedy in explained.remedies:
-            _require_there(answer, remedy.request, remedy.result, self.robot)
+            require_there(answer, remedy.request, remedy.result, self.robot)
             scene = replace(remedy.scene, name=self.scene.name)
-            result = _of_server(remedy.result, replace(self.world, scene=scene), remedy.request)
+            result = of_server(remedy.result, replace(self.world, scene=scene), remedy.request)
             changes.append(replace(remedy, scene=scene, result=result))
-        way = None if explained.way is None else _of_server(explained.way, self.world, None, Pace.of(request))
+        way = None if explained.way is None else of_server(explained.way, self.world, None, Pace.of(request))
         return replace(explained, remedies=tuple(changes), way=way)
 
     def replan(
@@ -487,10 +486,10 @@ class Remote:
     ) -> SavedPlan:
         plan = self._reader.plan(document, answer.url)
         if request is not None and (plan.request is not None or plan.result.ok):
-            _require_asked(answer, plan.request, request)
-            _require_there(answer, request, plan.result, self.robot)
+            require_asked(answer, plan.request, request)
+            require_there(answer, request, plan.result, self.robot)
         self._server.remember(plan.result.trajectory, answer.job)
-        return replace(plan, request=request, result=_of_server(plan.result, self.world, request, pace))
+        return replace(plan, request=request, result=of_server(plan.result, self.world, request, pace))
 
     def _task(
         self,
@@ -511,9 +510,9 @@ class Remote:
         answer = self._work(kind, body, cancel)
         saved = self._reader.task(answer.document(), answer.url)
         if saved.segments:
-            _require_asked(answer, saved.request, request)
-            _require_there(answer, request, saved.segments[0].result, self.robot, task=True)
-        task = _task_result(saved, request)
+            require_asked(answer, saved.request, request)
+            require_there(answer, request, saved.segments[0].result, self.robot, task=True)
+        task = task_result(saved, request)
         scenes = [task.world.scene, *(segment.scene for segment in task.segments if segment.scene is not None)]
         held = [each for scene in scenes for each in scene.attached if each.name == taken]
         if upright and not all(set(each.constraints) & set(upright) for each in held):
@@ -521,189 +520,5 @@ class Remote:
         return task
 
 
-class _Server:
-    """What all that use one server have in common."""
-
-    def __init__(self, connection: Connection) -> None:
-        self.connection, self.scenes = connection, ScenesOnServer(connection)
-        self._plans: WeakKeyDictionary[Trajectory, str] = WeakKeyDictionary()
-        self._lock = threading.Lock()
-
-    @cached_property
-    def world(self) -> World:
-        """The server's robot, and how its motions are checked."""
-        served: World = self.connection.fetch("GET", "/robot").read(RobotReply).value
-        return served
-
-    def remember(self, trajectory: Trajectory | None, job: str) -> None:
-        """Remember under which id the server keeps a motion."""
-        if trajectory is not None and job:
-            with self._lock:
-                self._plans[trajectory] = job
-
-    def plan_of(self, trajectory: Trajectory | None) -> str:
-        """The id of a motion.
-
-        Raises:
-            InvalidRequest: it is none of this server.
-        """
-        with self._lock:
-            job = None if trajectory is None else self._plans.get(trajectory)
-        if job is None:
-            raise InvalidRequest("previous", "a motion that this server has not made", "one that it has planned")
-        return job
-
-
 def _threads(at_once: int) -> Threads:
     return Threads(whole("at_once", at_once, 1, MAX_AT_ONCE))
-
-
-def _of_server(result: PlanResult, world: World, request: PlanRequest | None, pace: Pace | None = None) -> PlanResult:
-    return replace(result, origin=Origin(world, request, pace, elsewhere=True))
-
-
-def _require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequest) -> None:
-    """Refuse the answer to another request."""
-    if answered is None or RequestRecord.of(answered) != RequestRecord.of(asked):
-        raise InvalidFile(answer.url, ["request: another one than was sent"])
-
-
-def _require_there(
-    answer: Answer, request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool = False
-) -> None:
-    """Refuse a motion that begins elsewhere than asked, or ends there unless it is a part of a ``task``, or a line."""
-    if elsewhere := astray(request, result, robot, task=task):
-        raise InvalidFile(answer.url, [f"path: {elsewhere}"])
-
-
-def _task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
-    """A task as the library returns it."""
-    world, end, segments = saved.begin, np.asarray(request.start), []
-    for segment in saved.segments:
-        world = segment.world_after(world)
-        end = end if segment.result.path is None else segment.result.path.waypoints[-1]
-        segments.append(replace(segment, result=_of_server(segment.result, world, None)))
-    done = tuple(segments)
-    return TaskResult(done, world, end, saved.failure, saved.choosing, saved.notes, request, saved.task, saved.seconds)
-
-
-# Tasks.
-
-
-@unless_cancelled
-def pick(
-    remote: Remote, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None = None
-) -> TaskResult:
-    """Take hold of an object; see ``planner_service.pick``.
-
-    Raises:
-        UnknownName: There is no such obstacle or support.
-        InvalidRequest: As the library's.
-        ServerUnavailable: As ``Remote.plan``.
-    """
-    start, handling = _started(remote, q, handling)
-    remote.scene.obstacle(target)
-    require_poses("grasps", grasps)
-    body = {"q": start, "target": target, "grasps": grasps, "handling": handling}
-    lean = handling.upright
-    upright = [] if lean is None else [kept_upright(grasp, lean) for grasp in grasps]
-    return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
-
-
-@unless_cancelled
-def place(
-    remote: Remote, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None = None
-) -> TaskResult:
-    """Set a carried object down; see ``planner_service.place``.
-
-    Raises:
-        UnknownName: There is no such carried object or support.
-        InvalidRequest: As the library's.
-        ServerUnavailable: As ``Remote.plan``.
-    """
-    start, handling = _started(remote, q, handling)
-    require_poses("poses", poses)
-    body = {"q": start, "carried": carried, "poses": poses, "handling": handling}
-    return remote._task("place", body, _at(start, handling.request), handling.cancel)
-
-
-@unless_cancelled
-def plan_pick_place(
-    remote: Remote,
-    target: str,
-    onto: str,
-    request: PlanRequest,
-    *,
-    poses: Sequence[Pose] | None = None,
-    upright: float | None = None,
-    cancel: CancelToken | None = None,
-) -> TaskResult:
-    """Plan a whole pick-and-place; see ``planner_service.tasks.plan_pick_place``.
-
-    Raises:
-        UnknownName: There is no such obstacle.
-        InvalidRequest: As the library's.
-        ServerUnavailable: As ``Remote.plan``.
-    """
-    instance("request", request, PlanRequest, "a PlanRequest")
-    start = joint_vector("start", request.start, remote.robot)
-    for name in (target, onto):
-        remote.scene.obstacle(name)
-    if poses is not None:
-        require_poses("poses", poses)
-    body = {"target": target, "onto": onto, "poses": poses, "start": start, "upright": upright, "request": request}
-    obstacle = remote.scene.obstacle(target)
-    kept = [] if upright is None else [kept_upright(grasp, upright) for grasp in top_grasps(remote.robot, obstacle)]
-    return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
-
-
-@unless_cancelled
-def move_linear(
-    remote: Remote,
-    start: ArrayLike,
-    goal: Target | Sequence[Target],
-    *,
-    zone: float = 0.0,
-    points: int = LINE_POINTS,
-    max_joint_rate: float = MAX_JOINT_RATE,
-    partial: bool = False,
-    pace: Pace | None = None,
-    padding: float = 0.0,
-    constraints: Sequence[Constraint] = (),
-    cancel: CancelToken | None = None,
-) -> PlanResult:
-    """A straight motion of the tool, or several with rounded corners; see ``planner_service.move_linear``.
-
-    Raises:
-        InvalidRequest: As the library's.
-        ServerUnavailable: As ``Remote.plan``.
-    """
-    at = joint_vector("start", start, remote.robot)
-    body = {
-        "start": at,
-        "goal": goal,
-        "zone": zone,
-        "points": points,
-        "max_joint_rate": min(require_joint_rate(max_joint_rate), sys.float_info.max),  # JSON has no infinity
-        "partial": partial,
-        "pace": pace,
-        "padding": padding,
-        "constraints": checked_constraints(constraints),
-    }
-    answer = remote._work("move_linear", body, cancel)
-    pace = Pace(Trapezoidal()) if pace is None else pace
-    plan = remote._saved_plan(answer, answer.document(), pace=pace)
-    _require_there(answer, PlanRequest(at, at), plan.result, remote.robot, task=True)
-    if plan.result.ok and plan.result.constraints != kept_in(remote.scene, constraints):
-        raise InvalidFile(answer.url, ["constraints: others than were asked for"])
-    return replace(plan.result, fraction=LineSections.of_plan(plan, answer.url).fraction)
-
-
-def _started(remote: Remote, q: ArrayLike, handling: Handling | None) -> tuple[FloatArray, Handling]:
-    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
-    return joint_vector("q", q, remote.robot), handling
-
-
-def _at(start: FloatArray, request: PlanRequest | None) -> PlanRequest:
-    """The request of all motions of a task that begins somewhere, as the library writes it."""
-    return PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)

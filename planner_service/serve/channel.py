@@ -18,12 +18,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-import msgpack
 from pydantic_core import from_json
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from planner_service.errors import InvalidRequest, MissingDependency
-from planner_service.files.json_reader import each_once
+from planner_service.records.http.frames import packed, unpacked
 from planner_service.records.http.replies import VERBS
 from planner_service.records.http.robot_by_hash import robot_by_hash
 from planner_service.serve.problems import Problem, Refused, problem_of
@@ -39,9 +38,6 @@ MAX_OPEN = 16
 
 MAX_CHANNELS = 100
 """Connections at the same time."""
-
-MAX_LIST, MAX_KEYS = 100_000, 10_000
-"""Entries of a list and of a map in a frame, for which room is made before they are read."""
 
 SHORT_ANSWER = 100_000
 """Bytes of an answer that is written as msgpack at once; a longer one in a thread, so that others need not wait."""
@@ -90,7 +86,8 @@ class _Channel:
 
     server: PlanningServer
     socket: WebSocket
-    jobs: dict[int | str, str] = field(default_factory=dict)
+    jobs: dict[int | str, str] = field(default_factory=dict)  # empty until it is accepted
+    ended: set[int | str] = field(default_factory=set)  # those that the client has cancelled
     tasks: list[asyncio.Task[None]] = field(default_factory=list)  # the first asked first
 
     async def serve(self) -> None:
@@ -118,9 +115,12 @@ class _Channel:
             request = _request(document)
             if len(self.tasks) >= MAX_OPEN:
                 raise Refused("queue-full", f"{MAX_OPEN} requests of this channel are open", headers=ONE_SECOND)
+            if request.id in self.jobs:
+                raise Refused("malformed", f"id: got {request.id!r:.100}; expected one that no open request has")
         except Refused as error:
             await self._refuse(asked, error)
             return
+        self.jobs[request.id] = ""
         task = asyncio.ensure_future(self._answer(request))
         self.tasks.append(task)
         task.add_done_callback(self._done)
@@ -154,25 +154,32 @@ class _Channel:
 
     def _cancel(self, asked: int | str) -> None:
         if asked in self.jobs:
+            self.ended.add(asked)
+            self._end(asked)
+
+    def _end(self, asked: int | str) -> None:
+        """Cancel the job of a request if it has one yet, and was cancelled."""
+        if self.jobs[asked] and asked in self.ended:
             with suppress(StateUnusable):
                 self.server.cancel(self.jobs[asked])
 
     async def _work(self, request: _Request) -> tuple[str, StoredAnswer]:
         """The job of a request, and its answer once it is there."""
-        if request.id in self.jobs:
-            raise Refused("malformed", f"id: got {request.id!r:.100}; expected one that no open request has")
-        self.server.require_room(request.key)
-        job = self.jobs[request.id] = await self.server.accept(request.verb, request.body, request.key)
         try:
-            pending = self.server.pending(job)
-            answer = await self.server.answer(job) if pending is None else await asyncio.shield(pending)
-        except asyncio.CancelledError:
-            if request.key is None:
-                with suppress(StateUnusable):
-                    self.server.cancel(job)
-            raise
+            self.server.require_room(request.key)
+            job = self.jobs[request.id] = await self.server.accept(request.verb, request.body, request.key)
+            self._end(request.id)
+            try:
+                pending = self.server.pending(job)
+                answer = await self.server.answer(job) if pending is None else await asyncio.shield(pending)
+            except asyncio.CancelledError:
+                if request.key is None:
+                    with suppress(StateUnusable):
+                        self.server.cancel(job)
+                raise
         finally:
-            self.jobs.pop(request.id, None)
+            del self.jobs[request.id]
+            self.ended.discard(request.id)
         if answer is None:
             raise Refused("unavailable", "the server is stopping", headers={"Retry-After": "5"})
         if request.by_hash and not answer.refused:
@@ -187,11 +194,9 @@ def _document(frame: bytes) -> dict[str, Any]:
         Refused: It is no such thing.
     """
     try:
-        document = msgpack.unpackb(
-            frame, object_pairs_hook=each_once, max_array_len=MAX_LIST, max_map_len=MAX_KEYS, max_ext_len=0
-        )
-    except (ValueError, TypeError, RecursionError, MemoryError) as error:
-        raise Refused("malformed", f"the frame is no msgpack: {error!s:.200}") from None
+        document = unpacked(frame)
+    except ValueError as error:
+        raise Refused("malformed", f"the frame is {error}") from None
     if not isinstance(document, dict) or type(document.get("id")) not in (int, str):
         raise Refused("malformed", "expected a map with id, which is a whole number or a text, verb and body")
     return document
@@ -225,4 +230,4 @@ def _problem(problem: Problem) -> StoredAnswer:
 
 def _frame(reply: dict[str, Any], answer: StoredAnswer) -> bytes:
     """The frame that answers."""
-    return bytes(msgpack.packb({**reply, "status": answer.status, "answer": from_json(answer.content)}))
+    return packed({**reply, "status": answer.status, "answer": from_json(answer.content)})

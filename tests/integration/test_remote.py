@@ -61,9 +61,9 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(scope="module")
-def there(url: str) -> Iterator[Planner]:
-    with Remote(url, "bin") as remote:
+@pytest.fixture(scope="module", params=[False, True], ids=["http", "channel"])
+def there(url: str, request: pytest.FixtureRequest) -> Iterator[Planner]:
+    with Remote(url, "bin", channel=request.param) as remote:
         yield Planner(remote, ps.client.pick, ps.client.place, ps.client.plan_pick_place, ps.client.move_linear)
 
 
@@ -156,9 +156,9 @@ def test_a_running_plan_is_cancelled_at_once(there: Planner) -> None:
 # -- proofs and checks ----------------------------------------------------------------------------
 
 
-def test_states_and_edges_are_judged_as_by_the_library(here: Planner, there: Planner) -> None:
+def test_states_and_edges_are_judged_as_by_the_library(there: Planner) -> None:
     found = there.service.check([HOME, LOW], [(HOME, ASIDE), (HOME, LOW)])
-    checker = here.service.changed().checker
+    checker = ps.PlannerService("wxai", "bin").checker
     assert [state.free for state in found.states] == [True, False]
     assert found.edges == (True, False)
     verdicts = [checker.state_is_free(q) for q in (HOME, LOW)] + [checker.edge_is_free(HOME, q) for q in (ASIDE, LOW)]

@@ -54,9 +54,9 @@ def begun(link: Connection, server: Server, name: str) -> str:
     """The job of a request that takes minutes, once a worker is at it."""
     link.send(msgpack.packb({"id": name, "verb": "roadmaps", "body": LONG}))
     while True:
-        job = server.client.get("/plans?limit=1").json()["plans"][0]
-        if job["kind"] == "roadmaps" and job["state"] == "running":
-            return str(job["id"])
+        for job in server.client.get("/plans?limit=1").json()["plans"]:
+            if job["kind"] == "roadmaps" and job["state"] == "running":
+                return str(job["id"])
         time.sleep(0.01)
 
 
@@ -122,6 +122,18 @@ def test_answers_come_as_they_are_there_and_what_is_cancelled_says_so(server: Se
         assert again["answer"]["detail"].startswith("id: got 'long'")
         reply = asked(link, {"id": "long", "verb": "cancel"})
     assert (reply["id"], reply["status"]) == ("long", 410)
+
+
+def test_a_request_is_cancelled_even_before_it_is_accepted(server: Server) -> None:
+    with channel(server) as link:
+        begun(link, server, "long")
+        frames = [{"id": 1, "verb": "roadmaps", "body": LONG}, {"id": 1, "verb": "cancel"}]
+        with link.protocol_mutex:
+            for frame in frames:
+                link.protocol.send_binary(msgpack.packb(frame))
+            link.socket.sendall(b"".join(link.protocol.data_to_send()))
+        reply = answer(link)
+        assert (reply["id"], reply["status"], reply["answer"]["type"].rpartition(":")[2]) == (1, 410, "cancelled")
 
 
 def test_the_same_key_gets_the_same_answer_on_any_channel(server: Server) -> None:

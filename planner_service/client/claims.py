@@ -1,0 +1,47 @@
+"""What a server claims to have planned, and whether that is what it was asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from planner_service.client.answer import Answer
+from planner_service.errors import InvalidFile
+from planner_service.planning.request import Pace, PlanRequest, World
+from planner_service.planning.result import Origin, PlanResult
+from planner_service.planning.task_result import TaskResult
+from planner_service.records.plan_file import SavedTask
+from planner_service.records.request import RequestRecord, astray
+from planner_service.robot.model import Robot
+
+__all__ = ["of_server", "require_asked", "require_there", "task_result"]
+
+
+def of_server(result: PlanResult, world: World, request: PlanRequest | None, pace: Pace | None = None) -> PlanResult:
+    return replace(result, origin=Origin(world, request, pace, elsewhere=True))
+
+
+def require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequest) -> None:
+    """Refuse the answer to another request."""
+    if answered is None or RequestRecord.of(answered) != RequestRecord.of(asked):
+        raise InvalidFile(answer.url, ["request: another one than was sent"])
+
+
+def require_there(
+    answer: Answer, request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool = False
+) -> None:
+    """Refuse a motion that begins elsewhere than asked, or ends there unless it is a part of a ``task``, or a line."""
+    if elsewhere := astray(request, result, robot, task=task):
+        raise InvalidFile(answer.url, [f"path: {elsewhere}"])
+
+
+def task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
+    """A task as the library returns it."""
+    world, end, segments = saved.begin, np.asarray(request.start), []
+    for segment in saved.segments:
+        world = segment.world_after(world)
+        end = end if segment.result.path is None else segment.result.path.waypoints[-1]
+        segments.append(replace(segment, result=of_server(segment.result, world, None)))
+    done = tuple(segments)
+    return TaskResult(done, world, end, saved.failure, saved.choosing, saved.notes, request, saved.task, saved.seconds)
