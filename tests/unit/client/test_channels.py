@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -48,6 +49,7 @@ class Script:
         self.opened: list[dict[str, str]] = []
         self.refusal: tuple[int, str, bytes] | None = None
         self.silent = False
+        self.over = threading.Event()
 
     def serve(self, link: ServerConnection) -> None:
         self.links.append(link)
@@ -195,14 +197,16 @@ def test_cancelling_is_told_once_and_the_answer_says_so(one: Connection, script:
     assert script.asked[1] == {"id": script.asked[0]["id"], "verb": "cancel"}
 
 
-def test_an_interrupted_request_is_withdrawn_under_its_key(
-    one: Connection, script: Script, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    script.replies = [problem("queue-full", 429), good]
-    monkeypatch.setattr("time.sleep", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+def test_an_interrupted_request_is_withdrawn_under_its_key(one: Connection, script: Script) -> None:
+    def interrupted(asked: dict[str, Any]) -> None:
+        script.silent = True  # what comes next is answered once it is withdrawn
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        script.over.wait(10.0)
+
+    script.replies = [interrupted, good]
     with pytest.raises(KeyboardInterrupt):
         one.work("plans", {})
-    monkeypatch.undo()
+    script.over.set()
     assert [frame["verb"] for frame in script.asked[:3]] == ["plans", "plans", "cancel"]
     assert script.asked[0]["key"] == script.asked[1]["key"]
 
