@@ -333,6 +333,10 @@ class Prover:
         """
         return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer))
 
+    def boxes(self, starts: FloatArray, ends: FloatArray, room: FloatArray, out: FloatArray) -> None:
+        """Boxes that riding pieces do not leave on edges with room, low and high corner, into ``out`` (riding, 6)."""
+        self._prover.boxes(starts, ends, room, out)
+
     def clearances(self, Q: FloatArray) -> FloatArray:
         """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs.
 
@@ -561,6 +565,41 @@ class Certifier:
                 below 0, or a padding outside [0, 0.1].
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        first, last, off = self._tubes(starts, ends, room)
+        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN)
+        if found.free == len(first):
+            return TubeProof(found.free, int(found.bounds))
+        line = np.array([first[found.free], last[found.free]])
+        length = joint_distance(line[0].tolist(), line[1].tolist())
+        at = line[0] + (line[1] - line[0]) * (found.s / length if length > 0.0 else 0.0)
+        names = self._names_at(found.pair, at[None])
+        gap = float(self.prover.near(at[None], np.array([found.pair]), math.inf)[2].gaps.min(initial=math.inf))
+        return TubeProof(found.free, int(found.bounds), names, tuple(at.tolist()), gap, found.collides)
+
+    def tube_boxes(self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike) -> FloatArray:
+        """Where straight edges with room take the robot: boxes along the axes of the base frame.
+
+        Args:
+            starts: As in ``certify_tubes``, one at least.
+            ends: The same.
+            room: The same.
+
+        Returns:
+            Of each convex piece of the links and what they hold the low and the high corner of a box that it does not
+            leave, (pieces, 2, 3).
+
+        Raises:
+            InvalidRequest: as in ``certify_tubes``.
+        """
+        first, last, off = self._tubes(starts, ends, room)
+        if not len(first):
+            raise InvalidRequest("starts", first.shape, "one edge at least")
+        boxes = np.zeros((len(self.listed.riding), 6))
+        self.prover.boxes(first, last, off, boxes)
+        return np.asarray(boxes.reshape(-1, 2, 3) + np.array([[-MARGIN], [MARGIN]]))
+
+    def _tubes(self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Edges and their room, checked."""
         expected = f"configurations of shape (k, {self.robot.n})"
         given = {"starts": starts, "ends": ends, "room": room}
         first, last, off = (numbers(name, value, expected) for name, value in given.items())
@@ -571,19 +610,13 @@ class Certifier:
                 raise InvalidRequest(name, rows[~np.isfinite(rows).all(axis=1)][0].tolist(), "finite numbers")
         self._check_limits("starts", first)
         self._check_limits("ends", last)
-        self._check_still(np.concatenate([first, last]))
         if (off < 0.0).any():
             raise InvalidRequest("room", float(off.min()), "radians (or metres) >= 0")
-        first, last, off = map(np.ascontiguousarray, (first, last, off))
-        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN)
-        if found.free == len(first):
-            return TubeProof(found.free, int(found.bounds))
-        line = np.array([first[found.free], last[found.free]])
-        length = joint_distance(line[0].tolist(), line[1].tolist())
-        at = line[0] + (line[1] - line[0]) * (found.s / length if length > 0.0 else 0.0)
-        names = self._names_at(found.pair, at[None])
-        gap = float(self.prover.near(at[None], np.array([found.pair]), math.inf)[2].gaps.min(initial=math.inf))
-        return TubeProof(found.free, int(found.bounds), names, tuple(at.tolist()), gap, found.collides)
+        if len(first):
+            self._check_still(np.concatenate([first, last]))
+        if off[:, self._still].any():
+            raise InvalidRequest("room", off[:, self._still].max(), "no room for joints that stand still")
+        return np.ascontiguousarray(first), np.ascontiguousarray(last), np.ascontiguousarray(off)
 
     def clearances(self, Q: ArrayLike) -> FloatArray:
         """Proven lower bounds (metres) of the smallest gap of any judged pair at configurations Q (m, n), (m,).

@@ -9,6 +9,7 @@ last target that was, as abruptly as its driver does. ``docs/design/the-gate.md`
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,10 +22,13 @@ from planner_service.gate.limits import CommandLimits
 from planner_service.gate.log import GateLog
 from planner_service.gate.tracking import Course, Setpoint, Tracking, Whereabouts
 from planner_service.gate.verdict import Counts, Kind, Refused, Verdict
+from planner_service.gate.way_round import ways_round
 from planner_service.geometry.arrays import FloatArray, read_only
-from planner_service.geometry.validation import finite_numbers, flag, instance, number, numbers, whole
+from planner_service.geometry.composite import Compound
+from planner_service.geometry.shapes import Box, Pose
+from planner_service.geometry.validation import finite_numbers, flag, instance, items, number, numbers, whole
 from planner_service.robot.model import Robot
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 
 __all__ = ["ActionGate"]
@@ -33,6 +37,8 @@ MAX_CHUNK = 1000
 """Targets; at 30 Hz half a minute."""
 
 MAX_RATE = 2000.0
+
+UNKNOWN = "where the arm is is not known before its first check"
 
 TRIES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675)
 """How many targets are taken back, one after the other, until what brakes the arm after the rest is free."""
@@ -57,6 +63,8 @@ class ActionGate:
         jerk_scale: The same of its limits of jerk; None if targets may change the acceleration at once.
         torque_scale: Share in (0, 1] of the efforts of its URDF that targets may take; None if torques are not judged.
         slow: Whether a chunk that is too fast is followed along the same line at less than its own speed.
+        repair: Whether a chunk of which something could touch is replaced by what passes of it and a plan from there to
+            its end, round what is in the way. That takes as long as the plan, some milliseconds.
         log: A file to which what is refused or changed is appended, a line of JSON each, up to 64 MiB.
 
     Attributes:
@@ -79,9 +87,10 @@ class ActionGate:
         jerk_scale: float | None = None,
         torque_scale: float | None = None,
         slow: bool = False,
+        repair: bool = False,
         log: str | Path | None = None,
     ) -> None:
-        self.service = instance("service", service, PlannerService, "a PlannerService")
+        self._service = instance("service", service, PlannerService, "a PlannerService")
         self.robot: Robot = service.robot
         self.rate = number("rate", rate, f"targets a second, in [1, {MAX_RATE:g}]", 1.0, MAX_RATE)
         self.tracking = instance("tracking", tracking, Tracking, "a Tracking")
@@ -90,11 +99,13 @@ class ActionGate:
             *(self.robot, service.scene, self.rate, self.tracking),
             acceleration_scale=acceleration_scale, jerk_scale=jerk_scale, torque_scale=torque_scale,
         )  # fmt: skip
-        self.slow = flag("slow", slow)
+        self.slow, self.repair = flag("slow", slow), flag("repair", repair)
         self.counts = Counts()
         self._log = None if log is None else GateLog(log)
         self._error = tracking.of(self.robot.n)
         self._shares = tracking.shares(1.0 / self.rate)
+        self._scene = service.scene
+        self._acceleration_scale = min(1.0, acceleration_scale)
         self.certifier = self._new_certifier(service.scene)
         self._nothing: FloatArray = read_only(np.empty((0, self.robot.n)))
         self.reset()
@@ -102,7 +113,13 @@ class ActionGate:
     # -- what a user calls ------------------------------------------------------------------------
 
     def check(
-        self, q: ArrayLike, chunk: ArrayLike, *, sent: int | None = None, elapsed: float | None = None
+        self,
+        q: ArrayLike,
+        chunk: ArrayLike,
+        *,
+        sent: int | None = None,
+        elapsed: float | None = None,
+        around: Sequence[Obstacle] = (),
     ) -> Verdict:
         """What may be sent of targets that a policy wants.
 
@@ -115,6 +132,8 @@ class ActionGate:
                 its stop if it had none.
             elapsed: Seconds since the last of them was sent; a period if None, or if it differs from that by no more
                 than the jitter.
+            around: What moves beside this arm, and keeps clear of where this arm can be by what has passed so far: what
+                ``occupied`` says of other gates that were given what it says of this one. It is no part of the scene.
 
         Raises:
             InvalidRequest: other shapes, no numbers, or more rows sent than there were. Nothing is decided then, and
@@ -124,11 +143,15 @@ class ActionGate:
         if measured.shape != (self.robot.n,):
             raise InvalidRequest("q", measured.shape, f"{self.robot.n} joint values")
         wanted = self._chunk(chunk)
+        beside = self._beside(items("around", around, Obstacle, "a list of Obstacles"))
         now = self._advanced(measured, sent, elapsed)
         self.counts.chunks += 1
         if self._lost:
             return self._passed(self._held(now, Refused(Kind.TRACKING, 0, self._lost)))
-        return self._passed(self._decided(now, wanted))
+        verdict = self._decided(now, wanted, beside)
+        if self.repair and verdict.refused is not None and verdict.refused.kind in (Kind.CONTACT, Kind.STOP):
+            verdict = self._repaired(now, wanted, verdict, beside)
+        return self._passed(verdict)
 
     def update(self, scene: Scene, *, sent: int | None = None, elapsed: float | None = None) -> Verdict:
         """Take a changed scene: what is left to send of the last verdict is proven anew, or as much of it as is free.
@@ -143,19 +166,51 @@ class ActionGate:
             InvalidRequest: no Scene.
         """
         certifier = self._new_certifier(instance("scene", scene, Scene, "a Scene"))
-        service = self.service.with_scene(scene)
         if self._came is None:
-            self.certifier, self.service = certifier, service
+            self.certifier, self._scene = certifier, scene
             return Verdict(self._nothing, self._nothing, None)
         now = self._advanced(None, sent, elapsed)
-        self.certifier, self.service = certifier, service
+        self.certifier, self._scene = certifier, scene
         if self._lost:
             return self._passed(self._held(now, Refused(Kind.TRACKING, 0, self._lost)))
-        here = self._certified(*self._whereabouts)  # where the arm may still be
+        here = certifier.certify_tubes(*self._whereabouts, padding=self.padding)  # where the arm may still be
         if here.pair is not None:
             refused = replace(self._contact(here), kind=Kind.SCENE, index=0, time=0.0)
             return self._passed(self._held(now, refused, here.distances))
-        return self._passed(self._decided(now, self._pending[: self._left]))
+        return self._passed(self._decided(now, self._pending[: self._left], certifier))
+
+    def occupied(self, name: str, base: Pose | None = None) -> Obstacle:
+        """Where the arm can be, from now until it comes to rest, by what has passed: for gates of arms beside it.
+
+        Boxes around each of its pieces, which hold until the next ``check`` or ``update``, whatever is sent till then
+        of the rows of the last verdict. For two arms, each with a service of its own::
+
+            left_verdict = left.check(q_left, chunk_left, around=[right.occupied("right arm", right_base)])
+            right_verdict = right.check(q_right, chunk_right, around=[left.occupied("left arm", left_base)])
+
+        Args:
+            name: Of the obstacle.
+            base: The pose of this arm's base in the base frame of the arm for which that is an obstacle; the same if
+                None.
+
+        Raises:
+            InvalidRequest: no pose, an unusable name, or nothing is known yet of where the arm is: before the first
+                check after a reset without a target.
+        """
+        pose = instance("base", Pose() if base is None else base, Pose, "a Pose, or None")
+        if self._came is None:
+            raise InvalidRequest("name", name, "a gate that has checked, or was reset with a target", message=UNKNOWN)
+        now = self._now
+        course = self._course(now, self._pending)
+        silent = now.place[None], (now.place if self._target is None else self._target)[None], now.radius[None]
+        sent = course.places[:-1], self._pending, course.radii[:-1]
+        rows = [np.concatenate(each) for each in zip(silent, sent, strict=True)]
+        edges = rows[0], rows[1], rows[2] + self._error
+        tube = (np.concatenate(each) for each in zip(self._whereabouts, edges, strict=True))
+        boxes = self.certifier.tube_boxes(*tube)
+        sizes, centres = boxes[:, 1] - boxes[:, 0], boxes.mean(axis=1)
+        parts = [(Box(tuple(size)), Pose(tuple(at))) for size, at in zip(sizes.tolist(), centres.tolist(), strict=True)]
+        return Obstacle(name, Compound(tuple(parts)), pose)
 
     def reset(self, target: ArrayLike | None = None) -> None:
         """Begin anew with an arm that stands still, after tracking was lost, or when others have moved it.
@@ -176,8 +231,17 @@ class ActionGate:
         if target is not None:
             self._target = finite_numbers("target", target, self.robot.n)
             self._came = Setpoint.at_rest(self._target, np.zeros(self.robot.n))
+        if self._came is not None:
+            self._now, self._whereabouts = self._came, self._around(self._came, 0.0)
         self._pending, self._left = self._nothing, 0  # rows that may be sent, and how many of them are no brakes
         self._lost = ""
+
+    @property
+    def service(self) -> PlannerService:
+        """Plans in the scene as it is known by now."""
+        if self._service.scene is not self._scene:
+            self._service = self._service.with_scene(self._scene)
+        return self._service
 
     # -- where the setpoint is --------------------------------------------------------------------
 
@@ -201,9 +265,10 @@ class ActionGate:
         self._whereabouts = self._around(self._came, waited)
         if measured is not None and not self._lost and not self._whereabouts.holds(measured):
             self._lost = self._astray(measured)
-        if self._target is None:
-            return self._came
-        return self._came.after(self._target, self.tracking.shares(waited), self.tracking.goal_time)
+        self._now = self._came
+        if self._target is not None:
+            self._now = self._came.after(self._target, self.tracking.shares(waited), self.tracking.goal_time)
+        return self._now
 
     def _send(self, came: Setpoint, targets: FloatArray) -> None:
         """Follow targets (k, n) that were sent in time, and keep what of their ways matters for an arm that lags."""
@@ -253,6 +318,7 @@ class ActionGate:
         counts.accepted += verdict.accepted
         counts.bounds += verdict.bounds
         counts.slowed += verdict.speed < 1.0
+        counts.repaired += verdict.repaired
         if verdict.refused is not None:
             kind = verdict.refused.kind.value
             counts.refused[kind] = counts.refused.get(kind, 0) + 1
@@ -263,7 +329,7 @@ class ActionGate:
 
     # -- decisions --------------------------------------------------------------------------------
 
-    def _decided(self, now: Setpoint, wanted: FloatArray) -> Verdict:
+    def _decided(self, now: Setpoint, wanted: FloatArray, by: Certifier) -> Verdict:
         beyond, speed = self.limits.beyond(wanted), 1.0
         targets = wanted = wanted if beyond is None else wanted[: beyond.index]
         course = self._course(now, targets)
@@ -274,14 +340,14 @@ class ActionGate:
             refused = self.limits.objection(course, targets)
         refused = beyond if refused is None else refused
         passing = len(targets) if refused is None else refused.index
-        proof = self._proof(course, targets[:passing])
+        proof = self._proof(course, targets[:passing], by)
         bounds = proof.distances
         if proof.pair is not None:
             passing, refused = proof.free, self._contact(proof)
         for back in (*(each for each in TRIES if each < passing), passing):
             start = course.at(passing - back)
             rows = self.limits.braking(start)
-            found = None if rows is None else self._stop_proof(start, rows)
+            found = None if rows is None else self._stop_proof(start, rows, by)
             bounds += 0 if found is None else found.distances
             if rows is not None and found is not None and found.pair is None:
                 refused = self._no_stop(passing - back, refused) if back else refused
@@ -289,28 +355,37 @@ class ActionGate:
         refused = self._no_stop(0, refused)
         last = now.place if self._target is None else self._target
         for rows in (self._pending, last[None].copy()):
-            found = self._stop_proof(now, rows) if len(rows) else None
+            found = self._stop_proof(now, rows, self.certifier) if len(rows) else None  # what is around keeps clear
             bounds += 0 if found is None else found.distances
             if found is not None and found.pair is None:
                 return Verdict(self._nothing, read_only(rows.copy()), refused, bounds=bounds)
         return self._held(now, refused, bounds)
 
+    def _repaired(self, now: Setpoint, wanted: FloatArray, verdict: Verdict, by: Certifier) -> Verdict:
+        """What passes of a chunk, its stop, and a plan from there to its end; the verdict if none passes."""
+        if self.limits.beyond(wanted[-1:]) is not None:
+            return verdict
+        bounds = verdict.bounds
+        for rows in ways_round(self.service, verdict.rows[-1], wanted[-1], self.rate, self._acceleration_scale):
+            found = self._decided(now, np.concatenate([verdict.rows, rows]), by)
+            bounds += found.bounds
+            if found.refused is None:
+                return replace(found, refused=verdict.refused, repaired=True, bounds=bounds)
+        return replace(verdict, bounds=bounds)
+
     def _course(self, now: Setpoint, targets: FloatArray) -> Course:
         return now.course(targets, self._shares, self.tracking.goal_time)
 
-    def _stop_proof(self, now: Setpoint, rows: FloatArray) -> TubeProof | None:
+    def _stop_proof(self, now: Setpoint, rows: FloatArray, by: Certifier) -> TubeProof | None:
         """The proof of rows that brake, from where the setpoint is; none if they are outside the joint limits."""
         if not self.limits.inside(rows):
             return None
-        return self._proof(self._course(now, rows), rows)
+        return self._proof(self._course(now, rows), rows, by)
 
-    def _proof(self, course: Course, targets: FloatArray) -> TubeProof:
+    def _proof(self, course: Course, targets: FloatArray, by: Certifier) -> TubeProof:
         """How many of the ways to targets (k, n) are free, from the first on, with what may be beside them."""
         k = len(targets)
-        return self._certified(course.places[:k], targets, course.radii[:k] + self._error)
-
-    def _certified(self, starts: FloatArray, ends: FloatArray, rooms: FloatArray) -> TubeProof:
-        return self.certifier.certify_tubes(starts, ends, rooms, padding=self.padding)
+        return by.certify_tubes(course.places[:k], targets, course.radii[:k] + self._error, padding=self.padding)
 
     def _contact(self, proof: TubeProof) -> Refused:
         assert proof.pair is not None
@@ -359,8 +434,14 @@ class ActionGate:
             raise InvalidRequest("chunk", rows.shape, expected)
         return rows
 
+    def _beside(self, around: Sequence[Obstacle]) -> Certifier:
+        """What proves motions beside others."""
+        if not around:
+            return self.certifier
+        return self._new_certifier(replace(self._scene, obstacles=(*self._scene.obstacles, *around)))
+
     def _new_certifier(self, scene: Scene) -> Certifier:
-        return Certifier(self.robot, scene, allowed=self.service.allowed)
+        return Certifier(self.robot, scene, allowed=self._service.allowed)
 
 
 def _along(line: FloatArray, share: float) -> FloatArray:

@@ -79,6 +79,14 @@ class Prover:
         nearer: float,
         /,
     ) -> tuple[int, float, int, float, bool]: ...
+    def boxes(
+        self,
+        starts: NDArray[np.float64],
+        ends: NDArray[np.float64],
+        room: NDArray[np.float64],
+        out: NDArray[np.float64],
+        /,
+    ) -> None: ...
     def clearances(self, Q: NDArray[np.float64], out: NDArray[np.float64], /) -> None: ...
     def near(self, Q: NDArray[np.float64], pairs: NDArray[np.int64], within: float, /) -> bytes: ...
     def stretch(

@@ -216,11 +216,8 @@ class Prover {
     // Straight edges between rows, with room for each joint, until one is not free: how many are, the bounds that were asked, and of
     // the next one pair, s and whether it collides.
     nb::tuple tubes(const Rows& starts, const Rows& ends, const Rows& room, double enough, double nearer) const {
-        const std::size_t n = static_cast<std::size_t>(model_.dof), count = starts.shape(0);
-        for (const auto* rows : {&starts, &ends, &room}) {
-            require(rows->shape(0) == count && rows->shape(1) == n, "configurations of another robot");
-            require_finite(*rows);
-        }
+        require_alike(starts, ends, room);
+        const std::size_t count = starts.shape(0);
         Tubes tubes(model_, *variant_, count, starts.data(), ends.data(), room.data(), enough, nearer);
         std::size_t free = 0;
         {
@@ -229,6 +226,16 @@ class Prover {
         }
         const EdgeResult& found = tubes.found();
         return nb::make_tuple(free, tubes.asked(), free < count ? found.pair : -1, found.s, found.verdict == Verdict::colliding);
+    }
+
+    // Boxes that pieces do not leave on straight edges with room, six numbers each, into ``out``.
+    void boxes(const Rows& starts, const Rows& ends, const Rows& room,
+               const nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>& out) const {
+        require_alike(starts, ends, room);
+        require(starts.shape(0) > 0 && out.shape(0) <= model_.riding && out.shape(1) == 6, "a box for each piece");
+        nb::gil_scoped_release release;
+        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), 0.0, 0.0);
+        tubes.boxes(out.shape(0), out.data());
     }
 
     // Lower bounds of the smallest gap at each row of Q, into ``out``.
@@ -296,6 +303,14 @@ class Prover {
     std::vector<int> roots_;
     std::vector<std::vector<int>> tops_;  // of each tree the members that are in no bundle
     std::vector<double> limits_;  // the lower ones, then the upper ones
+
+    void require_alike(const Rows& starts, const Rows& ends, const Rows& room) const {
+        for (const auto* rows : {&starts, &ends, &room}) {
+            require(rows->shape(0) == starts.shape(0) && rows->shape(1) == static_cast<std::size_t>(model_.dof),
+                    "configurations of another robot");
+            require_finite(*rows);
+        }
+    }
 
     bool read(nb::handle q, double slack, double* out) const {
         const auto n = static_cast<std::size_t>(model_.dof);
@@ -680,6 +695,7 @@ NB_MODULE(_proof, m) {
              nb::arg("walked").none())
         .def("edge", &Prover::edge)
         .def("tubes", &Prover::tubes)
+        .def("boxes", &Prover::boxes)
         .def("clearances", &Prover::clearances)
         .def("near", &Prover::near)
         .def("stretch", &Prover::stretch);

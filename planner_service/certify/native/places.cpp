@@ -298,6 +298,24 @@ double Places::motion_about(const Pair& pair) {
     return out;
 }
 
+void Places::box_about(std::size_t piece, double* out) {
+    const Solid& solid = model_.solid(static_cast<int>(piece));
+    const double *P = pose(piece, about_node_), moved = motions_about(piece)[model_.riders[piece].count];
+    for (std::size_t i = 0; i < 3; ++i) {
+        const double u = P[4 * i], v = P[4 * i + 1], w = P[4 * i + 2];
+        double low, high;
+        if (solid.hull != nullptr) {
+            low = variant_.height(*solid.hull, -u, -v, -w);
+            high = variant_.height(*solid.hull, u, v, w);
+        } else {
+            low = high = std::fabs(u) * solid.half[0] + std::fabs(v) * solid.half[1] + std::fabs(w) * solid.half[2] +
+                         solid.disc * std::sqrt(u * u + v * v) + solid.ball;
+        }
+        out[i] = P[4 * i + 3] - low - moved;
+        out[3 + i] = P[4 * i + 3] + high + moved;
+    }
+}
+
 void Places::begin_stretches(std::size_t count) {
     moved_.assign(count * model_.riding, -1);
     motions_.clear();

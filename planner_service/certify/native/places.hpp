@@ -67,6 +67,8 @@ class Places {
     double motion_about(const Pair& pair);
     // The same of the room alone.
     double room_motion(const Pair& pair, std::size_t node);
+    // The box along the axes of the base frame that a riding piece does not leave meanwhile: low corner and high corner.
+    void box_about(std::size_t piece, double* out);
     // Whether their bounding spheres are farther apart there than they move, and than ``enough``.
     bool spheres_clear(const Pair& pair, double enough);
 

@@ -35,8 +35,8 @@ std::size_t Tubes::free(std::size_t first, std::size_t last, const std::vector<i
     return found < half - first ? found : found + free(half, last, open);
 }
 
-// Pairs that are not far enough apart in the middle of some edges.
-std::vector<int> Tubes::left(std::size_t first, std::size_t last, std::vector<int> pairs) {
+// Everything in the middle of some edges, with what it takes to get from there to whatever is on them or beside them.
+void Tubes::stand_amid(std::size_t first, std::size_t last) {
     for (std::size_t j = 0; j < n_; ++j) {
         double low = starts_[n_ * first + j], high = low, room = 0.0;
         for (std::size_t k = first; k < last; ++k) {
@@ -52,6 +52,25 @@ std::vector<int> Tubes::left(std::size_t first, std::size_t last, std::vector<in
     places_.leave_room(beside_.data());
     places_.add(0.0, middle_.data(), still_.data());
     places_.begin_about(0, reach_.data());
+}
+
+void Tubes::boxes(std::size_t pieces, double* out) {
+    for (std::size_t k = 0; k < count_; ++k) {
+        stand_amid(k, k + 1);
+        for (std::size_t piece = 0; piece < pieces; ++piece) {
+            double box[6], *all = out + 6 * piece;
+            places_.box_about(piece, box);
+            for (std::size_t i = 0; i < 3; ++i) {
+                all[i] = k == 0 ? box[i] : std::min(all[i], box[i]);
+                all[3 + i] = k == 0 ? box[3 + i] : std::max(all[3 + i], box[3 + i]);
+            }
+        }
+    }
+}
+
+// Pairs that are not far enough apart in the middle of some edges.
+std::vector<int> Tubes::left(std::size_t first, std::size_t last, std::vector<int> pairs) {
+    stand_amid(first, last);
     std::vector<int> open;
     for (std::size_t k = 0; k < pairs.size(); ++k) {  // those of bundles are added at the end
         const Pair pair = model_.pair(pairs[k]);

@@ -17,6 +17,9 @@ class Tubes {
 
     // How many edges are free before the first that is not.
     std::size_t run(const std::vector<int>& roots);
+    // Boxes along the axes of the base frame that the first riding pieces do not leave anywhere on the edges or beside them, six
+    // numbers each.
+    void boxes(std::size_t pieces, double* out);
     // Of that one.
     const EdgeResult& found() const { return found_; }
     double asked() const { return asked_; }
@@ -35,6 +38,7 @@ class Tubes {
     std::size_t free(std::size_t first, std::size_t last, const std::vector<int>& pairs);
     bool edge(std::size_t k, const std::vector<int>& pairs);
     std::vector<int> left(std::size_t first, std::size_t last, std::vector<int> pairs);
+    void stand_amid(std::size_t first, std::size_t last);
 };
 
 }  // namespace proof

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from planner_service.certify import MARGIN, Certifier
 from planner_service.certify.certifier import TubeProof
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
-from planner_service.scene.scene import Scene
+from planner_service.geometry.shapes import Pose, Sphere
+from planner_service.scene.scene import Obstacle, Scene
 from tests.support.backends import case, edges_of
 from tests.unit.certify.test_certifier import PLANAR, RIM, SWEEP, ball_beyond
 
@@ -44,6 +46,34 @@ def test_room_that_leads_to_contact_is_refused_and_half_of_it_is_free() -> None:
     assert 0.1 < low < 0.3
     for side in (1.01, 0.5):
         assert tube(scene, [STILL[0], STILL[0]], [side * low, 0.0]).free == (side < 1.0)
+
+
+@pytest.mark.parametrize("edges", [1, 2, 16])
+def test_the_least_room_that_leads_to_contact_is_refused_wherever_on_the_way(edges: int) -> None:
+    """A bent arm sweeps past a ball somewhere on its way, which it touches once its elbow is less bent."""
+    rng, free, cases = np.random.default_rng(17), 0, 120
+    sweep = np.linspace(-0.5, 0.5, 61)
+    for _ in range(cases):
+        bent, angle = rng.uniform(0.6, 2.0), rng.uniform(-0.5, 1.0)
+        far = rng.uniform(1.2, 2.1)
+        scene = Scene((Obstacle("ball", Sphere(0.05), Pose((far * math.cos(angle), far * math.sin(angle), 0.0))),))
+        checker = CollisionChecker(PLANAR, scene)
+        low, high = 0.0, 0.5
+
+        def clear(room: float, checker: CollisionChecker = checker, bent: float = bent) -> bool:
+            return all(checker.state_is_free([q, bent + side * room]) for q in sweep for side in (-1.0, 1.0))
+
+        if clear(high) or not clear(low):
+            continue
+        for _ in range(7):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if clear(middle) else (low, middle)
+        line = np.column_stack([np.linspace(-0.5, 0.5, edges + 1), np.full(edges + 1, bent)])
+        line = line[:: rng.choice([-1, 1])]
+        ways = np.stack([line[:-1], line[1:]], axis=1)
+        assert tube(scene, ways, [0.0, high]).free < edges
+        free += tube(scene, ways, [0.0, 0.5 * low]).free == edges
+    assert free > 5
 
 
 @pytest.mark.parametrize("name", ["wxai bin", "wxai clutter", "panda shelf"])
