@@ -43,6 +43,7 @@ __all__ = [
     "Stand",
     "View",
     "bounds",
+    "floor",
     "picture",
     "tool_path",
 ]
@@ -164,7 +165,7 @@ def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
         (*robots[0], *(o for o in obstacles if o.name not in touching)),
         (*_ghosts(view, robots), *((o,) for o in red)),
         lines,
-        () if any(is_ground(solid.vertices) for solid in obstacles) else _floor(sights.points),
+        () if any(is_ground(solid.vertices) for solid in obstacles) else floor(sights.points),
     )
     inner = (size[0], size[1] - CAPTION)
     camera = sights.camera(inner)
@@ -218,7 +219,7 @@ def _ghosts(view: View, robots: Sequence[Sequence[Solid]]) -> list[tuple[Solid, 
     return [group for group in out if group]
 
 
-def _floor(points: FloatArray) -> tuple[Line, ...]:
+def floor(points: FloatArray) -> tuple[Line, ...]:
     """A grid beneath points (k, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     cell = next(size for size in CELLS if float(np.max(high - low)) <= MOST_CELLS * size or size == CELLS[-1])
