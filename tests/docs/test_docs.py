@@ -40,6 +40,7 @@ from planner_service.robot import toml_reader as robot_file
 from planner_service.robot import urdf_reader as urdf
 from planner_service.scene import moveit_scene, scene
 from planner_service.scene import toml_reader as scene_file
+from tests.support.chromium import executable, headless, new_window
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -48,12 +49,16 @@ RUN_HERE = (
     *(f"docs/tutorial/{name}.md" for name in ("first-plan", "pick-and-place", "your-own-robot")),
     *(f"docs/guides/{name}.md" for name in ("choosing-a-planner", "robots-and-scenes", "roadmaps", "optimisation")),
     *(f"docs/guides/{name}.md" for name in ("tool-motions", "constraints", "replanning", "when-there-is-no-plan")),
+    *(f"docs/guides/{name}.md" for name in ("start-in-collision", "coming-from", "depth-camera", "palletising")),
     *("docs/guides/proofs-for-others.md", "docs/guides/exporting.md", "docs/reference/command-line.md"),
     *(f"docs/explanation/{name}.md" for name in ("concepts", "counting", "timing", "how-it-works", "background")),
 )
 """Pages whose Python and commands are run below; other pages are with the tests of what they are about."""
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+NARROW = 390
+"""Pixels: the width of a telephone."""
+
 SECONDS = re.compile(r" +(?:in )?[\d.,]+(?: s)?$")
 """What a line of a command's table ends with."""
 
@@ -171,6 +176,28 @@ def test_the_reference_has_every_public_name_once(site: dict[Path, Page]) -> Non
     public = {f"planner_service.{name}" for name in planner_service.__all__}
     pages = [page for path, page in site.items() if path.parent.name == "reference"]
     assert sorted(place for page in pages for place in page.ids if place in public) == sorted(public)
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+@pytest.mark.skipif(executable() is None, reason="needs Chromium")
+def test_code_stays_in_its_block_and_pages_on_a_narrow_screen(site: dict[Path, Page]) -> None:
+    measured = """[document.documentElement.scrollWidth, ...[...document.querySelectorAll("pre > code")]
+                   .map(code => [code.scrollWidth - code.clientWidth, code.innerText])]"""
+    with headless() as browser:
+        window = new_window(browser, viewport={"width": NARROW, "height": 800})
+        for path in site:
+            window.goto(path.as_uri())
+            wide, *blocks = window.evaluate(measured)
+            assert (path.name, wide, [text for over, text in blocks if over > 0]) == (path.name, NARROW, [])
+
+
+def test_the_figures_of_the_first_page_are_among_all_figures() -> None:
+    home, figures = ((DOCS / name).read_text(encoding="utf-8") for name in ("index.md", "figures/measured.md"))
+    shown = home.split('<div class="figures">')[1].split("<p>")[0]
+    numbers = re.findall(r"\d[\d,.]*\d", shown)
+    assert len(numbers) >= 8
+    assert [each for each in numbers if not re.search(rf"(?<![\d.,]){re.escape(each)}(?!\d)", figures)] == []
 
 
 CAPS: dict[str, tuple[int, ...]] = {
