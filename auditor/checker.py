@@ -115,10 +115,8 @@ class IndependentChecker:
         np.add.at(self.reach, self._leaders, np.abs(self._times) * self._reaches())
         self._data = self.model.createData()
         self._axes = [np.zeros(6), *(self._data.joints[k].S.ravel() for k in range(1, self.model.njoints))]
-        self._geometry_data = pin.GeometryData(self.geometry)
-        for request in self._geometry_data.collisionRequests:
-            request.security_margin = NEAR
-        self._manager = pin.BroadPhaseManager_NaiveCollisionManager(self.model, self.geometry, self._geometry_data)
+        self._geometry_data, self._manager = self._within(NEAR)
+        self._nearer: dict[float, tuple[Any, Any]] = {}
 
     def tool_pose(self, q: ArrayLike) -> FloatArray:
         """Pose of the tool frame in the base frame at q (n,), shape (4, 4)."""
@@ -166,6 +164,12 @@ class IndependentChecker:
         if not pin.computeCollisions(self.model, self._data, self._manager, x, True):
             return True
         return all(distance > 0.0 for distance in self._near(x))
+
+    def nearer(self, q: ArrayLike, margin: float) -> bool:
+        """Whether two that are judged are nearer than so many metres at q (n,), to a micrometre or so; limits aside."""
+        if margin not in self._nearer:
+            self._nearer[margin] = self._within(margin)
+        return bool(pin.computeCollisions(self.model, self._data, self._nearer[margin][1], self._whole(q), True))
 
     def touch(self, q: ArrayLike) -> Touch | None:
         """A pair that touches at q (n,), None when q is free."""
@@ -309,6 +313,13 @@ class IndependentChecker:
                     self.geometry.addCollisionPair(pin.CollisionPair(i, j))
         for pair in self.geometry.collisionPairs:
             self.pairs.append((self.owners[pair.first], self.owners[pair.second]))
+
+    def _within(self, margin: float) -> tuple[Any, Any]:
+        """What Coal is asked with whether anything is nearer than a margin, and the manager that asks."""
+        data = pin.GeometryData(self.geometry)
+        for request in data.collisionRequests:
+            request.security_margin = margin
+        return data, pin.BroadPhaseManager_NaiveCollisionManager(self.model, self.geometry, data)
 
     def _near(self, x: FloatArray) -> Iterator[float]:
         """Signed distances of the pairs that are nearer than ``NEAR``."""

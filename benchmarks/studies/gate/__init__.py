@@ -1,0 +1,27 @@
+"""The gate between a policy and an arm: attacked, measured, and tried on the simulated arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from benchmarks.harness.report import Report, merged
+from benchmarks.studies.gate import chunks
+
+__all__ = ["run"]
+
+PARTS: dict[str, Callable[[int | None, int, str | None], Report]] = {
+    "chunks": chunks.run,
+    "planted": chunks.planted,
+}
+
+
+def run(part: str | None = None, queries: int | None = None, seed: int = 0, robot: str | None = None) -> Report:
+    """Take a part, or all.
+
+    Args:
+        part: One of ``PARTS``.
+        queries: Chunks, or checks, of a part; as many as show what it promises if None.
+        seed: Of what is drawn.
+        robot: The only one to look at; all if None.
+    """
+    return merged("gate", [PARTS[name](queries, seed, robot) for name in PARTS if part in (None, name)])
