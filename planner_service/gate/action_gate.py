@@ -170,7 +170,7 @@ class ActionGate:
             self.certifier, self._scene = certifier, scene
             return Verdict(self._nothing, self._nothing, None)
         now = self._advanced(None, sent, elapsed)
-        self.certifier, self._scene = certifier, scene
+        self.certifier, self._scene, self._proven = certifier, scene, False
         if self._lost:
             return self._passed(self._held(now, Refused(Kind.TRACKING, 0, self._lost)))
         here = certifier.certify_tubes(*self._whereabouts, padding=self.padding)  # where the arm may still be
@@ -228,11 +228,13 @@ class ActionGate:
             tuple[float, FloatArray, FloatArray, FloatArray]
         ] = []  # edges before that, and when they ended
         self._clock = 0.0  # seconds for which targets have been sent, at least
+        self._waited = 0.0  # seconds from the last target to the last check
         if target is not None:
             self._target = finite_numbers("target", target, self.robot.n)
             self._came = Setpoint.at_rest(self._target, np.zeros(self.robot.n))
         if self._came is not None:
             self._now, self._whereabouts = self._came, self._around(self._came, 0.0)
+        self._proven = self._pending_proven = False  # whether the way to that target is, in this scene, and to the rows
         self._pending, self._left = self._nothing, 0  # rows that may be sent, and how many of them are no brakes
         self._lost = ""
 
@@ -262,6 +264,7 @@ class ActionGate:
         if rows > 0:
             self._send(self._came, self._pending[:rows])
             self._pending, self._left = self._pending[rows:], max(0, self._left - rows)
+        self._waited = waited
         self._whereabouts = self._around(self._came, waited)
         if measured is not None and not self._lost and not self._whereabouts.holds(measured):
             self._lost = self._astray(measured)
@@ -271,17 +274,25 @@ class ActionGate:
         return self._now
 
     def _send(self, came: Setpoint, targets: FloatArray) -> None:
-        """Follow targets (k, n) that were sent in time, and keep what of their ways matters for an arm that lags."""
-        begun = targets[:-1] if self._target is None else np.concatenate([self._target[None], targets[:-1]])
-        course = self._course(came, begun)
-        self._came, self._target = course.at(len(begun)), targets[-1]
+        """Follow targets (k, n): the first was sent at the last check, the others in time after it.
+
+        Of the ways before that what matters for an arm that lags is kept.
+        """
+        if self._target is not None:
+            self._pass(self._target, came, self._waited)
+        course = self._course(self._now, targets[:-1])
+        for k, target in enumerate(targets[:-1]):
+            self._pass(target, course.at(k), 1.0 / self.rate)
+        self._trail = [edge for edge in self._trail if edge[0] > self._clock - self.tracking.lag]
+        self._came, self._target = course.at(len(targets) - 1), targets[-1]
+        self._proven = self._pending_proven
+
+    def _pass(self, target: FloatArray, came: Setpoint, waited: float) -> None:
+        """Remember the way towards a target as far as it went until the next one came."""
         if self.tracking.lag > 0.0:
-            least = max(1.0 / self.rate - self.tracking.jitter, 0.0)
-            starts, ends = course.places[:-1], course.places[:-1] + self._shares[1] * (begun - course.places[:-1])
-            for edge in zip(starts, ends, course.radii, strict=False):
-                self._clock += least
-                self._trail.append((self._clock, *edge))
-            self._trail = [edge for edge in self._trail if edge[0] > self._clock - self.tracking.lag]
+            self._clock += max(waited - self.tracking.jitter, 0.0)
+            end = came.place + self.tracking.shares(waited)[1] * (target - came.place)
+            self._trail.append((self._clock, came.place, end, came.radius))
 
     def _around(self, came: Setpoint, waited: float) -> Whereabouts:
         """Where the arm can be so long after the last target came."""
@@ -313,7 +324,7 @@ class ActionGate:
 
     def _passed(self, verdict: Verdict) -> Verdict:
         """Remember and count what is decided."""
-        self._pending, self._left = verdict.rows, len(verdict.targets)
+        self._pending, self._left, self._pending_proven = verdict.rows, len(verdict.targets), verdict.proven
         counts = self.counts
         counts.accepted += verdict.accepted
         counts.bounds += verdict.bounds
@@ -355,6 +366,8 @@ class ActionGate:
         refused = self._no_stop(0, refused)
         last = now.place if self._target is None else self._target
         for rows in (self._pending, last[None].copy()):
+            if rows is not self._pending and self._proven:  # the rest of a way that is proven to its end
+                return Verdict(self._nothing, read_only(rows), refused, bounds=bounds)
             found = self._stop_proof(now, rows, self.certifier) if len(rows) else None  # what is around keeps clear
             bounds += 0 if found is None else found.distances
             if found is not None and found.pair is None:

@@ -24,8 +24,8 @@ START = np.array([-0.5, 0.0])
 STEP = np.array([0.01, 0.0])
 
 
-def gate_of(scene: Scene, **options: Any) -> ActionGate:
-    return ActionGate(PlannerService(PLANAR, scene), rate=RATE, tracking=TRACKING, **options)
+def gate_of(scene: Scene, tracking: Tracking = TRACKING, **options: Any) -> ActionGate:
+    return ActionGate(PlannerService(PLANAR, scene), rate=RATE, tracking=tracking, **options)
 
 
 def ramp(count: int, start: FloatArray = START, step: FloatArray = STEP) -> FloatArray:
@@ -35,16 +35,19 @@ def ramp(count: int, start: FloatArray = START, step: FloatArray = STEP) -> Floa
 
 
 def colliding(gate: ActionGate, start: FloatArray, rows: FloatArray, draws: int, seed: int) -> int:
-    """At how many of the configurations that a simulated arm passes something touches; each run draws its latencies."""
+    """At how many of the configurations that a simulated arm passes something touches; each run draws its latencies.
+
+    Its joints are as far off as they may be.
+    """
     checker = CollisionChecker(gate.robot, gate.service.scene, edge_step=JointStep(0.002))
-    rng, error = np.random.default_rng(seed), TRACKING.of(gate.robot.n)
-    setpoint = start + error * rng.uniform(-1.0, 1.0, (draws, gate.robot.n))
+    rng, tracking, n = np.random.default_rng(seed), gate.tracking, gate.robot.n
+    setpoint = start + tracking.of(n) * rng.uniform(-1.0, 1.0, (draws, n))
     touching = 0
     for target in rows:
         for share in (0.3, 1.0):
-            wait = 1.0 / RATE + TRACKING.jitter * rng.uniform(-1.0, 1.0, (draws, 1))
-            now = setpoint + np.minimum(share * wait / TRACKING.goal_time, 1.0) * (target - setpoint)
-            arm = now + error * rng.uniform(-1.0, 1.0, now.shape)
+            wait = 1.0 / RATE + tracking.jitter * rng.uniform(-1.0, 1.0, (draws, 1))
+            now = setpoint + np.minimum(share * wait / tracking.goal_time, 1.0) * (target - setpoint)
+            arm = now + tracking.of(n) * rng.choice([-1.0, 1.0], now.shape)
             touching += sum(not checker.state_is_free(q) for q in np.clip(arm, *gate.robot.bounds))
         setpoint = now
     return touching
@@ -61,8 +64,9 @@ def test_a_free_chunk_passes_as_it_is_with_a_stop_behind_it() -> None:
     np.testing.assert_array_equal(verdict.rows, np.concatenate([chunk, verdict.stop]))
 
 
-def test_a_chunk_into_an_obstacle_passes_in_part_and_what_passes_touches_nothing() -> None:
-    gate = gate_of(ball_beyond(-0.05))
+@pytest.mark.parametrize("error", [0.0, 0.002, 0.05])
+def test_a_chunk_into_an_obstacle_passes_in_part_and_what_passes_touches_nothing(error: float) -> None:
+    gate = gate_of(ball_beyond(-0.05), replace(TRACKING, error=error))
     verdict = gate.check(START, ramp(90))
     assert verdict.refused is not None
     assert verdict.refused.kind in (Kind.CONTACT, Kind.STOP)
@@ -72,6 +76,47 @@ def test_a_chunk_into_an_obstacle_passes_in_part_and_what_passes_touches_nothing
     assert verdict.refused.index == verdict.accepted
     assert verdict.refused.time == pytest.approx(verdict.accepted / RATE)
     assert colliding(gate, START, verdict.rows, draws=20, seed=1) == 0
+
+
+def touching_angle(scene: Scene) -> float:
+    """Of the shoulder of an outstretched arm that comes from below."""
+    checker, low, high = CollisionChecker(PLANAR, scene), -0.5, 0.123
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if checker.state_is_free([middle, 0.0]) else (low, middle)
+    return low
+
+
+def test_who_comes_early_may_still_go_where_the_last_target_was() -> None:
+    """However close an obstacle is beside that way: it was proven to its end, nothing coming after it."""
+    early, way = 0.45 / RATE, np.array([0.06, 0.0])
+    start = np.array([0.123, 0.0]) - early / TRACKING.goal_time * way
+    tracking, low, high = replace(TRACKING, error=np.array([0.0, 0.02])), 0.0, 0.2
+
+    def passed(gap: float) -> tuple[ActionGate, bool]:
+        gate = gate_of(ball_beyond(gap), tracking, acceleration_scale=10.0)
+        gate.reset(start)
+        return gate, gate.check(start, start + way).ok
+
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if passed(middle)[1] else (middle, high)
+    gate, ok = passed(high)
+    assert ok
+    verdict = gate.check(start + early / TRACKING.goal_time * way, start + 9.0, elapsed=early)
+    assert (verdict.accepted, verdict.proven) == (0, True)
+    np.testing.assert_array_equal(verdict.rows, (start + way)[None])
+
+
+def test_an_arm_that_is_measured_at_rest_may_have_been_sent_a_bit_beside_that() -> None:
+    """So much may be between what is measured and its setpoint, and as much between that and the arm later."""
+    scene, error = ball_beyond(-0.05), 0.05
+    near = touching_angle(scene)
+    for away, known, passes in ((1.5, False, False), (1.5, True, True), (2.5, False, True), (0.5, True, False)):
+        start = np.array([near - away * error, 0.0])
+        gate = gate_of(scene, replace(TRACKING, error=np.array([error, 0.0])))
+        gate.reset(start if known else None)
+        assert gate.check(start, start).ok == passes
 
 
 def test_the_stop_keeps_the_limits_of_speed_and_acceleration_and_ends_at_rest() -> None:
