@@ -3,7 +3,8 @@
 ``execute`` is here and not in ``planner_service`` itself, where a function of that name would hide this package.
 """
 
-from planner_service.execute.driver import ArmLimits, Driver
+from planner_service.execute.driver import ArmLimits, Driver, DriverGroup
+from planner_service.execute.gated_arm import GatedArm
 from planner_service.execute.preconditions import Executable
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
 from planner_service.execute.settings import HARDWARE_SPEED, Streaming
@@ -18,10 +19,12 @@ __all__ = [
     "ArmContact",
     "ArmLimits",
     "Driver",
+    "DriverGroup",
     "Executable",
     "ExecutedMotion",
     "ExecutionReport",
     "ExecutionStopped",
+    "GatedArm",
     "Recording",
     "Rehearsal",
     "SimulatedArm",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -12,7 +14,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import numbers
 
-__all__ = ["ArmLimits", "Driver"]
+__all__ = ["ArmLimits", "Driver", "DriverGroup"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,3 +88,73 @@ class Driver(Protocol):
     def close(self) -> None:
         """Let go of the connection; the arm stays where it is."""
         ...
+
+
+class DriverGroup:
+    """Arms that move as one: joints in the order of their drivers, and of the grippers the first one's.
+
+    Args:
+        drivers: At least one; all simulated, or none.
+
+    Attributes:
+        go: ``go(q, seconds)`` of each, for its part of q; None if one of them has none.
+
+    Raises:
+        InvalidRequest: none, or some of them simulated.
+    """
+
+    def __init__(self, drivers: Sequence[Driver]) -> None:
+        self.drivers = tuple(drivers)
+        if len({driver.simulated for driver in self.drivers}) != 1:
+            raise InvalidRequest("drivers", self.drivers, "at least one, and all of them simulated or none")
+        self.lag: FloatArray = np.concatenate([driver.lag for driver in self.drivers])
+        self._ends = np.cumsum([len(driver.lag) for driver in self.drivers])[:-1]
+        each = [getattr(driver, "go", None) for driver in self.drivers]
+        self.go: Callable[[ArrayLike, float], None] | None = self._go if all(each) else None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether nothing real moves."""
+        return self.drivers[0].simulated
+
+    def limits(self) -> ArmLimits:
+        """See ``Driver``."""
+        limits = [driver.limits() for driver in self.drivers]
+        return ArmLimits(*(np.concatenate([getattr(one, item.name) for one in limits]) for item in fields(ArmLimits)))
+
+    def positions(self) -> FloatArray:
+        """See ``Driver``."""
+        return np.concatenate([driver.positions() for driver in self.drivers])
+
+    def command(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> None:
+        """See ``Driver``."""
+        for driver, *each in zip(self.drivers, *(self.split(values) for values in (q, qd, qdd)), strict=True):
+            driver.command(*each)
+
+    def hold(self, q: ArrayLike) -> None:
+        """See ``Driver``; each arm is told, whatever happens to another."""
+        with ExitStack() as stack:
+            for driver, part in zip(self.drivers, self.split(q), strict=True):
+                stack.callback(driver.hold, part)
+
+    def gripper_width(self) -> float:
+        """See ``Driver``."""
+        return self.drivers[0].gripper_width()
+
+    def move_gripper(self, width: float, seconds: float) -> None:
+        """See ``Driver``."""
+        self.drivers[0].move_gripper(width, seconds)
+
+    def close(self) -> None:
+        """See ``Driver``; each is closed, whatever happens to another."""
+        with ExitStack() as stack:
+            for driver in self.drivers:
+                stack.callback(driver.close)
+
+    def _go(self, q: ArrayLike, seconds: float) -> None:
+        for driver, part in zip(self.drivers, self.split(q), strict=True):
+            driver.go(part, seconds)  # type: ignore[attr-defined]
+
+    def split(self, values: ArrayLike) -> list[FloatArray]:
+        """Values of all joints, for each arm its own."""
+        return np.split(np.asarray(values, dtype=np.float64), self._ends)
