@@ -36,13 +36,13 @@ LENGTH_P50 = 4.8
 """Promised: radians, L2 over the joints."""
 
 
-def rows_in_turn(environments: Sequence[Environment], seeds: int, problems: int | None = None) -> Iterator[Row]:
+def rows_in_turn(environments: Sequence[Environment], seeds: int, only: int | None = None) -> Iterator[Row]:
     """A results row of each planner for each problem and seed; a planner plans while the others wait.
 
     Args:
-        problems: So many of them, spread over the suite; all if None.
+        only: So many problems, spread over the suite; all if None.
     """
-    robot, tasks = tasks_of(SUITE, range(seeds), problems)
+    robot, tasks = tasks_of(SUITE, range(seeds), only)
     by_problem = sorted(tasks, key=lambda task: task.problem.id)  # what a scene needs is made once
     with ExitStack() as stack:
         asked = []
@@ -54,11 +54,12 @@ def rows_in_turn(environments: Sequence[Environment], seeds: int, problems: int 
             yield from map(next, asked if k % 2 == 0 else asked[::-1])  # nobody is always the first
 
 
-def run(seeds: int = SEEDS, against: Path | None = None, problems: int | None = None) -> Report:
+def run(seeds: int = SEEDS, against: Path | None = None, only: int | None = None) -> Report:
     """Plan all problems with each seed; some minutes with the peers.
 
     Args:
         against: The python of an environment with the version to compare with; 0.1.0, installed when needed, if None.
+        only: So many problems, spread over the suite; all if None.
 
     Raises:
         InvalidRequest: no seed; or there is no such version, and it cannot be installed.
@@ -73,9 +74,9 @@ def run(seeds: int = SEEDS, against: Path | None = None, problems: int | None = 
     console = Console(stderr=True)
     rows = tuple(
         track(
-            rows_in_turn(asked, seeds, problems),
+            rows_in_turn(asked, seeds, only),
             "panda",
-            total=len(asked) * len(tasks_of(SUITE, range(seeds), problems)[1]),
+            total=len(asked) * len(tasks_of(SUITE, range(seeds), only)[1]),
             console=console,
             disable=not console.is_terminal,
         )

@@ -62,11 +62,10 @@ def run(
 
 
 def _summary(reports: Sequence[Report]) -> Table:
-    """What matters most of each robot that is planned for, out of the rows of all parts."""
-    every = [row for report in reports for row in report.rows]
-    cut = {row["robot"]: row for row in every if "hull_blocked" in row}
+    """What matters most of each robot that is planned for, whose rows are the first report's, out of all parts."""
+    cut = {row["robot"]: row for report in reports for row in report.rows if "hull_blocked" in row}
     lines = []
-    for row in (row for row in every if "right tools" in row or ("error" in row and "hull_blocked" not in row)):
+    for row in reports[0].rows:
         met, judged = "first_s" in row, cut.get(row["robot"])
         lines.append(
             {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from io import StringIO
 from pathlib import Path
@@ -26,6 +27,17 @@ Judged = tuple[Row, ps.JointPath]
 
 def checker_of(scene: str) -> ps.CollisionChecker:
     return ps.CollisionChecker(ps.load_robot(queries.ROBOT), ps.load_scene(scene))
+
+
+# --- options
+
+
+@pytest.mark.parametrize("name", command.STUDIES)
+def test_a_study_takes_an_option_as_the_command_line_reads_it(name: str) -> None:
+    kinds = {key: read.__name__ if isinstance(read, type) else "int" for key, (read, *_) in command.OPTIONS.items()}
+    taken = inspect.signature(command.study(name).run).parameters
+    for key in command.options_of(name):
+        assert kinds[key] in str(taken[key].annotation), key
 
 
 # --- queries

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.harness.fresh_process import told_by
-from benchmarks.studies import robots
+from benchmarks.harness.report import Report
+from benchmarks.studies import checks, meshes, readings, robots
 from benchmarks.worlds.foreign import ForeignRobot
 from planner_service.errors import UnknownName
 
@@ -31,3 +32,15 @@ def test_a_process_that_fails_says_how_it_ended() -> None:
 def test_a_robot_that_is_not_listed_is_refused() -> None:
     with pytest.raises(UnknownName, match="unknown robot 'UR4'; did you mean 'UR"):
         robots.run(robot="UR4")
+
+
+def test_a_robot_that_no_part_can_read_has_one_line_of_the_summary(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ForeignRobot, "source", lambda one: one.file)
+    monkeypatch.setattr(robots, "ROBOTS", (ForeignRobot("arm", "there", "arm.xacro", ()),))
+    monkeypatch.setattr(robots, "told_by", lambda *_, **__: {"error": "no such package"})
+    unread = Report("part", ({"robot": "arm", "error": "no such package"},), ())
+    for part in (readings, meshes, checks):
+        monkeypatch.setattr(part, "run", lambda **_: unread)
+    summary = robots.run().tables[0]
+    assert list(summary.columns[0].cells) == ["arm"]
+    assert list(summary.columns[1].cells) == ["refused"]
