@@ -24,6 +24,8 @@ def of_server(result: PlanResult, world: World, request: PlanRequest | None, pac
 
 def require_asked(answer: Answer, answered: PlanRequest | None, asked: PlanRequest) -> None:
     """Refuse the answer to another request."""
+    if answered is asked:
+        return
     if answered is None or RequestRecord.of(answered) != RequestRecord.of(asked):
         raise InvalidFile(answer.url, ["request: another one than was sent"])
 

@@ -484,7 +484,7 @@ class Remote:
     def _saved_plan(
         self, answer: Answer, document: Mapping[str, Any], request: PlanRequest | None = None, pace: Pace | None = None
     ) -> SavedPlan:
-        plan = self._reader.plan(document, answer.url)
+        plan = self._reader.plan(document, answer.url, request)
         if request is not None and (plan.request is not None or plan.result.ok):
             require_asked(answer, plan.request, request)
             require_there(answer, request, plan.result, self.robot)

@@ -90,6 +90,11 @@ MAX_LABEL = 64
 MAX_HINTS = 100
 """Unknown keys of a file for which the nearest key is looked up, which takes far longer than naming the problem."""
 
+PLAIN = frozenset({float, str, int, bool, type(None)})
+"""What JSON has, too."""
+
+_MISSING = object()
+
 NAMED = re.compile(r"(?:An? )?``\w+``\.|")
 """A docstring of a record that only names what the record is of."""
 
@@ -195,7 +200,8 @@ class Record(Described):
         names = _names(cls)
         if isinstance(value, list):
             return dict(zip((key for _, key in names), value, strict=True))
-        return {key: plain(getattr(value, name)) for name, key in names if hasattr(value, name)}
+        found = ((key, getattr(value, name, _MISSING)) for name, key in names)
+        return {key: each if type(each) in PLAIN else plain(each) for key, each in found if each is not _MISSING}
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -269,8 +275,7 @@ def _defaults(model: type[GrownRecord]) -> tuple[tuple[str, Any], ...]:
 
 def plain(value: Any) -> Any:
     """What JSON has in place of an array, a tuple, a mapping or an enum; a record is made of anything else."""
-    kind = type(value)
-    if kind is float or kind is str or kind is int or kind is bool or value is None:  # most are
+    if type(value) in PLAIN:  # most are
         return value
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import os
+import select
 import signal
 import subprocess
 import sys
 import traceback
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from multiprocessing.connection import Pipe, wait
+from dataclasses import dataclass, field
+from multiprocessing.connection import Pipe
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
@@ -112,10 +114,27 @@ class _Worker:
         return f"it was ended by {name}{', as when memory runs out' if name == 'SIGKILL' else ''}"
 
 
+class _Watched:
+    """The connections that are waited for: registered once, as that takes longer than to look at them."""
+
+    def __init__(self) -> None:
+        self.workers: dict[int, _Worker] = {}
+        self._poll = select.poll()
+
+    def poll(self, workers: Sequence[_Worker], timeout: float | None) -> list[tuple[int, int]]:
+        """The descriptors of those over whose connections something has come, within so many seconds."""
+        if list(self.workers.values()) != list(workers):
+            self.workers, self._poll = {worker.connection.fileno(): worker for worker in workers}, select.poll()
+            for descriptor in self.workers:
+                self._poll.register(descriptor, select.POLLIN)
+        return self._poll.poll(None if timeout is None else math.ceil(timeout * 1e3))
+
+
 @dataclass(frozen=True)
 class _Backend:
     max_workers: int
     work: Any
+    _watched: _Watched = field(default_factory=_Watched)
 
     def start(self) -> _Worker:
         return _Worker()
@@ -127,10 +146,9 @@ class _Backend:
         worker.send(_pickled("note", Noted(note)))
 
     def receive(self, workers: Sequence[_Worker], timeout: float | None) -> list[tuple[_Worker, Event]]:
-        by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in workers}
         events = []
-        for connection in wait(by_connection, timeout):
-            worker = by_connection[connection]
+        for descriptor, _ in self._watched.poll(workers, timeout):
+            worker = self._watched.workers[descriptor]
             event = self._received(worker)
             if event is not None:
                 events.append((worker, event))

@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 
 from planner_service.errors import InvalidFile
 from planner_service.files.schema import Record, read_record
-from planner_service.planning.request import World
+from planner_service.planning.request import PlanRequest, World
 from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, StepRecord, TaskRecord
+from planner_service.records.request import RequestRecord
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord
 
@@ -34,15 +35,20 @@ class PlanReader:
     def __init__(self, world: World) -> None:
         self.world = world
 
-    def plan(self, document: Mapping[str, Any], source: str) -> SavedPlan:
+    def plan(self, document: Mapping[str, Any], source: str, request: PlanRequest | None = None) -> SavedPlan:
         """The plan that is the content of a file.
 
         Args:
             source: Where it comes from, for messages.
+            request: What was asked; if the plan's is the same, it has this one.
 
         Raises:
             InvalidFile: It is no plan, or one that was made in another world.
         """
+        if request is not None:
+            record = _known(RequestRecord.of(request), request)
+            if document.get("request") == record.document():
+                document = {**document, "request": record}
         plan: SavedPlan = self._read(PlanRecord, document, Path(source)).value
         return plan
 
@@ -82,11 +88,11 @@ class PlanReader:
 
     @cached_property
     def _robot(self) -> tuple[RobotRecord, dict[str, Any]]:
-        return _recorded(RobotRecord.of(self.world.robot), self.world.robot)
+        return _read_back(RobotRecord.of(self.world.robot), self.world.robot)
 
     @cached_property
     def _scene(self) -> tuple[SceneRecord, dict[str, Any]]:
-        return _recorded(SceneRecord.of(self.world.scene), self.world.scene)
+        return _read_back(SceneRecord.of(self.world.scene), self.world.scene)
 
     @cached_property
     def _edge_step(self) -> dict[str, Any] | None:
@@ -94,7 +100,12 @@ class PlanReader:
         return None if record is None else record.document()
 
 
-def _recorded(record: R, value: Any) -> tuple[R, dict[str, Any]]:
+def _read_back(record: R, value: Any) -> tuple[R, dict[str, Any]]:
     """A record whose value is known, and its document as it is read from a file."""
+    return _known(record, value), json.loads(json.dumps(record.document()))
+
+
+def _known(record: R, value: Any) -> R:
+    """A record whose value is known."""
     record.__dict__["value"] = value  # where a cached property keeps it
-    return record, json.loads(json.dumps(record.document()))
+    return record

@@ -47,6 +47,18 @@ def test_the_robots_hash_stands_for_the_robot(discs: PlannerService) -> None:
     assert PlanReader(discs.world).plan(document, "plan").document() == plan_document()
 
 
+def test_a_plan_has_the_request_that_was_asked_and_no_other(discs: PlannerService) -> None:
+    asked, other = (PlanRequest((0.0, 0.0), (1.2, -1.2), seed=seed) for seed in (7, 8))
+    reader = PlanReader(discs.world)
+    assert reader.plan(plan_document(), "plan", asked).request is asked
+    read = reader.plan(plan_document(), "plan", other).request
+    assert read is not None
+    assert read.seed == 7
+    wrong = {**plan_document(), "request": {**plan_document()["request"], "seed": "7"}}
+    with pytest.raises(InvalidFile, match=r"request\.seed"):
+        reader.plan(wrong, "plan", asked)
+
+
 Change = Callable[[dict[str, Any]], object]
 
 
