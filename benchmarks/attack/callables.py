@@ -142,7 +142,7 @@ SKIPPED: Mapping[str, str] = {
         ),
         "an error",
     ),
-    **dict.fromkeys(("EdgeVerdict", "Known", "Outcome", "Reason", "Stage", "Verdict"), "an enumeration"),
+    **dict.fromkeys(("EdgeVerdict", "Kind", "Known", "Outcome", "Reason", "Stage", "Verdict"), "an enumeration"),
     **dict.fromkeys(("CancelToken", "Sequential", "Trapezoidal", "robot_names", "scene_names"), "takes nothing"),
     "Robot": "made by load_robot and Robot.from_urdf",
 }

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
-from planner_service.geometry.validation import number, numbers
+from planner_service.geometry.arrays import FloatArray, read_only, set_fields
+from planner_service.geometry.validation import number, numbers, whole
 
 __all__ = ["Course", "Setpoint", "Tracking", "Whereabouts"]
 
@@ -61,21 +61,24 @@ class Tracking:
     lag: float = 0.0
 
     def __post_init__(self) -> None:
-        number("goal_time", self.goal_time, f"seconds in [0.001, {LONGEST:g}]", 0.001, LONGEST)
-        for name in ("jitter", "lag"):
-            number(name, getattr(self, name), f"seconds in [0, {LATEST:g}]", 0.0, LATEST)
+        goal_time = number("goal_time", self.goal_time, f"seconds in [0.001, {LONGEST:g}]", 0.001, LONGEST)
+        jitter, lag = (
+            number(name, getattr(self, name), f"seconds in [0, {LATEST:g}]", 0.0, LATEST) for name in ("jitter", "lag")
+        )
         expected = f"radians (or metres) in [0, {MAX_ERROR:g}], one number or one for each joint"
         error = numbers("error", self.error, expected)
         if error.ndim > 1 or not np.all((error >= 0.0) & (error <= MAX_ERROR)):
             raise InvalidRequest("error", self.error, expected)
-        object.__setattr__(self, "error", read_only(error) if error.ndim else float(error))
+        error_of = read_only(error) if error.ndim else float(error)
+        set_fields(self, goal_time=goal_time, jitter=jitter, lag=lag, error=error_of)
 
     def of(self, joints: int) -> FloatArray:
         """The error of each of so many joints, (n,).
 
         Raises:
-            InvalidRequest: it was given for another number of them.
+            InvalidRequest: it was given for another number of them, or that is no number of joints.
         """
+        whole("joints", joints, 1, 10_000)
         error = np.asarray(self.error, dtype=np.float64)
         if error.ndim and error.shape != (joints,):
             raise InvalidRequest("error", list(error.shape), f"one number, or {joints}")

@@ -15,10 +15,11 @@ import pytest
 
 import planner_service
 from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
-from planner_service import JointPath, Scene, load_robot
+from planner_service import JointPath, PlannerService, Scene, load_robot
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
+from planner_service.gate import ActionGate, Tracking
 from planner_service.infeasibility import prove_no_path
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
@@ -29,14 +30,27 @@ MEMORY = 1_500_000_000
 SECONDS = 5.0
 
 PACKAGES = (
-    *("certify", "collision", "constraints", "grasping", "optimize", "parallel", "path"),
+    *("certify", "collision", "constraints", "gate", "grasping", "optimize", "parallel", "path"),
     *("infeasibility", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
 )
 """Subpackages of which every name is attacked, as of the root."""
 
 ANSWERS = {
-    *("Built", "Explanation", "Figures", "InWorker", "Kept", "KeptBound", "KeptRefusal", "Lost", "MethodResult"),
-    *("ImproveReport", "NoPath", "Optimum", "Reached", "Origin", "Remedy", "Terms", "Trail", "World", "load_solver"),
+    *(
+        "Built",
+        "Counts",
+        "Course",
+        "Explanation",
+        "Figures",
+        "InWorker",
+        "Kept",
+        "KeptBound",
+        "KeptRefusal",
+        "Lost",
+        "MethodResult",
+    ),
+    *("ImproveReport", "NoPath", "Optimum", "Reached", "Refused", "Origin", "Remedy", "Setpoint", "Terms", "Trail"),
+    *("Whereabouts", "World", "load_solver"),
 }
 """What is made of values that have been checked, or takes none."""
 
@@ -48,7 +62,27 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
     upright = KeepUpright((0.0, 0.0, 1.0), 3.0)
     part = {"allowed": (), "padding": 0.0, "exempt": (), "constraints": (upright,)}
     gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": ""}
+    service, tracking = PlannerService(arm, scene), Tracking(0.1, 0.01)
+    settings = {"acceleration_scale": 1.0, "jerk_scale": 1.0, "torque_scale": 1.0, "slow": True, "repair": True}
+    when, log = {"sent": 0, "elapsed": 0.1}, tmp_path_factory.mktemp("gate") / "log.jsonl"
+
+    def gate() -> ActionGate:
+        made = ActionGate(service, rate=30.0, tracking=tracking)
+        made.reset(arm.home)
+        return made
+
     return calls(tmp_path_factory.mktemp("files")) | {
+        "Tracking": Call(Tracking, {"goal_time": 0.1, "error": 0.01}),
+        "Tracking.of": Call(tracking.of, {"joints": 6}),
+        "ActionGate": Call(
+            ActionGate, {"service": service, "rate": 30.0, "tracking": tracking, **settings, "log": log}, into=("log",)
+        ),
+        "ActionGate.check": Call(
+            lambda **given: gate().check(**given), {"q": arm.home, "chunk": [arm.home], **when, "around": ()}
+        ),
+        "ActionGate.update": Call(lambda **given: gate().update(**given), {"scene": scene, **when}),
+        "ActionGate.occupied": Call(lambda **given: gate().occupied(**given), {"name": "arm", "base": None}),
+        "ActionGate.reset": Call(lambda **given: gate().reset(**given), {"target": arm.home}),
         "certify": Call(certify, {**world, "path": [arm.home, arm.home], **part}),
         "certify_gripper": Call(certify_gripper, {**world, "q": arm.home, **gripper}),
         "prove_kept": Call(

@@ -216,6 +216,23 @@ def test_a_scene_that_leaves_no_stop_stops_the_arm_now_and_says_that_this_is_not
     np.testing.assert_allclose(verdict.rows, START[None], atol=1e-9)
 
 
+def test_what_is_proven_in_a_changed_scene_is_free_in_it_wherever_the_change_is() -> None:
+    """A ball comes somewhere ahead of an arm that moves, also between where it is and its last target."""
+    proven = []
+    for angle in np.linspace(-0.4, 0.6, 60).tolist():
+        gate, setpoint = gate_of(ball_beyond(0.1, angle=2.0), replace(TRACKING, error=0.0)), START
+        for row in gate.check(START, ramp(60, step=2.0 * STEP)).rows[:30]:
+            setpoint = setpoint + (1.0 / RATE) / TRACKING.goal_time * (row - setpoint)
+        scene = ball_beyond(-0.01, angle=angle)
+        verdict = gate.update(scene, sent=30)
+        proven.append(verdict.proven)
+        if verdict.proven:
+            checker = CollisionChecker(PLANAR, scene, edge_step=JointStep(0.002))
+            assert checker.edge_is_free(setpoint, verdict.rows[0])
+            assert colliding(gate, setpoint, verdict.rows, draws=5, seed=4) == 0
+    assert 10 < sum(proven) < 55
+
+
 def test_too_fast_a_chunk_is_followed_more_slowly_where_that_is_wanted() -> None:
     gate = gate_of(ball_beyond(0.1), slow=True)
     chunk = START + np.linspace(0.0, 1.0, 6)[1:, None] * [0.3, 0.0]
