@@ -87,8 +87,8 @@ WIDE, HIGH = 0.9, 0.1
 """Metres: a body at least so wide in x and y, less than a quarter of that high, and with its top no higher above the
 robot's base than this, is ground."""
 
-ROUND = 48
-"""Sides of the prism drawn for a cylinder."""
+ROUND, COARSE = 48, 24
+"""Sides of the prism drawn for a cylinder, and of spheres and capsules that are many and drawn smooth."""
 
 CREASE = math.radians(25.0)
 """Between the normals of two triangles whose common side is drawn as an edge."""
@@ -216,7 +216,9 @@ def _placed(body: Obstacle | Attached) -> Triangles:
 
 
 def triangles_of(shape: AnySolid) -> Triangles:
-    """The triangles of a solid in its own frame."""
+    """The triangles of a solid in its own frame, a capsule's ``COARSE``."""
+    if isinstance(shape, Capsule):
+        return lathe(_outline(shape, COARSE), COARSE)
     if isinstance(shape, Compound):
         return _union(_convex(part, pose) for part, pose in shape.parts)
     if isinstance(shape, PointCloud):
@@ -258,9 +260,10 @@ def copies_of(shape: AnySolid) -> Copies | None:
 
 
 def unit_triangles(form: Form) -> Triangles:
-    """The triangles of a form: a box of edges 1, a sphere of radius 1, a cylinder of radius and length 1."""
-    shapes: dict[Form, Shape] = {Form.BOX: Box((1.0, 1.0, 1.0)), Form.SPHERE: Sphere(1.0)}
-    return _convex(shapes.get(form) or Cylinder(1.0, 1.0), Pose())
+    """The triangles of a form: a box of edges 1, a ``COARSE`` sphere of radius 1, a cylinder of radius and length 1."""
+    if form is Form.SPHERE:
+        return lathe(_outline(Sphere(1.0), COARSE), COARSE)
+    return _convex(Box((1.0, 1.0, 1.0)) if form is Form.BOX else Cylinder(1.0, 1.0), Pose())
 
 
 def crease_lines(triangles: Triangles) -> FloatArray:
@@ -298,36 +301,40 @@ def _convex(shape: Shape, pose: Pose) -> Triangles:
         return _moved(_boxes(-half, half), pose)
     if isinstance(shape, Mesh):
         return _moved((shape.vertices, shape.faces.astype(np.int64)), pose)
-    if isinstance(shape, Sphere):
-        return _moved(lathe(_arc(shape.radius, 0.0, -1.0, 1.0)), pose)
-    if isinstance(shape, Cylinder):
-        h = shape.length / 2
-        return _moved(lathe([(0.0, -h), (shape.radius, -h), (shape.radius, h), (0.0, h)]), pose)
-    if isinstance(shape, Capsule):
-        h = shape.length / 2
-        return _moved(lathe([*_arc(shape.radius, -h, -1.0, 0.0), *_arc(shape.radius, h, 0.0, 1.0)]), pose)
+    if isinstance(shape, Sphere | Cylinder | Capsule):
+        return _moved(lathe(_outline(shape, ROUND)), pose)
     raise BrokenInvariant(f"a {type(shape).__name__} has no triangles")
 
 
-def _arc(radius: float, z: float, low: float, high: float) -> list[tuple[float, float]]:
+def _outline(shape: Sphere | Cylinder | Capsule, sides: int) -> list[tuple[float, float]]:
+    """(distance from the axis, height) from the lowest point to the highest."""
+    if isinstance(shape, Sphere):
+        return _arc(shape.radius, 0.0, -1.0, 1.0, sides)
+    h = shape.length / 2
+    if isinstance(shape, Cylinder):
+        return [(0.0, -h), (shape.radius, -h), (shape.radius, h), (0.0, h)]
+    return [*_arc(shape.radius, -h, -1.0, 0.0, sides), *_arc(shape.radius, h, 0.0, 1.0, sides)]
+
+
+def _arc(radius: float, z: float, low: float, high: float, sides: int) -> list[tuple[float, float]]:
     """(distance from the axis, height) along a circle, from latitude ``low`` to ``high`` in quarter turns."""
-    count = round((high - low) * ROUND / 4)
+    count = round((high - low) * sides / 4)
     angles = [math.pi / 2 * (low + (high - low) * k / count) for k in range(count + 1)]
     return [(0.0 if abs(a) > 1.57 else radius * math.cos(a), z + radius * math.sin(a)) for a in angles]
 
 
-def lathe(outline: list[tuple[float, float]]) -> Triangles:
+def lathe(outline: list[tuple[float, float]], sides: int = ROUND) -> Triangles:
     """A solid of revolution about z, from its outline (distance, height), upwards, from axis to axis."""
-    turn = [(math.cos(2 * math.pi * k / ROUND), math.sin(2 * math.pi * k / ROUND)) for k in range(ROUND)]
+    turn = [(math.cos(2 * math.pi * k / sides), math.sin(2 * math.pi * k / sides)) for k in range(sides)]
     rings = [[(r * c, r * s, z) for c, s in turn] for r, z in outline[1:-1]]
-    bottom, top = len(rings) * ROUND, len(rings) * ROUND + 1
+    bottom, top = len(rings) * sides, len(rings) * sides + 1
     corners = [*(corner for ring in rings for corner in ring), (0.0, 0.0, outline[0][1]), (0.0, 0.0, outline[-1][1])]
-    side = np.arange(ROUND)
-    after, last = (side + 1) % ROUND, (len(rings) - 1) * ROUND
-    pole, peak = np.full(ROUND, bottom), np.full(ROUND, top)
+    side = np.arange(sides)
+    after, last = (side + 1) % sides, (len(rings) - 1) * sides
+    pole, peak = np.full(sides, bottom), np.full(sides, top)
     faces = [np.stack([pole, after, side], axis=-1), np.stack([peak, last + side, last + after], axis=-1)]
-    for base in range(0, last, ROUND):
-        above = base + ROUND
+    for base in range(0, last, sides):
+        above = base + sides
         faces.append(np.stack([base + side, base + after, above + after], axis=-1))
         faces.append(np.stack([base + side, above + after, above + side], axis=-1))
     return np.array(corners), np.concatenate(faces).astype(np.int64)

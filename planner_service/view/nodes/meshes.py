@@ -17,8 +17,10 @@ OUTLINE = 1.5
 """Pixels."""
 
 
-def add_mesh(scene: Any, path: str, triangles: Triangles, colour: Colour, opacity: float = 1.0) -> Any:
-    """A node with the triangles of a closed surface."""
+def add_mesh(
+    scene: Any, path: str, triangles: Triangles, colour: Colour, opacity: float = 1.0, *, smooth: bool = False
+) -> Any:
+    """A node with the triangles of a closed surface, which may be drawn as if it bent where they meet."""
     opaque = opacity >= 1.0
     return scene.add_mesh_simple(
         path,
@@ -26,7 +28,7 @@ def add_mesh(scene: Any, path: str, triangles: Triangles, colour: Colour, opacit
         triangles[1].astype(np.uint32),
         color=colour,
         opacity=None if opaque else opacity,
-        flat_shading=True,
+        flat_shading=not smooth,
         side="double" if opaque else "front",
         cast_shadow=opaque,
         receive_shadow=opaque,
@@ -45,7 +47,7 @@ def add_copies(scene: Any, path: str, form: Form, turns: FloatArray, places: Flo
         batched_scales=scales.astype(np.float32),
         batched_colors=np.zeros((len(places), 3), dtype=np.uint8),
         lod="off",
-        flat_shading=True,
+        flat_shading=form is not Form.SPHERE,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import PointCloud
-from planner_service.geometry.shapes import Pose
+from planner_service.geometry.shapes import Capsule, Pose
 from planner_service.scene.names import Kind, Owner
 from planner_service.scene.scene import Attached, Obstacle, Scene
 from planner_service.view.cell.edits import Cell
@@ -222,7 +222,8 @@ class _Single:
         self.root = scene.add_frame(root, show_axes=False)
         path = f"{root}/shape"
         if copies is None:
-            self.mesh = add_mesh(scene, path, triangles_of(body.shape), colour)
+            smooth = isinstance(body.shape, Capsule)
+            self.mesh = add_mesh(scene, path, triangles_of(body.shape), colour, smooth=smooth)
         else:
             turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(copies.centres), 1))
             self.mesh = add_copies(scene, path, copies.form, turns, copies.centres, copies.scales)
