@@ -37,11 +37,13 @@ __all__ = [
     "IntArray",
     "Solid",
     "Triangles",
+    "bounds_of",
     "copies_of",
     "crease_lines",
     "extremes",
     "is_ground",
     "lathe",
+    "middle_of",
     "obstacle_colour",
     "placements",
     "robot_solids",
@@ -190,6 +192,17 @@ def extremes(body: Obstacle | Attached) -> FloatArray:
     axes = body.pose.rotation
     ends = [(axes * body.shape.support(sign * axes)).sum(axis=1) for sign in (-1.0, 1.0)]
     return np.asarray(np.stack(ends) + np.array(body.pose.position))
+
+
+def bounds_of(shape: AnySolid) -> FloatArray:
+    """The lowest and the highest corner, (2, 3), of the box around a shape along the axes of its own frame."""
+    ends = [np.diagonal(shape.support(sign * np.eye(3))) for sign in (-1.0, 1.0)]
+    return np.stack(ends)
+
+
+def middle_of(shape: AnySolid) -> FloatArray:
+    """The middle (3,) of that box, by which a shape is taken hold of: a file's own origin may be far from it."""
+    return np.asarray(bounds_of(shape).mean(axis=0))
 
 
 def placements(robot: Robot, q: ArrayLike) -> dict[str, FloatArray]:

@@ -44,6 +44,7 @@ class CellControls:
         download: Callable[[Any], None],
     ) -> None:
         self._gui, self._edit = gui, edit
+        self._typed: Any = None
         gui.add_markdown(HINT)
         self._names = gui.add_dropdown("obstacle", ("",))
         adding = gui.add_button_group("add", tuple(NEW))
@@ -81,7 +82,14 @@ class CellControls:
             self._when_set(vector, lambda cell: cell.moved(self._pose(cell)))
 
     def _when_set(self, field: Any, change: Edit) -> None:
-        field.on_update(self._by_user(partial(self._edit, change)))
+        """Edit the cell when a field is set, and leave the field as it is being typed."""
+
+        def typed(cell: Cell) -> Cell:
+            changed = change(cell)
+            self._typed = field
+            return changed
+
+        field.on_update(self._by_user(partial(self._edit, typed)))
 
     @staticmethod
     def _by_user(act: Callable[[], None]) -> Callable[[Any], None]:
@@ -115,23 +123,29 @@ class CellControls:
         update(self._fields, visible=obstacle is not None)
         if obstacle is not None:
             self._show_fields(obstacle, colour)
+        self._typed = None
+
+    def _set(self, field: Any, value: Any) -> None:
+        """Show a value, unless it comes from there: more of it may have been typed by now."""
+        if field is not self._typed:
+            update(field, value=value)
 
     def _show_fields(self, obstacle: Obstacle, colour: tuple[int, int, int]) -> None:
         shape, pose = obstacle.shape, obstacle.pose
-        update(self._name, value=obstacle.name)
-        update(self._colour, value=colour)
+        self._set(self._name, obstacle.name)
+        self._set(self._colour, colour)
         update(self._size, visible=isinstance(shape, Box))
         update(self._radius, visible=isinstance(shape, Sphere | Cylinder | Capsule))
         update(self._length, visible=isinstance(shape, Cylinder | Capsule))
         if isinstance(shape, Box):
-            update(self._size, value=shape.size)
+            self._set(self._size, shape.size)
         if isinstance(shape, Sphere | Cylinder | Capsule):
-            update(self._radius, value=shape.radius)
+            self._set(self._radius, shape.radius)
         if isinstance(shape, Cylinder | Capsule):
-            update(self._length, value=shape.length)
-        update(self._position, value=pose.position)
+            self._set(self._length, shape.length)
+        self._set(self._position, pose.position)
         if turned(self._turn.value).quaternion != pose.quaternion:
-            update(self._turn, value=turn_of(pose))
+            self._set(self._turn, turn_of(pose))
 
 
 class FileControls:

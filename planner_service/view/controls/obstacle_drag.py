@@ -13,7 +13,7 @@ from planner_service.view.cell.edits import Cell
 from planner_service.view.cell.surfaces import Hit, resting
 from planner_service.view.nodes.handles import Handles
 from planner_service.view.nodes.scene_nodes import SceneNodes
-from planner_service.view.triangles import extremes
+from planner_service.view.triangles import extremes, middle_of
 
 __all__ = ["ObstacleDrag"]
 
@@ -35,6 +35,7 @@ class ObstacleDrag:
         self._nodes, self._cell, self._moved = nodes, cell, moved
         self._handles = Handles(scene, "/cell", size, self._by_handles)
         self._mesh: Any = None
+        self._grip = Pose()
         self._aside: FloatArray | None = None
         self._pose: Pose | None = None
 
@@ -42,7 +43,8 @@ class ObstacleDrag:
         """Take hold of what is selected now."""
         obstacle, mesh = self._cell().obstacle, self._nodes.selected_mesh
         if obstacle is not None and mesh is not None:
-            self._handles.show(obstacle.pose, visible=handles)
+            self._grip = Pose(tuple(middle_of(obstacle.shape).tolist()))
+            self._handles.show(obstacle.pose @ self._grip, visible=handles)
         else:
             self._handles.hide()
         if mesh is not self._mesh:
@@ -50,7 +52,8 @@ class ObstacleDrag:
             if mesh is not None:
                 mesh.on_drag(self._over_surfaces)
 
-    def _by_handles(self, pose: Pose, released: bool) -> None:
+    def _by_handles(self, grip: Pose, released: bool) -> None:
+        pose = grip @ self._grip.inverse()
         self._nodes.drag(pose)
         if released:
             self._moved(pose)

@@ -20,8 +20,10 @@ from planner_service.view.triangles import (
     Colour,
     Copies,
     Form,
+    bounds_of,
     copies_of,
     crease_lines,
+    middle_of,
     obstacle_colour,
     triangles_of,
     unit_triangles,
@@ -89,6 +91,9 @@ class SceneNodes:
         return obstacle_colour(body if body.colour else replace(body, colour=before), self._families)
 
     def _draw(self) -> None:
+        if self._label is not None:
+            self._label.remove()
+            self._label = None
         grouped: dict[Form, dict[str, Body]] = {form: {} for form in Form}
         single = dict[str, Body]()
         for name, body in self._bodies.items():
@@ -107,7 +112,8 @@ class SceneNodes:
             self._groups[form].show({name: (body.pose, self._copies[name]) for name, body in members.items()})
         for name, node in self._single.items():
             node.outline(SELECTED if name == self._selected else None)
-        self._name_selected()
+        if self._selected is not None:
+            self._name_it(self._selected)
         self._colour()
 
     def _added(self, name: str, body: Body) -> _Single:
@@ -121,18 +127,15 @@ class SceneNodes:
     def _on_click(self, name: str, event: Any) -> None:
         self._clicked(name, np.array(event.ray_origin), np.array(event.ray_direction))
 
-    def _name_selected(self) -> None:
-        if self._label is not None:
-            self._label.remove()
-            self._label = None
-        if self._selected is not None:
-            root, shape = self._single[self._selected].root.name, self._bodies[self._selected].shape
-            up = self._bodies[self._selected].pose.rotation.T @ np.array([0.0, 0.0, 1.0])
-            top = up * float(up @ shape.support(up))
-            self._label = self._scene.add_label(
-                f"{root}/name", self._selected, position=tuple(top.tolist()), anchor="bottom-center",
-                font_screen_scale=0.9,
-            )  # fmt: skip
+    def _name_it(self, name: str) -> None:
+        body = self._bodies[name]
+        up = body.pose.rotation.T @ np.array([0.0, 0.0, 1.0])
+        middle = middle_of(body.shape)
+        top = middle + up * float(up @ (body.shape.support(up) - middle))
+        self._label = self._scene.add_label(
+            f"{self._single[name].root.name}/name", name, position=tuple(top.tolist()), anchor="bottom-center",
+            font_screen_scale=0.9,
+        )  # fmt: skip
 
     def drag(self, pose: Pose) -> None:
         """Show the selected obstacle elsewhere, while it is dragged."""
@@ -271,6 +274,6 @@ class _Single:
 
 def _bounds(cloud: PointCloud) -> FloatArray:
     """The edges of the box around a cloud, whose own would hide it."""
-    low, high = np.diagonal(cloud.support(-np.eye(3))), np.diagonal(cloud.support(np.eye(3)))
+    low, high = bounds_of(cloud)
     vertices, faces = unit_triangles(Form.BOX)
     return crease_lines((low + (vertices + 0.5) * (high - low), faces))
