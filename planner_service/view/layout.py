@@ -30,7 +30,7 @@ STYLE = f"""<style>
 LOOKS_FROM = (1.1, -1.0, 0.7)
 """From the middle of robot and scene, in their sizes."""
 
-UPRIGHT, SHEET = 1.9, 0.34
+UPRIGHT, SHEET = 1.9, 0.7
 """On a phone: how much farther the camera is away, and by how much of their size it looks below their middle, as the
 sheet covers the lower part of the screen."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import subprocess
@@ -16,9 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest
+from planner_service import Box, PlannerService, PlanRequest, Pose
 from planner_service.constraints import JointRange, ToolRegion
 from planner_service.records.plan_file import load_plan
+from planner_service.scene.loading import load_scene
 from planner_service.view import Viewer, open_viewer
 from planner_service.view.serving import viewer as view_module
 from planner_service.view.state import Choice
@@ -341,3 +343,120 @@ def test_a_fault_while_planning_leaves_the_button_as_it_was(monkeypatch: pytest.
         for _ in range(2):
             with pytest.raises(RuntimeError, match="a bug"):
                 viewer.page.plan(Choice("rrtconnect"))
+
+
+# Building a cell
+
+
+@pytest.fixture(scope="module")
+def cell_page(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Viewer, Path]]:
+    """The page of a cell that is built, and its folder."""
+    folder = tmp_path_factory.mktemp("cells")
+    with open_viewer(PlannerService("wxai", "bin"), None, port=0, keep=True, folder=folder) as viewer:
+        page = new_window(browser, viewport={"width": 1000, "height": 700})
+        page.goto(viewer.url)
+        page.get_by_role("tab", name="cell").click()
+        until(lambda: len(np.unique(picture(page).reshape(-1, 3), axis=0)) > 50)
+        yield page, viewer, folder
+
+
+def fill(page: Any, label: str, text: str, number: int = 1) -> None:
+    """Type into a field, key by key; ``number`` is that of a vector."""
+    field = page.locator(f"xpath=//label[normalize-space(text())='{label}']/following::input[{number}]").first
+    field.click()
+    field.press("Control+a")
+    field.type(text)
+    field.press("Tab")
+
+
+def on_screen(viewer: Viewer, point: Any) -> tuple[float, float]:
+    """Where a point of the base frame is seen, in pixels."""
+    (client,) = viewer._server.viser.get_clients().values()
+    camera = client.camera
+    turn = Pose(quaternion=tuple(camera.wxyz)).rotation
+    x, y, z = turn.T @ (np.asarray(point) - np.array(camera.position))
+    focal = camera.image_height / 2.0 / math.tan(camera.fov / 2.0)
+    return camera.image_width / 2.0 + focal * x / z, camera.image_height / 2.0 + focal * y / z
+
+
+def click_until(page: Any, viewer: Viewer, point: Any, holds: Callable[[], Any]) -> None:
+    """Click a point of the scene, again every few seconds: what is under the mouse is found once it is drawn."""
+    end = time.monotonic() + 90.0
+    while not holds():
+        assert time.monotonic() < end, "no click did it"
+        x, y = on_screen(viewer, point)
+        page.mouse.move(x - 3.0, y)
+        time.sleep(0.3)
+        page.mouse.move(x, y)
+        time.sleep(0.5)
+        page.mouse.click(x, y)
+        with contextlib.suppress(AssertionError):
+            until(holds, 5.0)
+
+
+@pytest.mark.slow
+def test_an_obstacle_is_added_named_sized_coloured_and_saved(cell_page: tuple[Any, Viewer, Path]) -> None:
+    page, viewer, folder = cell_page
+    page.get_by_role("button", name="box", exact=True).click()
+    until(lambda: viewer.page.state.cell.selected == "box")
+    fill(page, "name", "crate")
+    until(lambda: viewer.page.state.cell.selected == "crate")
+    fill(page, "size (m)", "0.06", 1)
+    until(lambda: present(viewer.page.state.cell.obstacle).shape == Box((0.06, 0.1, 0.1)))
+    fill(page, "turn (deg)", "30", 3)
+    until(
+        lambda: (
+            present(viewer.page.state.cell.obstacle).pose.quaternion[3] == pytest.approx(math.sin(math.radians(15.0)))
+        )
+    )
+    fill(page, "colour", "#c83264")
+    until(lambda: present(viewer.page.state.cell.obstacle).colour == "#c83264")
+    page.keyboard.press("Escape")
+    press_until(page.get_by_role("button", name="save", exact=True), (folder / "bin.toml").exists)
+    page.get_by_text("the same scene").wait_for()
+    saved = load_scene(folder / "bin.toml")
+    assert saved == viewer.page.state.cell.scene
+    assert saved.obstacle("crate").colour == "#c83264"
+
+
+@pytest.mark.slow
+def test_the_selected_obstacle_slides_over_what_is_behind_it(cell_page: tuple[Any, Viewer, Path]) -> None:
+    page, viewer, _ = cell_page
+    viewer.page.edit(lambda cell: cell.added("box", (0.35, -0.35)))
+    settled(page)
+    before = present(viewer.page.state.cell.obstacle).pose.position
+    x, y = on_screen(viewer, np.add(before, (0.03, 0.0, 0.05)))  # beside the arrows, on its top
+    page.mouse.move(x - 3.0, y)
+    time.sleep(1.0)
+    page.mouse.move(x, y)
+    time.sleep(1.0)
+    page.mouse.down()
+    for k in range(1, 11):
+        page.mouse.move(x + 4.0 * k, y)
+        time.sleep(0.1)
+    time.sleep(1.0)
+    page.mouse.up()
+    until(lambda: present(viewer.page.state.cell.obstacle).pose.position != before)
+    after = present(viewer.page.state.cell.obstacle).pose.position
+    assert np.abs(np.subtract(after, before)[:2]).max() > 0.01
+    assert after[2] == before[2], "it stands on the table as before"
+
+
+@pytest.mark.slow
+def test_what_is_clicked_is_picked_and_placed_where_is_clicked(cell_page: tuple[Any, Viewer, Path]) -> None:
+    page, viewer, _ = cell_page
+    viewer.page.edit(lambda cell: cell.select(None))
+    scene = viewer.page.state.cell.scene
+    page.get_by_role("tab", name="plan").click()
+    block = np.array(scene.obstacle("blue_block").pose.position)
+    click_until(page, viewer, block, lambda: viewer.page.state.cell.selected == "blue_block")
+    pick = page.get_by_role("button", name="pick selected")
+    press_until(pick, lambda: viewer.page.state.errand is not None)
+    spot = np.add(scene.obstacle("tray").pose.position, (0.0, 0.06, 0.005))  # beside the post, as seen from there
+    click_until(page, viewer, spot, lambda: present(viewer.page.state.errand).support == "tray")
+    press_until(page.get_by_role("button", name="plan pick and place"), lambda: viewer.page.state.playback is not None)
+    playback = present(viewer.page.state.playback)
+    page.get_by_text("transfer").first.wait_for()
+    viewer.page.scrub(playback.duration)
+    x, y, _ = viewer.page.state.service.scene.obstacle("blue_block").pose.position
+    assert (x, y) == pytest.approx(spot[:2], abs=0.003)
