@@ -35,7 +35,7 @@ __all__ = ["app"]
 
 NAMES = (
     *("robots", "scenes", "problems", "check", "plan", "explain", "pick-place", "view", "certify", "export", "join"),
-    *("run", "import-robot", "episodes", "serve", "doctor", "roadmap", "robot"),
+    *("run", "import-robot", "episodes", "serve", "doctor", "roadmap", "gate", "robot"),
 )
 """All commands, in the order of the help."""
 
@@ -523,6 +523,7 @@ def _others() -> typer.Typer:
     from planner_service.cli.check_robot import robot_commands
     from planner_service.cli.episodes import episodes
     from planner_service.cli.export import export, join
+    from planner_service.cli.gate.commands import gates
     from planner_service.cli.roadmap.commands import roadmaps
     from planner_service.cli.run import run
     from planner_service.cli.serve import mcp, serve
@@ -538,5 +539,6 @@ def _others() -> typer.Typer:
     _add(others, serve, "serve", "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
     _add(others, mcp, "mcp", "Offer planning as tools to an agent.", "mcp --scene bin --execute simulator")
     others.add_typer(roadmaps, name="roadmap")
+    others.add_typer(gates, name="gate")
     others.add_typer(robot_commands, name="robot")
     return others

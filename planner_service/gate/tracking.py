@@ -180,7 +180,7 @@ class Whereabouts(NamedTuple):
         """Whether q (n,) is there: of an edge, those points are that are near enough in every joint at once."""
         ways, off = self.ends - self.starts, q - self.starts
         still = ways == 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # by next to nothing it is infinite
             one, two = (off - self.rooms) / ways, (off + self.rooms) / ways
         inside = np.where(np.abs(off) <= self.rooms, np.inf, -np.inf)
         first = np.where(still, -inside, np.minimum(one, two)).max(axis=1)

@@ -1,0 +1,55 @@
+"""``planner-service gate``: recordings are replayed, and drivers are measured."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from planner_service.cli.commands import app
+from planner_service.datasets import EpisodeWork, episode_task, write_episodes
+from planner_service.robot_setup.loading import load_robot
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A data set of one planned pick-and-place."""
+    folder = tmp_path_factory.mktemp("recorded") / "set"
+    write_episodes(str(folder), EpisodeWork(load_robot("wxai"), episode_task("pick-place")), 1)
+    return str(folder)
+
+
+def test_an_episode_passes_where_nothing_is_and_is_refused_where_a_table_is(episode: str, tmp_path: Path) -> None:
+    free = CliRunner().invoke(app, ["gate", "replay", episode, "--scene", "empty", "--json"])
+    assert (free.exit_code, json.loads(free.output)["refused"]) == (0, 0)
+    picture = tmp_path / "refused.png"
+    bin_ = CliRunner().invoke(
+        app, ["gate", "replay", episode, "--scene", "bin", "--padding", "0.05", "--png", str(picture)]
+    )
+    assert bin_.exit_code == 1
+    assert "1 of 1 episodes would have been refused" in bin_.output
+
+
+def test_a_recording_of_the_plan_itself_is_measured_as_an_exact_driver(episode: str) -> None:
+    done = CliRunner().invoke(app, ["gate", "measure", episode, "--json"])
+    found = json.loads(done.output)
+    assert done.exit_code == 0
+    assert found["goal_time"] == pytest.approx(1.0 / 30.0)
+    assert max(found["errors"].values()) < 1e-6
+
+
+def test_a_log_of_lines_is_measured_and_a_wrong_line_is_named(tmp_path: Path) -> None:
+    lines = []
+    for k in range(60):
+        q = [0.1 * float(np.sin(0.1 * k))] * 6
+        lines += [{"t": k / 30, "target": q, "q": [0.0] * 6}]
+    log = tmp_path / "log.jsonl"
+    log.write_text("\n".join(map(json.dumps, lines)))
+    done = CliRunner().invoke(app, ["gate", "measure", str(log)])
+    assert (done.exit_code, "error" in done.output) == (0, True)
+    log.write_text('{"t": 0.0, "target": [1.0]}\n')
+    wrong = CliRunner().invoke(app, ["gate", "measure", str(log)])
+    assert (wrong.exit_code, "line 1: target is no list of 6 numbers" in wrong.output) == (2, True)
