@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from planner_service.certify.certifier import clearance_text
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.files.writing import write_whole
+from planner_service.files.writing import require_writable, write_whole
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import items, number
 from planner_service.path.trajectory import Trajectory
@@ -80,6 +80,7 @@ def draw_motions(
         InvalidFile: The file cannot be written.
     """
     path = as_path("file", file)
+    require_writable(path, OURS)  # drawing takes a while
     given: tuple[PlanResult | TaskResult | SavedTask, ...] = items(
         "motions", motions, (PlanResult, TaskResult, SavedTask), "a list of plans and tasks", MAX_SHOWN
     )

@@ -42,6 +42,7 @@ from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.view.still import pictures
 from planner_service.view.still.motion_plot import write_plot
+from planner_service.view.still.moving import draw_motions
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
 
 SECONDS = 5
@@ -145,6 +146,7 @@ WRITERS: dict[str, tuple[str, Callable[[World, Path], object]]] = {
     "write_png": (".png", lambda world, path: write_png(path, np.zeros((2, 2, 3), np.uint8))),
     "draw_plan": (".png", lambda world, path: draw_plan(world.service, world.request, world.result, path)),
     "draw_task": (".png", lambda world, path: draw_task(world.service, world.saved, path)),
+    "draw_motions": (".webp", lambda world, path: draw_motions([world.result], path, speed=10.0)),
     "draw_check": (
         ".png",
         lambda world, path: draw_check(
