@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Tests start many processes: what one has compiled the next need not, whatever the shell says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo quick test suite sim clients cluster lint types bench attack mutants measures docs wheel wheels clean
+.PHONY: demo quick test suite sim clients lerobot cluster lint types bench attack mutants measures docs wheel wheels clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -44,13 +44,25 @@ test: $(BIN)/.dev  ## lint, types and the test suite
 	@$(MAKE) --no-print-directory suite
 
 suite: $(BIN)/.dev  # files in the order in which they are collected; tests/conftest.py has those that wait first
-	$(BIN)/python -m pytest -m "not sim and not cluster and not clients" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -m "not sim and not cluster and not clients and not lerobot" --numprocesses $(TESTERS) --dist loadfile --no-loadscope-reorder
 
 sim: $(BIN)/.dev  # in real time: beside few others
 	$(BIN)/python -m pytest -m sim tests/integration/test_simulation.py
 
 clients: $(BIN)/.dev  ## programs in TypeScript and C++ that plan over HTTP, run on the simulated arm; needs node, libcurl, nlohmann-json
 	$(BIN)/python -m pytest -m clients tests/integration/test_clients.py
+
+# LeRobot needs Python 3.12, and brings PyTorch: 6 GB in an environment of its own, of which the package's tests make use.
+LEROBOT_VENV ?= .venv-lerobot
+LEROBOT_PYTHON ?= python3.12
+
+$(LEROBOT_VENV)/.ready: pyproject.toml constraints.txt integrations/lerobot/pyproject.toml $(NATIVE)
+	$(LEROBOT_PYTHON) -m venv $(LEROBOT_VENV)
+	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check ".[sim]" "./integrations/lerobot[sim]" "pytest>=8"
+	@touch $@
+
+lerobot: $(LEROBOT_VENV)/.ready  ## the package for LeRobot with LeRobot itself, and its commands with the simulated arm
+	$(LEROBOT_VENV)/bin/python -m pytest integrations/lerobot/tests
 
 cluster: $(BIN)/.dev  ## the loss of a machine under Ray Serve, apart since Ray now and then fails to start its proxy in time
 	$(BIN)/python -m pytest -m cluster tests/unit/serve/test_ray_serve.py

@@ -1,0 +1,7 @@
+from __future__ import annotations
+
+from lerobot.registry import Device
+
+
+class Teleoperator(Device):
+    """A leader."""
