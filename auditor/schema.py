@@ -36,7 +36,7 @@ cylinder kind:=cylinder radius:num length:num
 capsule kind:=capsule radius:num length:num
 mesh kind:=mesh vertices:text
 compound kind:=compound parts:part*
-cloud kind:=cloud resolution:num cells:text
+cloud kind:=cloud resolution:num cells?:text packed?:text
 heights kind:=heights cell:num floor:num columns:int heights:text
 part shape:convex pose:pose
 region kind:=tool-region name:text frame:pose lower:num|null*3 upper:num|null*3 tilt:num|null turn:num|null tool:pose
@@ -88,7 +88,7 @@ peak ratio:num|null joint:int time:num
 path length:num waypoints:num** blends:num*
 law duration:num dilation:num durations:num* coefficients:4* part:2|null
 evidence version:int robot:text scene:text boxes:any proofs:proof*
-proof claim motion:int gripper:2 moved:2 s:text pairs:text rows:text
+proof claim motion:int gripper:2 moved:2 s:text pairs:text rows:text crowd?:text
 """
 ONE_OF = {
     "convex": "box|sphere|cylinder|capsule|mesh",

@@ -8,6 +8,10 @@ does the largest. On a stretch along which points move by m in all (``World.leve
 at a place that is u from the one end and m - u from the other at least ``max(g - u, h - m + u)``, so nowhere less than
 ``min(g, h, (g + h - m) / 2)``, and one of them alone at least ``g - m`` (Schwarzer, Saha and Latombe, IEEE T-RO 21(3),
 2005); nothing in this needs gaps to be positive.
+
+The second of a pair may be a bundle: pieces that stand and follow each other. The box around them, which is worked out
+here, holds them all, so that a gap to it is one to each. A cell of a cloud is in one of the boxes that the evidence
+cuts it into, which is verified, and so is that bundles and single pieces leave none of them and no stretch out.
 """
 
 from __future__ import annotations
@@ -17,10 +21,8 @@ import hashlib
 import json
 import math
 import zlib
-from collections import defaultdict
 from collections.abc import Iterator
-from functools import cache
-from itertools import combinations, product
+from itertools import groupby, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,12 +37,17 @@ SLACK = 1e-9  # of joints, places and frames: rounding
 LEAST_CLAIM = 1e-6  # metres: a gap that rounding cannot make up
 MOST_BYTES, MOST_ENTRIES, MOST_WORK, MOST_BODIES = 100_000_000, 50_000_000, 200_000_000, 500
 AT_ONCE = 2_000_000  # products of directions and points
+LEAST_CELL = 1e-6  # metres
+GRIDS = ("cloud", "heights")
 
 
 def unpacked(text: str, kind: str, columns: int, *, small: bool = True) -> Array:
     """A table (k, columns) from base64 of little-endian bytes, compressed if ``small``."""
     data = base64.b64decode(text, validate=True)
-    data = zlib.decompressobj().decompress(data, MOST_BYTES) if small else data
+    if small:
+        unzip = zlib.decompressobj()
+        data = unzip.decompress(data, MOST_BYTES)
+        require(unzip.eof and not unzip.unused_data, "a table that is cut off, too long, or followed by something")
     array = np.frombuffer(data, kind).reshape(-1, columns)
     require(np.isfinite(array), "a table holds a number that is not finite")
     return array
@@ -76,15 +83,8 @@ def pieces(name: str, solid: Json, at: Array, boxes: Json) -> list[Array]:
         parts = [(part["shape"], at @ frame(part["pose"])) for part in solid["parts"]]
         return [piece for shape, T in parts for piece in pieces(name, shape, T, boxes)]
     half = np.array(solid["size"] if kind == "box" else [0, 0, length], float) / 2
-    positive = min(*half, r, length, solid.get("resolution", 1), solid.get("cell", 1)) >= 0
-    require(positive, f"{name}: a {kind} of negative size")
-    spans = np.array([[-half, half]])
-    if kind in ("cloud", "heights"):
-        spans, (low, high) = unpacked(boxes[name], "<f8", 6).reshape(-1, 2, 3), cells(solid)
-        left = np.ones(len(low), bool)
-        for span in spans:
-            left &= ((low < span[0] - SLACK) | (high > span[1] + SLACK)).any(axis=1)
-        require(~left, f"{name}: the boxes of the evidence leave some of it out")
+    require(min(*half, r, length) >= 0, f"{name}: a {kind} of negative size")
+    spans = filled(name, solid, boxes[name]) if kind in GRIDS else np.array([[-half, half]])
     hulls = [np.unique([*product(*span.T)], axis=0) for span in spans]
     if kind == "mesh":
         hulls = [unpacked(solid["vertices"], "<f8", 3, small=False)]
@@ -92,14 +92,45 @@ def pieces(name: str, solid: Json, at: Array, boxes: Json) -> list[Array]:
     return [np.column_stack([hull @ at[:3, :3].T + at[:3, 3], np.tile(more, (len(hull), 1))]) for hull in hulls]
 
 
-def cells(solid: Json) -> tuple[Array, Array]:
-    """Lower and upper corners (k, 3) of the cells of a cloud, or of the columns of a height field."""
-    if solid["kind"] == "cloud":
-        low, size = unpacked(solid["cells"], "<i8", 3, small=False), solid["resolution"]
-        return low * size, (low + 1) * size
-    tops, floor, size = unpacked(solid["heights"], "<f8", solid["columns"], small=False), solid["floor"], solid["cell"]
-    at, tops = np.argwhere(tops > floor), tops[tops > floor]
-    return np.column_stack([at * size, tops * 0 + floor]), np.column_stack([(at + 1) * size, tops])
+def filled(name: str, solid: Json, text: str) -> Array:
+    """The boxes (k, 2, 3), lower and upper corners, that a cloud or a height field is cut into; Invalid unless each of
+    its cells or columns is in one of them, and nothing else."""
+    cloud, size = solid["kind"] == "cloud", solid.get("resolution", solid.get("cell"))
+    require(size >= LEAST_CELL, f"{name}: cells of no size")
+    boxes, axes = unpacked(text, "<f8", 6).reshape(-1, 2, 3), 3 if cloud else 2
+    require(np.abs(boxes) < 1e9 * size, f"{name}: boxes far away")
+    first, last = np.rint(boxes[:, :, :axes] / size).astype(np.int64).transpose(1, 0, 2)
+    there = np.abs(np.stack([first, last], axis=1) * size - boxes[:, :, :axes]) <= SLACK
+    require(there.all() and (first < last).all(), f"{name}: the boxes of the evidence are not made of its cells")
+    cells, tops = (packed_cells(solid), None) if cloud else columns(solid)
+    wrong, many = f"{name}: the boxes of the evidence leave some of it out, or hold more", (last - first).astype(float)
+    require(many.prod(axis=1).sum() == len(cells), wrong)
+    counts = (last - first).prod(axis=1)
+    box, left = np.repeat(np.arange(len(boxes)), counts), np.arange(len(cells))
+    left, inside = left - np.repeat(np.cumsum(counts) - counts, counts), np.empty((len(cells), axes), np.int64)
+    for axis in range(axes):
+        left, inside[:, axis] = np.divmod(left, (last - first)[box, axis])
+    inside += first[box]
+    found, own = np.lexsort(inside.T), np.lexsort(cells.T)
+    require((inside[found] == cells[own]).all(), wrong)
+    if tops is not None:
+        level = (boxes[box[found], 1, 2] == tops[own]).all() and (boxes[:, 0, 2] == solid["floor"]).all()
+        require(level, f"{name}: a box that is not as high as its columns")
+    return boxes
+
+
+def packed_cells(solid: Json) -> Array:
+    """The cells (k, 3) of a cloud, counted in edges."""
+    if "cells" in solid:  # as older versions wrote them
+        return unpacked(solid["cells"], "<i8", 3, small=False)
+    return np.cumsum(unpacked(solid["packed"], "<i4", 1).reshape(3, -1), axis=1, dtype=np.int64).T
+
+
+def columns(solid: Json) -> tuple[Array, Array]:
+    """The columns (k, 2) of a height field that are not empty, counted in edges, and their tops (k,)."""
+    tops = unpacked(solid["heights"], "<f8", solid["columns"], small=False)
+    there = tops > solid["floor"]
+    return np.argwhere(there), tops[there]
 
 
 def placed(bodies: Json, q: Array) -> Array:
@@ -166,7 +197,7 @@ class World:
 
     def __init__(self, robot: Json, stand: Json, hold: Json, allowed: Json, boxes: Json, x: float, alone: bool = False):
         self.x, self.alone, self.arm, self.column = x, alone, len(robot["bodies"]), len(robot["joint_names"])
-        self.solids, self.pieces = list[Solid](), list[Array]()
+        self.solids = list[Solid]()
         self.bodies = [{"multiplier": 1.0, **body, "at": frame(body["placement"])} for body in robot["bodies"]]
         none: Json = {"kind": "parallel", "links": [], "closed": [], "directions": [], "turns": [], "tips": []}
         self.grip = {**none, **(robot["gripper"] or {})}
@@ -199,20 +230,29 @@ class World:
         every += [("standing", it["name"], it["shape"], 0, 0, frame(it["pose"])) for it in stand]
         self.links, self.objects = {it["link"] for it in robot["shapes"]}, {it["name"] for it in (*stand, *hold)}
         require(len(self.objects) == len(stand) + len(hold), "two objects of one name")
+        hulls, spans, counts = list[Array](), list[Array](), list[Array]()
         for kind, name, solid, body, home, at in every:
             require(0 <= home <= body < len(self.bodies), f"{name}: on a body that is not there")
-            own, first = pieces(name, solid, at, boxes), len(self.pieces)
+            grid = kind == "standing" and solid["kind"] in GRIDS
+            own = filled(name, solid, boxes[name]) if grid else pieces(name, solid, at, boxes)
+            first = self.solids[-1].end if self.solids else 0
             self.solids.append(Solid(kind, self.label(kind, name), body, home, first, first + len(own), solid, at))
-            self.pieces += own
+            hulls += [] if grid else own
+            spans.append(own if grid else np.zeros((len(own), 2, 3)))
+            counts.append(np.zeros(len(own), int) if grid else np.array([*map(len, own)]))
         contacts = [(("link", a), ("link", b)) for a, b in (each["links"] for each in robot["allowed_contacts"])]
         contacts += [(("held", it["name"]), ("link", link)) for it in hold for link in it["touch_links"]]
         labels = [(self.label(*one), self.label(*two)) for one, two in contacts]
         self.may_touch = {frozenset(pair) for pair in (*labels, *allowed)}
-        self.of = [it for it in self.solids for _ in range(it.first, it.end)]
-        self.on = np.array([it.body for it in self.of])
-        self.starts = np.cumsum([0, *map(len, self.pieces)])
-        rows = np.vstack([np.zeros((0, 8)), *self.pieces])
+        self.of = np.repeat(np.arange(len(self.solids)), [it.end - it.first for it in self.solids])
+        self.on = np.array([it.body for it in self.solids], int)[self.of]
+        self.rides = next((it.first for it in self.solids if it.kind == "standing"), len(self.of))
+        self.starts = np.cumsum([0, *np.concatenate([[], *counts])]).astype(int)
+        rows = np.vstack([np.zeros((0, 8)), *hulls])
         self.points, self.axes, self.discs, self.balls = rows[:, :3], rows[:, 3:6], *rows[:, 6:].T
+        self.turns = np.array([it.at[:3, :3] for it in self.solids]).reshape(-1, 3, 3)
+        self.places = np.array([it.at[:3, 3] for it in self.solids]).reshape(-1, 3)
+        self.spans = np.vstack([np.zeros((0, 2, 3)), *spans])
 
     def fingers(self) -> Iterator[tuple[Json, int, int, Array]]:
         """Solid, body, what carries it, and frame of each shape of a finger; adds bodies that one more joint moves."""
@@ -236,7 +276,9 @@ class World:
         """Those that must be apart: an obstacle from what a joint moves, parts of the robot that are on different
         bodies, and what is held from all of it; not two that are held, which cannot move against each other. If the
         gripper alone moves: what belongs to a finger."""
-        for one, two in combinations(self.solids, 2):
+        for one, two in ((one, two) for k, one in enumerate(self.solids) for two in self.solids[k + 1 :]):
+            if one.kind == "standing":
+                return
             apart = one.home != two.home if two.kind == "link" else one.body != two.body
             apart |= two.kind == "held" != one.kind
             judged = one.name != two.name and frozenset((one.name, two.name)) not in self.may_touch
@@ -273,22 +315,44 @@ class World:
             far += np.linalg.norm(body["at"][:3, 3]) + body["prismatic"] * times * most[column]
         return out
 
-    def reach(self, first: Array, end: Array, n: Array, T: Array) -> Array:
-        """How far pieces ``first`` to ``end - 1`` reach along unit vectors n (m, 3), their body being at T, (m,)."""
+    def reach(self, k: Array, n: Array, T: Array) -> Array:
+        """How far pieces k (m,) reach along unit vectors n (m, 3), their bodies being at T (m, 4, 4); (m,)."""
         own, out = (n[:, None] @ T[:, :3, :3])[:, 0], (n * T[:, :3, 3]).sum(1)
-        order = np.lexsort((end, first))
-        cuts = np.flatnonzero(np.diff(first[order]) | np.diff(end[order])) + 1
-        for on in np.split(order, cuts) if len(order) else ():
-            k = slice(self.starts[first[on[0]]], self.starts[end[on[0]]])
-            for some in np.array_split(on, 1 + len(on) * (k.stop - k.start) // AT_ONCE):
-                across = np.sqrt(np.maximum(1 - (own[some] @ self.axes[k].T) ** 2, 0))
-                out[some] += (own[some] @ self.points[k].T + self.balls[k] + self.discs[k] * across).max(axis=1)
+        cells, hulls = (np.flatnonzero((self.starts[k] == self.starts[k + 1]) == grid) for grid in (True, False))
+        out[cells] += self.box_reach(self.of[k[cells]], self.spans[k[cells]], own[cells])
+        order = hulls[np.argsort(k[hulls], kind="stable")]
+        for on in np.split(order, np.flatnonzero(np.diff(k[order])) + 1) if len(order) else ():
+            rows = slice(self.starts[k[on[0]]], self.starts[k[on[0]] + 1])
+            for some in np.array_split(on, 1 + len(on) * (rows.stop - rows.start) // AT_ONCE):
+                across = np.sqrt(np.maximum(1 - (own[some] @ self.axes[rows].T) ** 2, 0))
+                out[some] += (own[some] @ self.points[rows].T + self.balls[rows] + self.discs[rows] * across).max(
+                    axis=1
+                )
         return out
 
-    def gaps(self, a: Array, b: Array, many: Any, n: Array, at: Array) -> Array:
-        """Gaps (m,) that unit vectors n (m, 3) show between pieces a and b to b + many - 1 (m,), ``at`` being frames
-        (2, m, 4, 4) of their bodies."""
-        return -self.reach(a, a + 1, -n, at[0]) - self.reach(b, b + many, n, at[1])
+    def box_reach(self, solid: Array, spans: Array, n: Array) -> Array:
+        """How far boxes (m, 2, 3) in the axes of solids (m,) reach along vectors n (m, 3), (m,)."""
+        own = (n[:, None] @ self.turns[solid])[:, 0]
+        return (n * self.places[solid]).sum(1) + np.where(own > 0, own * spans[:, 1], own * spans[:, 0]).sum(1)
+
+    def around(self, k: Array, turns: Array, places: Array) -> Array:
+        """Boxes (m, 2, 3) around pieces k (m,) that stand, in frames of these turns (m, 3, 3) and places (m, 3)."""
+        still = np.broadcast_to(np.eye(4), (len(k), 4, 4))
+        ends = [[sign * self.reach(k, sign * turns[:, :, axis], still) for axis in range(3)] for sign in (-1, 1)]
+        return np.array(ends).transpose(2, 0, 1) - (places[:, None] @ turns)
+
+    def extents(self, solid: Solid, T: Array) -> tuple[Array, Array]:
+        """Lower and upper corners (k, 3) of boxes around the pieces of a solid along the base's axes, its body at T."""
+        k, frames = np.arange(solid.first, solid.end), np.tile(T, (solid.end - solid.first, 1, 1))
+        low, high = (
+            [sign * self.reach(k, np.tile(sign * n, (len(k), 1)), frames) for n in np.eye(3)] for sign in (-1, 1)
+        )
+        return np.transpose(low), np.transpose(high)
+
+    def gaps(self, a: Array, b: Array, n: Array, at: Array) -> Array:
+        """Gaps (m,) that unit vectors n (m, 3) show between pieces a and b (m,), ``at`` being frames (2, m, 4, 4) of
+        their bodies."""
+        return -self.reach(a, -n, at[0]) - self.reach(b, n, at[1])
 
     def stands(self, width: float) -> bool:
         """Whether fingers that are a part of what carries them leave this width between them."""
@@ -299,22 +363,56 @@ class World:
             require(min(grip["positions"]) <= self.x <= max(grip["positions"]), "fingers beyond their range")
             gap = 0.0
             for tip, side in zip(grip["tips"], (1, -1), strict=True):
-                tips = [np.array([[it.first], [it.end]]) for it in self.solids if it.name == self.label("link", tip)]
-                gap -= max(self.reach(a, b, side * np.array([grip["across"]]), np.eye(4)[None])[0] for a, b in tips)
+                those = [it for it in self.solids if it.name == self.label("link", tip)]
+                k = np.concatenate([np.arange(it.first, it.end) for it in those])
+                gap -= self.reach(
+                    k, np.tile(side * np.array(grip["across"]), (len(k), 1)), np.tile(np.eye(4), (len(k), 1, 1))
+                ).max()
         return not grip["closed"] or bool(abs(gap - width) < SLACK)
+
+
+class Bundles:
+    """Boxes around pieces that stand and follow each other in an order: in the base's axes, and in those of their solid
+    if they are of one. Both hold all of the pieces."""
+
+    def __init__(self, world: World, order: Array, begin: Array, end: Array):
+        require((end - begin).sum() <= MOST_WORK, "more bundles than can be checked")
+        self.world, k = world, order[world.rides :] if len(begin) else order[:0]
+        of, none = world.of[k], np.zeros((len(k), 3))
+        own, base = world.around(k, world.turns[of], world.places[of]), world.around(k, none[:, None] + np.eye(3), none)
+        begin, end = begin - world.rides, end - world.rides
+        changes = np.concatenate([[0], np.cumsum(np.diff(of) != 0)]) if len(of) else of
+        self.one, self.solid = changes[begin] == changes[end - 1], of[begin]
+        self.own, self.base = (self.joined(spans, begin, end) for spans in (own, base))
+
+    @staticmethod
+    def joined(spans: Array, begin: Array, end: Array) -> Array:
+        runs, more = np.stack([begin, end], axis=1).ravel(), np.vstack([spans, spans[-1:]])
+        if not len(runs):
+            return np.zeros((0, 2, 3))
+        ends = np.minimum.reduceat(more[:, 0], runs)[::2], np.maximum.reduceat(more[:, 1], runs)[::2]
+        return np.stack(ends, axis=1)
+
+    def reach(self, k: Array, n: Array) -> Array:
+        """How far bundles k (m,) reach along unit vectors n (m, 3), at most, (m,)."""
+        base, one = self.base[k], self.one[k]
+        out = np.where(n > 0, n * base[:, 1], n * base[:, 0]).sum(1)
+        out[one] = np.minimum(out[one], self.world.box_reach(self.solid[k[one]], self.own[k[one]], n[one]))
+        return out
 
 
 def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> float:
     """The clearance that a trail shows between two places of a curve, metres; it must be what is claimed. A trail has
-    places s on the curve, and rows of a pair, a place, a later place, and the directions there. On an exempt stretch
-    with a depth, it shows that its pairs overlap by no more than that."""
+    places s on the curve, and rows of a pair, a place, a later place, and the directions there. The second of a pair is
+    a run of pieces in the order of the world, those of the crowd last in an order of their own. On an exempt stretch
+    with a depth, rows show that its pairs overlap by no more than that."""
     claimed = 1e9 if proof["clearance"] is None else float(proof["clearance"])
     require(claimed > max(float(proof["padding"]), LEAST_CLAIM) and proof["padding"] >= 0, "a claim that shows no gap")
     s, pairs = unpacked(proof["s"], "<f8", 1)[:, 0], unpacked(proof["pairs"], "<i4", 3).astype(int)
-    wanted, least = [*world.wanted()], math.inf
+    wanted = [(one, [two for _, two in both]) for one, both in groupby(world.wanted(), key=lambda both: both[0])]
     if not wanted:
         require(proof["clearance"] is None, "a clearance of nothing")
-        return least
+        return math.inf
     require(len(s) > 1 and s[0] <= begin + SLACK and s[-1] >= end - SLACK, "it does not reach both ends")
     require((s >= -SLACK).all() and s[-1] <= curve.length + SLACK, "places beyond the curve")
     rows, n = np.split(unpacked(proof["rows"], "<i4", 9).astype(int), [3], axis=1)
@@ -323,41 +421,119 @@ def shown(world: World, proof: Json, curve: Curve, begin: float, end: float) -> 
     require(np.minimum(length, np.abs(length - 1)) < 1e-6, "a direction that is no unit vector")
     order = (np.diff(s) >= 0).all() and (left >= 0).all() and (left < right).all() and (right < len(s)).all()
     require(order and (number >= 0).all() and (number < len(pairs)).all(), "places in disorder")
-    a, b, many = pairs.T
-    there = (pairs >= (0, 0, 1)).all() and (a < len(world.of)).all() and (b + many <= len(world.of)).all()
-    require(there, "pieces that are not there")
-    require([world.of[i].first == world.of[j].first for i, j in zip(b, b + many - 1, strict=True)], "pieces of several")
-    work = max(len(s) * 16 * len(world.bodies), len(world.solids) ** 2)
+    order, (a, b, many) = ordered(world, proof), pairs.T
+    there = (pairs >= (0, 0, 1)).all() and (a < world.rides).all() and (b + many <= len(order)).all()
+    require(
+        there and ((many == 1) | (b >= world.rides)).all(), "pieces that are not there, or that do not stand together"
+    )
+    work = max(len(s) * 16 * len(world.bodies), len(wanted) * len(world.solids))
     require(work <= MOST_WORK, "more than can be checked")
-    at, walked, most = placed(world.bodies, curve.at(s)), curve.at(s, walked=True), np.abs(curve.points).max(axis=0)
-    levers = cache(lambda first, end, other: world.levers(first, end, other, most))
-    way = [levers(i, i + 1, world.on[j]) + levers(j, j + more, world.on[i]) for i, j, more in pairs.tolist()]
-    m, x = ((walked[right] - walked[left]) * np.array(way)[number]).sum(1), n / np.maximum(length, 0.5)[..., None]
-    a, b, many = pairs[number].T
-    bodies = world.on[np.stack([a, b])]
-    gaps = [world.gaps(a, b, many, x[:, k], at[bodies, place]) for k, place in enumerate((left, right))]
-    g, h = np.where(length.T > 0.5, gaps, -math.inf)
-    bound = np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
-    found = defaultdict[tuple[int, int], Any](list)
-    for row, (i, j) in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
-        found[world.of[i].first, world.of[j].first].append(row)
+    bound = bounds(world, curve, s, order, pairs, (number, left, right), n, length)
     outside = (s[1:] <= begin + SLACK) | (s[:-1] >= end - SLACK) if end > begin else np.zeros(len(s) - 1, bool)
-    for first, second in wanted:
-        pair, shape = {first.name, second.name}, (first.end - first.first, second.end - second.first, len(s) - 1)
-        require(math.prod(shape) <= MOST_ENTRIES, f"{pair}: a trail of too many places")
-        apart = np.full(shape, -math.inf)
-        for row in found[first.first, second.first]:
-            part = apart[a[row] - first.first, b[row] - second.first :][: many[row], left[row] : right[row]]
-            np.maximum(part, bound[row], out=part)
-        sure = apart.min(axis=(0, 1), initial=math.inf)
-        sure[outside] = math.inf
-        for each in (each for each in proof["exempt"] if pair in map(set, each["pairs"])):
-            on = (s[:-1] >= each["s_start"] - SLACK) & (s[1:] <= each["s_end"] + SLACK)
-            deep = -math.inf if each.get("depth") is None else -each["depth"] - ROUNDING
-            sure[on & (sure >= deep)] = math.inf
-        least = min(least, float(sure.min()))
-        for k in np.flatnonzero(~(sure >= claimed - ROUNDING)):
-            what = f"{1e3 * sure[k]:.4f} mm are shown" if sure[k] > -math.inf else "nothing is shown"
-            where = f"{first.name} x {second.name} from s = {s[k]:.9g} to {s[k + 1]:.9g}"
-            raise Invalid(f"{where}: {what}, {1e3 * claimed:.4f} mm claimed")
+    a, b, many = pairs[number].T
+    mine, least = (
+        np.split(np.argsort(a, kind="stable"), np.searchsorted(np.sort(a), np.arange(1, world.rides))),
+        math.inf,
+    )
+    for first, others in wanted:
+        kinds, levels = needed(world, first, others, proof["exempt"], s, claimed - ROUNDING, outside)
+        kind = kinds[world.of[order]]
+        for piece in range(first.first, first.end):
+            k = mine[piece]
+            table = np.stack([b[k], b[k] + many[k], left[k], right[k]])
+            least = min(least, covered(world, first, order, kind, levels, table, bound[k], s, claimed))
     return least
+
+
+def ordered(world: World, proof: Json) -> Array:
+    """The pieces in the order in which a trail numbers them: those of the crowd last, in its own order."""
+    crowd = unpacked(proof["crowd"], "<i4", 1)[:, 0].astype(int) if "crowd" in proof else np.zeros(0, int)
+    rest, once = np.ones(len(world.of), bool), len(np.unique(crowd)) == len(crowd)
+    require(once and ((crowd >= world.rides) & (crowd < len(rest))).all(), "a crowd that does not stand, or twice")
+    rest[crowd] = False
+    return np.concatenate([np.flatnonzero(rest), crowd])
+
+
+def bounds(
+    world: World, curve: Curve, s: Array, order: Array, pairs: Array, rows: Any, n: Array, length: Array
+) -> Array:
+    """What each row shows of its pair on its stretch at least, (m,)."""
+    (number, left, right), (a, b, many) = rows, pairs.T
+    at, walked, most = placed(world.bodies, curve.at(s)), curve.at(s, walked=True), np.abs(curve.points).max(axis=0)
+    alone, way = np.where(many == 1, order[b], -1), np.zeros((len(pairs), len(most)))
+    bodies = np.stack([world.on[a], np.where(alone < 0, 0, world.on[alone])])
+    for piece, other in ((a, bodies[1]), (alone, bodies[0])):
+        moved = np.flatnonzero((piece >= 0) & (piece < world.rides))
+        each, which = np.unique(np.stack([piece[moved], other[moved]]), axis=1, return_inverse=True)
+        levers = [world.levers(k, k + 1, body, most) for k, body in each.T.tolist()]
+        way[moved] += np.reshape(levers, (-1, len(most)))[which.ravel()]
+    m, x = ((walked[right] - walked[left]) * way[number]).sum(1), n / np.maximum(length, 0.5)[..., None]
+    runs, which = np.unique(pairs[alone < 0, 1:], axis=0, return_inverse=True)
+    bundles, bundle = Bundles(world, order, runs[:, 0], runs.sum(axis=1)), np.zeros(len(pairs), int)
+    bundle[alone < 0] = which.ravel()
+    one, gaps = alone[number] >= 0, np.empty((2, len(number)))
+    for k, place in enumerate((left, right)):
+        gaps[k] = -world.reach(a[number], -x[:, k], at[bodies[0, number], place])
+        gaps[k, one] -= world.reach(alone[number[one]], x[one, k], at[bodies[1, number[one]], place[one]])
+        gaps[k, ~one] -= bundles.reach(bundle[number[~one]], x[~one, k])
+    g, h = np.where(length.T > 0.5, gaps, -math.inf)
+    return np.maximum(np.minimum(np.minimum(g, h), (g + h - m) / 2), np.maximum(g, h) - m)
+
+
+def needed(
+    world: World, first: Solid, others: list[Solid], exempt: Json, s: Array, level: float, outside: Array
+) -> tuple[Array, Array]:
+    """What has to be shown of a solid and others: a kind of each solid (k,), and for each kind what is needed between
+    two places each (kinds, len(s) - 1); nothing of the first kind."""
+    kinds, known = np.zeros(len(world.solids), int), dict[tuple[int, ...], int]()
+    levels = list[Array]([np.full(len(s) - 1, -math.inf)])
+    pairs = [{*map(frozenset, each["pairs"])} for each in exempt]
+    for two in others:
+        those = tuple(k for k, each in enumerate(pairs) if frozenset((first.name, two.name)) in each)
+        if those not in known:
+            known[those] = len(levels)
+            need = np.where(outside, -math.inf, level)
+            for each in (exempt[k] for k in those):
+                on = (s[:-1] >= each["s_start"] - SLACK) & (s[1:] <= each["s_end"] + SLACK)
+                deep = -math.inf if each.get("depth") is None else -each["depth"] - ROUNDING
+                need[on] = np.minimum(need[on], deep)
+            levels.append(need)
+        kinds[world.of[two.first]] = known[those]
+    return kinds, np.array(levels)
+
+
+def covered(
+    world: World,
+    first: Solid,
+    order: Array,
+    kind: Array,
+    levels: Array,
+    table: Array,
+    bound: Array,
+    s: Array,
+    claimed: float,
+) -> float:
+    """The least bound (m,) of rows that cover what is needed of one piece of a solid against all others; Invalid if
+    something is left. ``table`` (4, m) has the runs and the stretches of the rows, first and end of each."""
+    changes = [np.flatnonzero(np.diff(kind)) + 1, np.flatnonzero((levels[:, 1:] != levels[:, :-1]).any(axis=0)) + 1]
+    cuts = [
+        np.unique([0, size, *own, *table[2 * k : 2 * k + 2].ravel()])
+        for k, (size, own) in enumerate(zip((len(order), len(s) - 1), changes, strict=True))
+    ]
+    require(math.prod(map(len, cuts)) <= MOST_ENTRIES, f"{first.name}: a trail of too many places")
+    x, y = cuts
+    at = [np.searchsorted(cuts[k // 2], table[k]) for k in range(4)]
+    need = levels[kind[x[:-1]]][:, y[:-1]]
+    for level in np.unique(need[need > -math.inf]):
+        good, grid = bound >= level, np.zeros((len(x), len(y)), np.int32)
+        for i, j, sign in ((0, 2, 1), (0, 3, -1), (1, 2, -1), (1, 3, 1)):
+            np.add.at(grid, (at[i][good], at[j][good]), sign)
+        left = np.argwhere((need == level) & (grid.cumsum(0).cumsum(1)[:-1, :-1] == 0))
+        for i, j in left[:1]:
+            two = world.solids[world.of[order[x[i]]]]
+            here = (at[0] <= i) & (i < at[1]) & (at[2] <= j) & (j < at[3])
+            best = bound[here].max(initial=-math.inf)
+            what = f"{1e3 * best:.4f} mm are shown" if best > -math.inf else "nothing is shown"
+            where = f"{first.name} x {two.name} from s = {s[y[j]]:.9g} to {s[y[j + 1]]:.9g}"
+            raise Invalid(f"{where}: {what}, {1e3 * claimed:.4f} mm claimed")
+    return float(bound[bound >= claimed - ROUNDING].min(initial=math.inf))

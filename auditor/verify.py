@@ -64,7 +64,7 @@ def verify(document: Json, named: Json = ()) -> Iterator[str]:
     robot, section, allowed, asked = (document[key] for key in ("robot", "sections", "allowed", "request"))
     section, n, stood = section["evidence"], len(robot["joint_names"]), None
     require(document["version"] == 3, "a file of another version")
-    require(section["version"] == 4, f"evidence of version {section['version']}, which is not read: write it anew")
+    require(section["version"] in (4, 5), f"evidence of version {section['version']}, which is not read: write it anew")
     for part in ("robot", "scene"):
         require(section[part] == digest(document[part]), f"the evidence is for another {part}")
         yield f"{part} {section[part]}"
@@ -306,17 +306,21 @@ def overlap(world: World, curve: Curve, s: float, one: str, two: str, *, exactly
     enough, steps = (0.0, STEPS) if exactly else (-MEANT_OVERLAP, STEPS[:5])
     for a, b in product(*([it for it in world.solids if it.name == name] for name in (one, two))):
         axes = [T[:3, :3].T for T in (at[a.body] @ a.at, at[b.body] @ b.at, at[body] @ tool)]
-        for i, j in product(range(a.first, a.end), range(b.first, b.end)):
-            n, gap = np.vstack([sign * own for own in axes for sign in (1, -1)]), -math.inf
-            for step in steps:
-                ones = np.ones(len(n), int)
-                gaps = world.gaps(i * ones, j * ones, ones, n, at[[a.body, b.body], None])
-                gap, best = max(gap, gaps.max()), n[gaps.argmax()]
-                if gap >= enough:
-                    break
-                n = best + step * np.vstack([np.zeros(3), NEARBY])
-                n /= np.linalg.norm(n, axis=1)[:, None]
-            deepest = max(deepest, -gap)
+        (low, high), (others_low, others_high) = (world.extents(it, at[it.body]) for it in (a, b))
+        for i in range(a.end - a.first):
+            near = ((low[i] <= others_high) & (others_low <= high[i])).all(axis=1)
+            for j in np.flatnonzero(near):
+                n, gap = np.vstack([sign * own for own in axes for sign in (1, -1)]), -math.inf
+                for step in steps:
+                    ones = np.ones(len(n), int)
+                    frames = np.repeat(at[[a.body, b.body], None], len(n), axis=1)
+                    gaps = world.gaps((a.first + i) * ones, (b.first + j) * ones, n, frames)
+                    gap, best = max(gap, gaps.max()), n[gaps.argmax()]
+                    if gap >= enough:
+                        break
+                    n = best + step * np.vstack([np.zeros(3), NEARBY])
+                    n /= np.linalg.norm(n, axis=1)[:, None]
+                deepest = max(deepest, -gap)
     return deepest
 
 

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from auditor.schema import check_file, require
-from auditor.trails import SLACK, Solid, World, cells, chain, digest, frame, placed, unpacked
+from auditor.trails import SLACK, Solid, World, chain, digest, filled, frame, placed, unpacked
 
 Array = Any
 Json = Any
@@ -43,11 +43,7 @@ def depth(solid: Json, name: str, points: Array, document: Json) -> Array:
         found = [depth(one, name, (points - T[:3, 3]) @ T[:3, :3], document) for one, T in parts]
         return np.max(found, axis=0)
     if kind in ("cloud", "heights"):
-        rows, (low, high) = unpacked(document["boxes"][name], "<f8", 6).reshape(-1, 2, 3), cells(solid)
-        for row in rows:  # a box that cells fill
-            filled = np.maximum(np.minimum(high, row[1]) - np.maximum(low, row[0]), 0).prod(axis=1).sum()
-            solidly = filled >= np.prod(row[1] - row[0]) * (1 - SLACK)
-            require(solidly and (row[0] < row[1]).all(), f"{name}: a box that is not filled")
+        rows = filled(name, solid, document["boxes"][name])
         return np.max([outside(np.abs(points - row.mean(axis=0)) - np.ptp(row, axis=0) / 2) for row in rows], axis=0)
     if kind in ("sphere", "capsule"):
         return r - np.linalg.norm(points - np.clip(points, [0, 0, -half], [0, 0, half]), axis=1)

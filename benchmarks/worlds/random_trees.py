@@ -97,7 +97,7 @@ def draw_points(world: World, chance: np.random.Generator, count: int) -> tuple[
     """
     columns = world.column + 1
     first = int(chance.integers(len(world.of)))
-    solid = world.of[first]
+    solid = world.solids[world.of[first]]
     end = int(chance.integers(first + 1, solid.end + 1))
     other = int(chance.integers(len(world.bodies)))
     most = chance.uniform(0.1, 7.0, columns)

@@ -500,7 +500,7 @@ class Certifier:
             return Certificate(
                 -math.inf, 0, padding, stretches, kept, checked_part, self._allowed, contacts=self._contacts
             )
-        roots = self._roots(judged, stretches, one_by_one=trail is not None)
+        roots = self._roots(judged, stretches)
         proof = self.prover.prove(curve, padding + MARGIN, roots, charge, tracing=trail is not None)
         parts = [proof]
         for depth in sorted({stretch.depth for stretch in stretches if stretch.depth is not None}, reverse=True):
@@ -660,16 +660,16 @@ class Certifier:
         self._check_exempt(length, stretches)
         return self._roots((0.0, length), stretches)
 
-    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval], *, one_by_one: bool = False) -> Roots:
-        """The same of a part of a path; ``one_by_one`` without bundles of several obstacles."""
+    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval]) -> Roots:
+        """The same of a part of a path."""
         spans: dict[Span, int] = {judged: 0}
         cuts: dict[frozenset[str], list[Span]] = {}
         for interval in exempt:
             for names in interval.pairs:
                 cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, judged[1])))
-        if not (cuts or one_by_one):
+        if not cuts:
             return Roots(list(spans), self._whole)
-        whole = self._opened(None if one_by_one else cuts)
+        whole = self._opened(cuts)
         cut_at = {row: spans_cut for names, spans_cut in cuts.items() for row in self._rows_of(whole, names)}
         parts, after = [], 0
         for row in sorted(cut_at):
@@ -697,8 +697,8 @@ class Certifier:
                 rows |= {(int(whole[row, 0]), number) for row in named}
         return Roots(list(spans), np.array(sorted(rows), dtype=np.intp).reshape(-1, 2))
 
-    def _opened(self, named: Iterable[frozenset[str]] | None) -> IntArray:
-        """Rows of all roots, those of pairs of names one by one; None opens all bundles of several obstacles."""
+    def _opened(self, named: Iterable[frozenset[str]]) -> IntArray:
+        """Rows of all roots, those of pairs of names one by one."""
         roots = self.listed.opened(named)
         return self._whole if np.array_equal(roots, self.listed.roots) else _rows(roots)
 

@@ -79,6 +79,16 @@ class BundleTree:
         return out
 
     @cached_property
+    def ends(self) -> IntArray:
+        """The first and the last piece of each member, counted from the first of all, (2, members)."""
+        own, inner = np.arange(len(self)), len(self.pieces)
+        first = np.concatenate([own[:inner], self.children[:, 0]])
+        last = np.concatenate([own[:inner], self.children.sum(axis=1) - 1])
+        while (first >= inner).any():
+            first, last = first[first], last[last]
+        return np.stack([first, last])
+
+    @cached_property
     def tops(self) -> IntArray:
         """The members that are in none: the last ones."""
         held = int(self.children.sum(axis=1).max(initial=0))
@@ -390,16 +400,16 @@ class ProofPairs:
             out[mine, 0], out[mine, 1] = rider, self.trees[tree].numbers(member[mine])
         return out
 
-    def children_of(self, pair: int) -> range:
-        """The pairs that stand for one with a bundle; none for others."""
-        (block,), (member,) = self._located(np.array([pair]))
-        if block < 0:
-            return range(0)
-        tree, begin = self.trees[self.blocks[block, 1]], int(self.begins[block])
-        if member < len(tree.pieces):
-            return range(0)
-        first, count = tree.children[member - len(tree.pieces)].tolist()
-        return range(begin + first, begin + first + count)
+    def runs(self, pairs: IntArray) -> IntArray:
+        """Of pairs (k,) the first piece, the first of the pieces that the second is or holds, and how many, (k, 3)."""
+        block, member = self._located(pairs)
+        out = np.column_stack([self.of(pairs), np.ones(len(pairs), dtype=np.intp)])
+        for each in np.unique(block[block >= 0]).tolist():
+            mine = block == each
+            tree = self.trees[self.blocks[each, 1]]
+            first, last = tree.ends[:, member[mine]]
+            out[mine, 1], out[mine, 2] = tree.pieces.start + first, last - first + 1
+        return out
 
     def leaves(self) -> IntArray:
         """The pairs without a bundle, (judged,)."""
@@ -415,15 +425,11 @@ class ProofPairs:
             [np.arange(len(self.plain)), *(start + tops[tree] for start, tree in zip(starts, trees, strict=True))]
         )
 
-    def opened(self, pairs: Iterable[frozenset[str]] | None) -> IntArray:
-        """The roots, with those bundles of the crowd opened that hold a pair of these names, or all of them if None."""
+    def opened(self, pairs: Iterable[frozenset[str]]) -> IntArray:
+        """The roots, with those bundles of the crowd opened that hold a pair of these names."""
         if self._tree_of_crowd < 0:
             return self.roots
         tree = self.trees[self._tree_of_crowd]
-        if pairs is None:
-            all_open = [each.tops for each in self.trees]
-            all_open[self._tree_of_crowd] = np.arange(len(tree.pieces))
-            return self._rooted(all_open)
         named = frozenset(pairs)
         out = [np.arange(len(self.plain))]
         for (rider, which), start in zip(self.blocks.tolist(), self.begins[:-1].tolist(), strict=True):

@@ -268,8 +268,8 @@ class GrownRecord(Record):
 
 @cache
 def _defaults(model: type[GrownRecord]) -> tuple[tuple[str, Any], ...]:
-    """The fields that have a default, with it: pydantic takes its time to find out."""
-    fields = [(name, field) for name, field in model.model_fields.items() if not field.is_required()]
+    """The fields but ``kind`` that have a default, with it: pydantic takes its time to find out."""
+    fields = [(name, f) for name, f in model.model_fields.items() if not f.is_required() and name != "kind"]
     return tuple((name, field.get_default(call_default_factory=True)) for name, field in fields)
 
 

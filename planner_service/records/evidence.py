@@ -41,7 +41,7 @@ __all__ = ["EVIDENCE", "boxes_of", "packed", "save_plan", "with_evidence"]
 EVIDENCE = "evidence"
 """The section's name."""
 
-VERSION = 4
+VERSION = 5
 
 FASTEST = 1
 """Of zlib's levels: the best makes a trail a tenth smaller and takes longer than the proof."""
@@ -68,11 +68,12 @@ def with_evidence(plan: SavedPlan | SavedTask) -> SavedPlan | SavedTask:
             for segment, result, motion in zip(plan.segments, results, proven.motions, strict=True)
         ]
         plan = replace(plan, segments=tuple(segments))
+    scenes = [motion.motion.scene for motion in proven.motions]
     section = {
         "version": VERSION,
         "robot": _robot_digest(plan.robot),
         "scene": _digest(SceneRecord.of(plan.scene).document()),
-        "boxes": dict(item for motion in proven.motions for item in boxes_of(motion.motion.scene)),
+        "boxes": boxes_of(*scenes),
         "proofs": [proof for k, motion in enumerate(proven.motions) for proof in _proofs(k, motion)],
     }
     return replace(plan, sections={**plan.sections, EVIDENCE: section})
@@ -150,12 +151,13 @@ def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
     second = motion.listed.of(leaves[:, 0].astype(np.int64))[:, 1]
     directions = [_in_base(leaves[:, 3 * k + 3 : 3 * k + 6], motion, rotations, second, ends[:, k]) for k in (0, 1)]
     rows = np.column_stack([pair, ends, *(np.rint(n * UNIT).astype(np.int64) for n in directions)])
-    claim = certificate_record(certificate)
+    claim, crowd = certificate_record(certificate), motion.listed.numbers[list(motion.listed.crowd)]
     return {
         **{name: claim[name] for name in ("clearance", "padding", "exempt", "part")},
         "s": packed(s, "<f8"),
-        "pairs": packed(np.array([_pieces(motion, k) for k in used.tolist()]).reshape(-1, 3), "<i4"),
+        "pairs": packed(motion.listed.runs(used), "<i4"),
         "rows": packed(rows, "<i4"),
+        **({"crowd": packed(crowd, "<i4")} if len(crowd) else {}),
     }
 
 
@@ -174,26 +176,18 @@ def _in_base(
     return np.asarray(np.einsum("kij,kj->ki", turns, n))
 
 
-def _pieces(motion: Motion, pair: int) -> tuple[int, int, int]:
-    """The pieces of a pair: the first, and where those of the second begin and how many follow each other."""
-    low = high = pair
-    while children := motion.listed.children_of(low):
-        low = children.start
-    while children := motion.listed.children_of(high):
-        high = children.stop - 1
-    (first, one), (_, two) = motion.listed.of(np.array([low, high])).tolist()
-    begin, end = motion.listed.numbers[[one, two]].tolist()
-    return first, begin, end - begin + 1
-
-
-def boxes_of(scene: Scene) -> Iterator[tuple[str, str]]:
+def boxes_of(*scenes: Scene) -> dict[str, str]:
     """The boxes that make up each cloud and height field, lower corners and upper ones in its own axes, packed."""
-    for name, solid in [(item.name, item.shape) for items in (scene.obstacles, scene.attached) for item in items]:
+    solids = {
+        item.name: item.shape for scene in scenes for items in (scene.obstacles, scene.attached) for item in items
+    }
+    out = dict[str, str]()
+    for name, solid in solids.items():
         if isinstance(solid, PointCloud | HeightField):
             parts = solid.pieces
-            half = np.array([box.half for box in parts.shapes if isinstance(box, Box)])
-            centre = parts.frames[:, :3, 3]
-            yield name, packed(np.column_stack([centre - half, centre + half]), "<f8")
+            half = np.array([box.half for box in parts.kinds if isinstance(box, Box)])[parts.numbers]
+            out[name] = packed(np.column_stack([parts.positions - half, parts.positions + half]), "<f8")
+    return out
 
 
 def packed(array: NDArray[Any], kind: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import reprlib
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -16,8 +17,8 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Count, GrownRecord, Reading, Record, Text, at_most
-from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.composite import Compound, HeightField, PointCloud
+from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.composite import MAX_CELLS, Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import MAX_HULL, Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.records.values import Constraints, KindRecord, PoseRecord
@@ -219,29 +220,59 @@ class CompoundRecord(KindRecord):
     parts: Annotated[list[PartRecord], at_most(1_000)]
 
 
-class CloudRecord(Record):
-    """A ``PointCloud``: its cells, packed.
+class CloudRecord(GrownRecord):
+    """A ``PointCloud``: its cells, packed; one of the two ways to say which.
 
     Attributes:
         kind: Tells kinds of solids apart.
         resolution: Edge length of the cubic cells, in metres.
         cells: The indices i, j, k of each occupied cell, which is between index and index + 1 times the resolution:
             base64 of rows of three little-endian 64-bit integers.
+        packed: The same, as this package writes it: base64 of zlib of little-endian 32-bit integers, by how much the
+            index i of each cell is larger than that of the one before it, of the first than 0, then j, then k.
     """
 
     about = PointCloud
 
     kind: Literal["cloud"] = "cloud"
     resolution: float
-    cells: Packed
+    cells: Packed | None = None
+    packed: Packed | None = None
 
     @classmethod
     def fields_of(cls, value: PointCloud) -> dict[str, Any]:
-        return {"resolution": value.resolution, "cells": packed(value.cells, "<i8")}
+        return {"resolution": value.resolution, "packed": _packed_cells(value.cells)}
 
     @cached_property
     def value(self) -> PointCloud:
-        return PointCloud.from_cells(unpacked("cells", self.cells, "<i8", 3), self.resolution)
+        if self.packed is None and self.cells is not None:
+            return PointCloud.from_cells(unpacked("cells", self.cells, "<i8", 3), self.resolution)
+        if self.packed is None or self.cells is not None:
+            raise InvalidRequest("packed", None if self.packed is None else "beside cells", "either cells or packed")
+        return PointCloud.from_cells(_unpacked_cells("packed", self.packed), self.resolution)
+
+
+def _packed_cells(cells: IntArray) -> str:
+    """The text of cells (k, 3): neighbours in the list differ by little."""
+    steps = np.diff(cells, axis=0, prepend=np.zeros((1, 3), dtype=np.int64)).T
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(steps).astype("<i4").tobytes())).decode("ascii")
+
+
+def _unpacked_cells(field: str, text: str) -> IntArray:
+    """Cells (k, 3) from their text.
+
+    Raises:
+        InvalidRequest: it is none, or of more cells than a cloud has.
+    """
+    expected = f"base64 of zlib of the steps of at most {MAX_CELLS:,} cells, three 32-bit integers each"
+    unzip, most = zlib.decompressobj(), 12 * MAX_CELLS
+    try:
+        data = unzip.decompress(base64.b64decode(text.encode("ascii"), validate=True), most + 1)
+    except (binascii.Error, ValueError, zlib.error):
+        raise InvalidRequest(field, reprlib.repr(text), expected) from None
+    if not unzip.eof or unzip.unused_data or len(data) > most or len(data) % 12:
+        raise InvalidRequest(field, f"{len(data):,} bytes or more", expected)
+    return np.cumsum(np.frombuffer(data, dtype="<i4").reshape(3, -1), axis=1, dtype=np.int64).T
 
 
 class HeightsRecord(Record):

@@ -230,9 +230,16 @@ def test_names_of_one_obstacle_in_a_crowd_open_no_more_than_its_bundles() -> Non
     roots = set(listed.opened([frozenset(listed.names(pair))]).tolist())
     assert pair in roots
     assert len(roots) < len(listed.roots) + 4 * 8
-    everything = listed.opened(None)
-    assert set(everything.tolist()) >= in_crowd
-    assert not any(listed.is_crowd(k) for k in everything.tolist())
+
+
+def test_the_run_of_a_pair_has_the_pieces_of_all_pairs_that_it_stands_for() -> None:
+    setup = among_many("wxai", 0)
+    listed = Certifier(setup.robot, setup.scene).listed
+    held = Counter[tuple[int, int]]()
+    for rider, first, many in listed.runs(listed.roots).tolist():
+        held.update((rider, piece) for piece in range(first, first + many))
+    assert held == Counter(map(tuple, listed.of(listed.leaves()).tolist()))
+    assert listed.runs(listed.leaves())[:, 2].max() == 1
 
 
 def test_to_exempt_one_obstacle_exempts_none_of_its_bundle() -> None:

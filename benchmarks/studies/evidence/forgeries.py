@@ -24,6 +24,7 @@ from auditor.sampling import no_path_objections, objections
 from auditor.schema import Invalid
 from auditor.trails import digest, unpacked
 from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
+from benchmarks.studies.evidence.bundled import change_bundles
 from benchmarks.studies.evidence.otherwise_right import name_as_link, stop_early
 from benchmarks.studies.evidence.saved_files import Document, saved_files
 from planner_service.records.evidence import packed
@@ -477,7 +478,7 @@ KINDS: tuple[Callable[[Forger], bool | None], ...] = (
     *(Forger.swap, Forger.drop, Forger.merge, Forger.cut, Forger.splice, Forger.retime, Forger.shrink, Forger.move),
     *(Forger.rename, Forger.exempt, Forger.change_robot, Forger.change_world, Forger.change_load),
     *(Forger.change_gripper, Forger.change_constraint, Forger.change_trail, Forger.raise_claim, Forger.change_form),
-    *(stop_early, name_as_link, Forger.same),
+    *(stop_early, name_as_link, change_bundles, Forger.same),
 )
 OF_NO_PATH = (
     *(Forger.shrink, Forger.move, Forger.rename, Forger.change_robot, Forger.change_form, Forger.drop),

@@ -35,6 +35,7 @@ def saved_files(seed: int) -> Iterator[tuple[str, Document]]:
     yield "plan, planar2", _certain(flat, ps.PlanRequest((0.0, 0.0), (math.pi / 2, -math.pi / 2), time_limit=None))
     yield "plan, constraints", _constrained()
     yield "plan, load and clouds", _loaded(seed)
+    yield "plan, bundles", _bundled(seed)
     yield "plan, touching start", _touching()
     for robot in ("wxai", "ur5_vacuum", "kinova_gripper"):
         service = ps.PlannerService(robot, ps.load_scene("bin"))
@@ -102,6 +103,20 @@ def _loaded(seed: int) -> Document:
     home = service.robot.home
     goal = home + np.array([0.7, 0.1, 0.1, 0.0, 0.2, 0.1])
     return _certain(service, ps.PlanRequest(home, goal, timing=ps.SCurve(), velocity_scale=0.6, time_limit=None))
+
+
+def _bundled(seed: int) -> Document:
+    """Between a wall of points and many small things, which are looked at as bundles."""
+    chance = np.random.default_rng(seed)
+    y, z = chance.uniform(-0.4, 0.4, 900), chance.uniform(0.0, 0.6, 900)
+    wall = ps.PointCloud(np.stack([0.01 * np.sin(9.0 * y), y, z], axis=1), 0.02)
+    things = [ps.Obstacle("wall", wall, ps.Pose.from_rpy((-0.35, 0.1, 0.05), (0.0, 0.0, 0.4)))]
+    for k, (x, y, z) in enumerate(chance.uniform((-0.2, -0.7, 0.0), (0.6, -0.45, 0.7), (80, 3)).tolist()):
+        shape = (ps.Box((0.02, 0.03, 0.02)), ps.Sphere(0.012), ps.Cylinder(0.01, 0.04))[k % 3]
+        things.append(ps.Obstacle(f"thing {k}", shape, ps.Pose((x, y, z))))
+    service = ps.PlannerService("wxai", ps.Scene(tuple(things)))
+    home = service.robot.home
+    return _certain(service, ps.PlanRequest(home, home + np.array([-0.9, 0.3, 0.2, 0.0, 0.3, 0.2]), time_limit=None))
 
 
 def _touching() -> Document:

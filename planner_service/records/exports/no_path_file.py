@@ -74,7 +74,7 @@ def no_path_document(proof: NoPath, world: World, start: object, goals: Sequence
         "start": list(joint_vector("start", start, robot)),
         "goals": [list(joint_vector(f"goals[{k}]", goal, robot)) for k, goal in enumerate(goals)],
         "moved": 0.0 if robot.gripper is None else robot.gripper.position(robot.gripper_width),
-        "boxes": dict(boxes_of(scene)),
+        "boxes": boxes_of(scene),
         "faces": meshes,
         "joints": list(proof.joints),
         "range": [proof.range_lower.tolist(), proof.range_upper.tolist()],

@@ -113,7 +113,7 @@ class ReplannedRecord(Record):
         )
 
 
-class TrailRecord(Record):
+class TrailRecord(GrownRecord):
     """What one proof rests on.
 
     Attributes:
@@ -126,7 +126,9 @@ class TrailRecord(Record):
         part: Path lengths s from which to which the curve was judged, in radians; null for all of it.
         s: Path lengths at which stretches begin and end, in radians: 64-bit floats, packed. What is packed is
             little-endian, compressed by zlib, in base64.
-        pairs: For each judged pair numbers of its pieces: rows of three 32-bit integers, packed.
+        pairs: For each judged pair the number of a piece, the first of those that it is judged with, and how many
+            follow each other: rows of three 32-bit integers, packed.
+        crowd: Numbers of the pieces of obstacles that come last in that order, as they come: 32-bit integers, packed.
         rows: For each stretch its pair, its ends in `s`, and directions that separate the two there: rows of nine
             32-bit integers, packed.
     """
@@ -141,6 +143,7 @@ class TrailRecord(Record):
     s: str
     pairs: str
     rows: str
+    crowd: str | None = None
 
 
 class EvidenceRecord(Record):

@@ -63,7 +63,7 @@ def test_a_piece_reaches_as_far_along_a_direction_as_its_farthest_point() -> Non
             own = (world.points[rows][:, None] + spread).reshape(-1, 3)
             T = at[world.on[k]]
             farthest = ((own @ T[:3, :3].T + T[:3, 3]) @ n).max()
-            reach = world.reach(np.array([k]), np.array([k + 1]), n[None], T[None])[0]
+            reach = world.reach(np.array([k]), n[None], T[None])[0]
             size = world.discs[rows].max() + world.balls[rows].max()
             assert farthest <= reach + 1e-12
             assert reach - farthest <= 0.1 * size + 1e-12

@@ -273,6 +273,142 @@ def test_a_forgery_is_refused(plain: Document, change: Callable[[Document, Docum
         shown(forged(plain, change))
 
 
+# Bundles: boxes of cells, and runs of small obstacles that share one tree.
+
+
+@pytest.fixture(scope="module")
+def bundled() -> Document:
+    chance = np.random.default_rng(3)
+    y, z = chance.uniform(-0.4, 0.4, 900), chance.uniform(0.0, 0.6, 900)
+    cloud = PointCloud(np.stack([0.01 * np.sin(9.0 * y), y, z], axis=1), 0.02)
+    things = [Obstacle("cloud", cloud, Pose.from_rpy((-0.35, 0.1, 0.05), (0.0, 0.0, 0.4)))]
+    places = chance.uniform((-0.2, -0.9, 0.0), (0.6, -0.45, 0.7), (80, 3)).tolist()
+    things += [Obstacle(f"thing {k}", Box((0.02, 0.03, 0.02)), Pose((x, y, z))) for k, (x, y, z) in enumerate(places)]
+    return document(planned(Scene(tuple(things))))
+
+
+def test_cells_and_small_obstacles_are_shown_in_bundles(bundled: Document) -> None:
+    (proof,) = bundled["sections"]["evidence"]["proofs"]
+    crowd, runs = array(proof["crowd"], "<i4", 1), array(proof["pairs"], "<i4", 3)
+    assert len(crowd) == 80
+    assert len(runs) < 80 * len(bundled["robot"]["shapes"])
+    for first, last in ((crowd.min() - 40, crowd.min()), (crowd.min(), crowd.max() + 1)):
+        inside = (runs[:, 1] >= first) & (runs[:, 1] < last)
+        assert runs[inside, 2].max() > 8
+    shown(bundled)
+
+
+def test_a_cloud_as_older_versions_wrote_it_is_the_same(bundled: Document) -> None:
+    def older(copy: Document, proof: Document) -> None:
+        (solid,) = (it["shape"] for it in copy["scene"]["obstacles"] if it["name"] == "cloud")
+        steps = array(solid.pop("packed"), "<i4", 1).reshape(3, -1)
+        solid["cells"] = base64.b64encode(np.cumsum(steps, axis=1, dtype="<i8").T.tobytes()).decode()
+        copy["sections"]["evidence"]["version"] = 4
+
+    shown(forged(bundled, older))
+
+
+def boxes(change: Callable[[Any], Any]) -> Callable[[Document, Document], None]:
+    def changed(copy: Document, proof: Document) -> None:
+        those = copy["sections"]["evidence"]["boxes"]
+        those["cloud"] = packed(change(array(those["cloud"], "<f8", 6)), "<f8")
+
+    return changed
+
+
+def cells(change: Callable[[Any], Any]) -> Callable[[Document, Document], None]:
+    def changed(copy: Document, proof: Document) -> None:
+        solid = copy["scene"]["obstacles"][0]["shape"]
+        found = np.cumsum(array(solid["packed"], "<i4", 1).reshape(3, -1), axis=1).T
+        solid["packed"] = packed(np.diff(change(found), axis=0, prepend=np.zeros((1, 3))).T, "<i4")
+
+    return changed
+
+
+def crowd(change: Callable[[Any], Any]) -> Callable[[Document, Document], None]:
+    def changed(copy: Document, proof: Document) -> None:
+        proof["crowd"] = packed(change(array(proof["crowd"], "<i4", 1)), "<i4")
+
+    return changed
+
+
+def shorter_run(copy: Document, proof: Document) -> None:
+    runs = array(proof["pairs"], "<i4", 3)
+    runs[runs[:, 2] > 1, 2] -= 1
+    proof["pairs"] = packed(runs, "<i4")
+
+
+def run_of_the_arm(copy: Document, proof: Document) -> None:
+    runs = array(proof["pairs"], "<i4", 3)
+    runs[0, 1:] = 1, 2
+    proof["pairs"] = packed(runs, "<i4")
+
+
+def cut_off(copy: Document, proof: Document) -> None:
+    those = copy["sections"]["evidence"]["boxes"]
+    those["cloud"] = base64.b64encode(base64.b64decode(those["cloud"])[:-4]).decode()
+
+
+def followed(copy: Document, proof: Document) -> None:
+    proof["crowd"] = base64.b64encode(base64.b64decode(proof["crowd"]) + b"more").decode()
+
+
+def without_end(copy: Document, proof: Document) -> None:
+    copy["scene"]["obstacles"][0]["shape"]["packed"] = packed(np.zeros((26_000_000, 1)), "<i4")
+
+
+def swapped(rows: Any) -> Any:
+    """The first and the last, which are far apart."""
+    rows[[0, -1]] = rows[[-1, 0]]
+    return rows
+
+
+def one_for_another(rows: Any) -> Any:
+    rows[0] = rows[1]
+    return rows
+
+
+def moved(rows: Any) -> Any:
+    rows[5] += 1
+    return rows
+
+
+def halved(rows: Any) -> Any:
+    rows[0, 3] = 0.5 * (rows[0, 0] + rows[0, 3])
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (boxes(lambda rows: rows[1:]), "leave some of it out"),
+        (boxes(lambda rows: np.concatenate([rows, rows[:1]])), "or hold more"),
+        (boxes(one_for_another), "or hold more"),
+        (boxes(halved), "not made of its cells"),
+        (boxes(lambda rows: rows[:, [3, 4, 5, 0, 1, 2]]), "not made of its cells"),
+        (boxes(lambda rows: rows * 1e12), "far away"),
+        (boxes(swapped), "shown"),
+        (cells(lambda rows: rows[1:]), "or hold more"),
+        (cells(moved), "or hold more"),
+        (cells(lambda rows: np.concatenate([rows, rows[-1:] + 1])), "leave some of it out"),
+        (crowd(swapped), "shown"),
+        (crowd(lambda rows: rows[:-1]), "shown"),
+        (crowd(one_for_another), "twice"),
+        (crowd(lambda rows: rows * 0 + np.arange(len(rows))[:, None]), "does not stand"),
+        (shorter_run, "nothing is shown"),
+        (run_of_the_arm, "do not stand together"),
+        (cut_off, "cut off"),
+        (followed, "followed by something"),
+        (without_end, "too long"),
+    ],
+)
+def test_a_forgery_of_bundles_is_refused(
+    bundled: Document, change: Callable[[Document, Document], None], why: str
+) -> None:
+    with pytest.raises(Invalid, match=why):
+        shown(forged(bundled, change))
+
+
 def test_an_exemption_that_no_rule_allows_is_refused(plain: Document) -> None:
     def alone(copy: Document, proof: Document) -> None:
         for claim in (proof, copy["result"]["certificate"]):

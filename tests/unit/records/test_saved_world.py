@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
@@ -39,6 +41,7 @@ from planner_service.geometry.composite import Solid
 from planner_service.planning.request import World
 from planner_service.records.evidence import save_plan
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_plan_or_task, load_task
+from planner_service.records.scene import CloudRecord
 from planner_service.tasks.pick_place import plan_pick_place
 from tests.support.optional import present
 
@@ -110,6 +113,40 @@ def test_a_scene_of_every_kind_of_solid_comes_back_from_a_file(tmp_path: Path) -
     read = load_plan(tmp_path / "plan.json").scene
     same(read, EVERYTHING)
     assert read.hash == EVERYTHING.hash
+
+
+CLOUD = PointCloud(np.random.default_rng(5).normal(size=(20_000, 3)), 0.03)
+ROWS = base64.b64encode(CLOUD.cells.astype("<i8").tobytes()).decode()
+STEPS: str = CloudRecord.of(CLOUD).document()["packed"]
+
+
+def cloud_of(**texts: str) -> PointCloud:
+    return CloudRecord.model_validate({"kind": "cloud", "resolution": 0.03, **texts}).value
+
+
+def test_a_cloud_takes_a_sixth_of_what_it_took_and_is_read_as_it_was_written_before() -> None:
+    assert 6 * len(STEPS) < len(ROWS)
+    assert cloud_of(packed=STEPS) == cloud_of(cells=ROWS) == CLOUD
+    assert np.array_equal(cloud_of(packed=STEPS).cells, CLOUD.cells)
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        {},
+        {"packed": STEPS, "cells": ROWS},
+        {"packed": ROWS},
+        {"packed": base64.b64encode(base64.b64decode(STEPS)[:-3]).decode()},
+        {"packed": base64.b64encode(base64.b64decode(STEPS) + b"more").decode()},
+        {"packed": base64.b64encode(zlib.compress(bytes(12 * 2_000_000))).decode()},
+        {"packed": base64.b64encode(zlib.compress(bytes(16))).decode()},
+        {"packed": "no base64"},
+    ],
+    ids=["neither", "both", "rows", "cut off", "followed", "too many", "a part of a cell", "no base64"],
+)
+def test_a_cloud_that_is_packed_otherwise_is_refused(texts: dict[str, str]) -> None:
+    with pytest.raises(InvalidRequest, match=r"^packed: "):
+        cloud_of(**texts)
 
 
 @pytest.fixture(scope="module")

@@ -110,10 +110,10 @@ def test_cells_do_not_fill_a_box_that_is_inside_out() -> None:
     forged = document(Scene(tuple(boxes)), [0.0, 0.0], [3.0, 0.0])
     scene = Scene(tuple(replace(box, shape=far) for box in boxes))
     forged["scene"] = json.loads(json.dumps(SceneRecord.of(scene).document()))
-    for name, text in boxes_of(scene):
+    for name, text in boxes_of(scene).items():
         inside_out = [0.1, -0.1, -0.15, -0.1, 0.1, 0.15]
         forged["boxes"][name] = packed([*array(text, "<f8", 6), inside_out], "<f8")
-    with pytest.raises(Invalid, match="a box that is not filled"):
+    with pytest.raises(Invalid, match="the boxes of the evidence are not made of its cells"):
         list(verify(forged))
 
 
