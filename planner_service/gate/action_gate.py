@@ -46,6 +46,12 @@ TRIES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675)
 SLOWER = 6
 """Halvings of the interval in which the largest speed is looked for that keeps the limits."""
 
+SLOWEST = 1.0 / 64.0
+"""Share of its speed: what would have to be slower is a jump, and refused."""
+
+RAMP = 1.5
+"""Times the targets that it takes to get to the speed of a chunk if all of the acceleration went into that."""
+
 
 class ActionGate:
     """Decides which targets may be sent to an arm.
@@ -130,8 +136,8 @@ class ActionGate:
             chunk: Targets, (k, n) or (n,), one each period.
             sent: How many of the last verdict's ``rows`` were sent since; if None, all of its targets, or one row of
                 its stop if it had none.
-            elapsed: Seconds since the last of them was sent; a period if None, or if it differs from that by no more
-                than the jitter.
+            elapsed: Seconds from when the last of them was sent until the next will be, give or take the jitter; a
+                period if None.
             around: What moves beside this arm, and keeps clear of where this arm can be by what has passed so far: what
                 ``occupied`` says of other gates that were given what it says of this one. It is no part of the scene.
 
@@ -251,10 +257,9 @@ class ActionGate:
         """Follow what was sent, and see whether the arm is where it can be by now."""
         rows = self._left or min(1, len(self._pending))
         rows = rows if sent is None else whole("sent", sent, 0, len(self._pending))
-        waited = period = 1.0 / self.rate
+        waited = 1.0 / self.rate
         if elapsed is not None:
-            given = number("elapsed", elapsed, "seconds >= 0", 0.0, math.inf)
-            waited = period if abs(given - period) <= self.tracking.jitter else given
+            waited = number("elapsed", elapsed, "seconds >= 0", 0.0, math.inf)
         if self._came is None:
             if measured is None or not np.isfinite(measured).all():
                 raise InvalidRequest("q", measured, f"{self.robot.n} finite numbers at the first check")
@@ -345,25 +350,27 @@ class ActionGate:
         targets = wanted = wanted if beyond is None else wanted[: beyond.index]
         course = self._course(now, targets)
         refused = self.limits.objection(course, targets)
-        if refused is not None and self.slow:
-            speed, targets = self._slowed(now, wanted)
-            course = self._course(now, targets)
-            refused = self.limits.objection(course, targets)
+        slowed = self._slowed(now, wanted) if refused is not None and self.slow else None
+        if slowed is not None:
+            speed, targets = slowed
+            course, refused = self._course(now, targets), None
         refused = beyond if refused is None else refused
         passing = len(targets) if refused is None else refused.index
         proof = self._proof(course, targets[:passing], by)
         bounds = proof.distances
         if proof.pair is not None:
             passing, refused = proof.free, self._contact(proof)
+        blocked: TubeProof | None = None
         for back in (*(each for each in TRIES if each < passing), passing):
             start = course.at(passing - back)
             rows = self.limits.braking(start)
             found = None if rows is None else self._stop_proof(start, rows, by)
             bounds += 0 if found is None else found.distances
             if rows is not None and found is not None and found.pair is None:
-                refused = self._no_stop(passing - back, refused) if back else refused
+                refused = self._no_stop(passing - back, refused, blocked) if back else refused
                 return Verdict(read_only(targets[: passing - back]), read_only(rows), refused, speed, bounds=bounds)
-        refused = self._no_stop(0, refused)
+            blocked = found
+        refused = self._no_stop(0, refused, blocked)
         last = now.place if self._target is None else self._target
         for rows in (self._pending, last[None].copy()):
             if rows is not self._pending and self._proven:  # the rest of a way that is proven to its end
@@ -413,30 +420,42 @@ class ActionGate:
             Kind.CONTACT, proof.free, detail, proof.free / self.rate, pair=proof.pair, at=proof.at, depth=depth
         )
 
-    def _no_stop(self, index: int, refused: Refused | None) -> Refused:
-        """The word on a target after which the arm could not stop."""
+    def _no_stop(self, index: int, refused: Refused | None, blocked: TubeProof | None) -> Refused:
+        """The word on a target after which the arm could not stop, and what it would touch then."""
         if refused is not None and refused.index <= index:
             return refused
-        detail = "after it the arm could not stop within its limits in free space"
-        if refused is None:
-            return Refused(Kind.STOP, index, detail, index / self.rate)
-        return Refused(
-            *(Kind.STOP, index, f"{detail}; ahead, {refused}", index / self.rate),
-            joint=refused.joint, pair=refused.pair, at=refused.at, depth=refused.depth,
-        )  # fmt: skip
+        stop = Refused(Kind.STOP, index, "", index / self.rate)
+        if blocked is None or blocked.pair is None:
+            return replace(stop, detail="after it the arm could not stop within the limits of its joints")
+        touched = self._contact(blocked)
+        detail = f"after it the arm could not stop: {touched.detail}"
+        return replace(stop, detail=detail, pair=touched.pair, at=touched.at, depth=touched.depth)
 
-    def _slowed(self, now: Setpoint, wanted: FloatArray) -> tuple[float, FloatArray]:
-        """The largest share of its speed at which a chunk keeps the limits, about, and its targets then."""
+    def _slowed(self, now: Setpoint, wanted: FloatArray) -> tuple[float, FloatArray] | None:
+        """A chunk as fast as the limits allow, about: the share of its way that is done, and the targets.
+
+        None if that is so little that it is no motion but a jump. The speed along its line goes to a share of its own,
+        at once or over as many targets as the acceleration needs.
+        """
         begun = now.place if self._target is None else self._target
-        line = np.concatenate([begun[None], wanted])
-        best, low, high = (0.0, line[:1].repeat(len(wanted), axis=0)), 0.0, 1.0
-        for _ in range(SLOWER):
-            share = 0.5 * (low + high)
-            targets = _along(line, share)
-            if self.limits.objection(self._course(now, targets), targets) is None:
-                best, low = (share, targets), share
-            else:
-                high = share
+        line, k = np.concatenate([begun[None], wanted]), len(wanted)
+        steps, least = np.diff(line, axis=0), float(np.finfo(np.float64).tiny)
+        now_done = float(now.speed @ steps[0]) / self.rate / max(float(steps[0] @ steps[0]), least)
+        going = min(max(now_done, 0.0), 1.0)
+        needs = float((np.abs(steps).max(axis=0) * self.rate**2 / self.limits.acceleration).max())
+        best: tuple[float, FloatArray] | None = None
+        for ramp in {1.0, max(1.0, math.ceil(RAMP * needs))}:
+            reached, low, high = np.minimum(np.arange(1, k + 1) / ramp, 1.0), 0.0, 1.0
+            for _ in range(SLOWER):
+                share = 0.5 * (low + high)
+                done = np.cumsum(going + (share - going) * reached)
+                targets = _along(line, done)
+                if self.limits.objection(self._course(now, targets), targets) is not None:
+                    high = share
+                    continue
+                low = share
+                if done[-1] / k > (SLOWEST if best is None else best[0]):
+                    best = float(done[-1]) / k, targets
         return best
 
     def _chunk(self, chunk: ArrayLike) -> FloatArray:
@@ -457,8 +476,7 @@ class ActionGate:
         return Certifier(self.robot, scene, allowed=self._service.allowed)
 
 
-def _along(line: FloatArray, share: float) -> FloatArray:
-    """Points (k, n) of a polyline (k + 1, n) at share, 2 share, ... times its pieces."""
-    at = share * np.arange(1, len(line))
-    k = np.minimum(at.astype(np.intp), len(line) - 2)
-    return np.asarray(line[k] + (line[k + 1] - line[k]) * (at - k)[:, None])
+def _along(line: FloatArray, done: FloatArray) -> FloatArray:
+    """Points (k, n) of a polyline (k + 1, n) after so many of its pieces, (k,)."""
+    k = np.minimum(done.astype(np.intp), len(line) - 2)
+    return np.asarray(line[k] + (line[k + 1] - line[k]) * (done - k)[:, None])

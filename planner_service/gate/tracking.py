@@ -47,7 +47,7 @@ class Tracking:
     Attributes:
         goal_time: Seconds after which the setpoint is at a target that is not replaced.
         error: Radians (or metres) between the arm and the setpoint at most, of all joints or of each, (n,).
-        jitter: Seconds by which the time between two targets may differ from the rate's.
+        jitter: Seconds by which the time between two targets may differ from the rate's, or from what a check is told.
         lag: Seconds by which the arm may be late: it is within ``error`` of some place where the setpoint was since.
 
     Raises:

@@ -65,7 +65,7 @@ class Verdict:
         stop: What brings the arm to rest, (m, n), to be sent after these if nothing else passes. Its last row is where
             the arm comes to rest.
         refused: Why the rest of the chunk did not pass, or the whole of it as it is if ``repaired``; None if all did.
-        speed: 1, or the share of its own speed at which the chunk passes where it was to be slowed down.
+        speed: 1, or the share of its way that the chunk gets done in its time where it was to be slowed down.
         repaired: Whether the targets are what passes of the chunk and a plan from there to its end.
         proven: Whether all of ``rows`` is proven free. If not, the arm is told to stay where it is, for the reason in
             ``refused``: it is not where its driver should have it, or the scene changed too close to it.

@@ -123,14 +123,7 @@ def test_the_stop_keeps_the_limits_of_speed_and_acceleration_and_ends_at_rest() 
     gate = gate_of(ball_beyond(0.1))
     verdict = gate.check(START, ramp(30, step=np.array([0.01, 0.02])))
     assert verdict.ok
-    rows, places, share = verdict.rows, [START], (1.0 / RATE) / TRACKING.goal_time
-    for row in rows:
-        places.append(places[-1] + share * (row - places[-1]))
-    speeds = np.concatenate([[[0.0, 0.0]], (rows - np.array(places[:-1])) / TRACKING.goal_time, [[0.0, 0.0]]])
-    limits = PLANAR.limits
-    assert np.all(np.abs(speeds) <= limits.velocity)
-    assert np.all(np.abs(np.diff(speeds, axis=0)) * RATE <= limits.acceleration * (1.0 + 1e-6))
-    np.testing.assert_allclose(places[-1], rows[-1], atol=1e-3)
+    assert within_limits(verdict.rows, START)
 
 
 @pytest.mark.parametrize(
@@ -233,15 +226,38 @@ def test_what_is_proven_in_a_changed_scene_is_free_in_it_wherever_the_change_is(
     assert 10 < sum(proven) < 55
 
 
-def test_too_fast_a_chunk_is_followed_more_slowly_where_that_is_wanted() -> None:
+def within_limits(rows: FloatArray, start: FloatArray) -> bool:
+    """Whether a driver that gets rows in time keeps the limits of speed and acceleration, and ends at rest."""
+    places, share = [start], (1.0 / RATE) / TRACKING.goal_time
+    for row in rows:
+        places.append(places[-1] + share * (row - places[-1]))
+    still = np.zeros((1, 2))
+    speeds = np.concatenate([still, (rows - np.array(places[:-1])) / TRACKING.goal_time, still])
+    fast = np.abs(speeds) <= PLANAR.limits.velocity
+    hard = np.abs(np.diff(speeds, axis=0)) * RATE <= PLANAR.limits.acceleration * (1.0 + 1e-6)
+    return bool(fast.all() and hard.all())
+
+
+def test_too_fast_a_chunk_is_followed_more_slowly_along_its_line_where_that_is_wanted() -> None:
     gate = gate_of(ball_beyond(0.1), slow=True)
-    chunk = START + np.linspace(0.0, 1.0, 6)[1:, None] * [0.3, 0.0]
+    chunk = START + np.linspace(0.0, 1.0, 31)[1:, None] * [1.5, -0.7]
     verdict = gate.check(START, chunk)
     assert verdict.refused is None
-    assert 0.0 < verdict.speed < 1.0
+    assert 0.3 < verdict.speed < 1.0
     assert not verdict.ok
     assert gate.counts.slowed == 1
-    assert np.all(np.diff(verdict.targets[:, 0]) > 0.0)
+    assert within_limits(verdict.rows, START)
+    done = (verdict.targets - START)[:, 0] / 1.5
+    np.testing.assert_allclose(verdict.targets, START + done[:, None] * [1.5, -0.7], atol=1e-12)
+    assert np.all(np.diff(done) > 0.0)
+    assert done[-1] == pytest.approx(verdict.speed)
+
+
+def test_a_jump_is_refused_and_not_slowed_down() -> None:
+    gate = gate_of(ball_beyond(0.1), slow=True)
+    verdict = gate.check(START, [2.5, 0.0])
+    assert verdict.refused is not None
+    assert (verdict.refused.kind, verdict.accepted, gate.counts.slowed) == (Kind.SPEED, 0, 0)
 
 
 @pytest.mark.parametrize("name", ["jerk", "torque"])
@@ -317,7 +333,7 @@ def test_what_is_refused_or_changed_is_in_the_log_and_nothing_else(tmp_path: Pat
     gate.check(START, ramp(3))
     gate.check(START, ramp(90), sent=0)
     gate.check(START, [START], sent=0)
-    gate.check(START, [0.5, 0.0], sent=0)
+    gate.check(START, np.array([[-0.48, 0.0], [-0.46, 0.0]]), sent=0)
     lines = [json.loads(line) for line in log.read_text().splitlines()]
     assert len(lines) == sum(gate.counts.refused.values()) + gate.counts.slowed
     assert (len(lines), lines[1]["speed"] < 1.0) == (2, True)

@@ -60,16 +60,15 @@ def test_an_arm_whose_targets_come_early_late_or_not_at_all_touches_nothing_and_
         start = robot.home if name != "planar2" else np.array([-0.5, 0.0])
         gate, driver = ActionGate(service, rate=RATE, tracking=tracking, slow=True), Driver(tracking, start, rng)
         gate.reset(start)
-        sent, time, goal = 0, 0.0, start
+        sent, goal = 0, start
         for step in range(120):
             if step % 15 == 0:
                 goal = rng.uniform(*robot.bounds)
             wait = PERIOD * (rng.choice([0.4, 1.0, 1.0, 1.0, 1.0, 2.5]) if rng.uniform() < 0.3 else 1.0)
-            late = tracking.jitter * rng.uniform(-1.0, 1.0)
-            measured = driver.arm(max(time + wait + late, driver.now))
+            now = max(driver.now + wait + tracking.jitter * rng.uniform(-1.0, 1.0), driver.now)
+            measured = driver.arm(now)
             chunk = wanted(rng, robot, driver.setpoint(driver.now), step, goal)
             verdict = gate.check(measured, chunk, sent=sent, elapsed=wait)
-            time += wait
             assert verdict.proven, str(verdict.refused)
             if verdict.refused is not None:
                 assert verdict.refused.kind is not Kind.TRACKING, str(verdict.refused)
@@ -77,8 +76,8 @@ def test_an_arm_whose_targets_come_early_late_or_not_at_all_touches_nothing_and_
             passed += verdict.accepted
             sent = min(int(rng.choice([1, 1, 1, 3])), len(verdict.rows))
             for k, row in enumerate(verdict.rows[:sent]):
-                time += PERIOD if k else 0.0
-                driver.send(max(time + (late if k == 0 else tracking.jitter * rng.uniform(-1.0, 1.0)), driver.now), row)
+                now += (PERIOD + tracking.jitter * rng.uniform(-1.0, 1.0)) if k else 0.0
+                driver.send(now, row)
             for instant in np.linspace(driver.now - 2.0 * PERIOD, driver.now + 0.2, 8):
                 q = driver.arm(float(instant))
                 assert checker.state_is_free(np.clip(q, *robot.bounds))
