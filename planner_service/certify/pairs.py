@@ -223,7 +223,7 @@ class Standing(Sequence[Piece]):
         for _, solid, frame in solids:
             pieces = solid.pieces if isinstance(solid, Composite) else None
             kinds.append(np.arange(len(shapes), len(shapes) + 1) if pieces is None else pieces.numbers + len(shapes))
-            shapes += [solid] if isinstance(solid, Shape) else solid.pieces.kinds
+            shapes += solid.pieces.kinds if isinstance(solid, Composite) else [solid]
             a = np.array(frame)
             rotation = a[None, :, :3] if pieces is None else _turned(a, pieces.rotations)
             position = a[None, :, 3] if pieces is None else _moved(a, pieces.positions)

@@ -123,8 +123,9 @@ def plan(
 
 def _stages(context: PlanContext) -> PlanResult:
     """The stages in their order; one that finds no way raises ``NoPlan``."""
-    if context.accounting.roadmap is not None:
-        waited(context.accounting.roadmap.prepare)
+    roadmap = context.accounting.roadmap
+    if roadmap is not None and not roadmap.prepared:
+        waited(roadmap.prepare)
     ends = find_ends(context)
     if ends.arrived_at is not None:
         return _stay(context, ends, ends.arrived_at)

@@ -16,6 +16,7 @@ from benchmarks.worlds import queries
 from planner_service.errors import InvalidRequest
 from planner_service.planning.result import PlanResult
 from planner_service.roadmap import Verdict
+from planner_service.roadmap.graph import Graph
 from tests.support.optional import present
 from tests.support.roadmaps import cell, lies
 
@@ -57,6 +58,16 @@ def test_a_plan_changes_no_roadmap_and_brings_back_what_it_learned() -> None:
     assert again.stage(ps.Stage.SEARCH).counts.states < first.stage(ps.Stage.SEARCH).counts.states
     assert once_more.counts == first.counts, "nothing is remembered behind the user's back"
     assert present(once_more.roadmap).hash == learned.hash
+
+
+def test_the_tables_of_a_roadmap_are_built_once_for_all_that_are_made_from_it() -> None:
+    service, roadmap = cell(), cell().build_roadmap(ps.LazyPRM(milestones=50), seed=0)
+    fresh = replace(roadmap, graph=Graph.of(roadmap.milestones, roadmap.edges, roadmap.graph.reach))
+    assert not fresh.prepared
+    learned = present(ask(service, fresh).roadmap)
+    assert fresh.prepared
+    assert learned.prepared
+    assert learned.with_path([service.robot.home, roadmap.milestones[0]]).prepared
 
 
 def test_an_obstacle_on_a_known_path_is_never_driven_through(tmp_path: Path) -> None:
