@@ -76,7 +76,6 @@ def solids(solid: Json, at: Array) -> Iterator[tuple[Any, Array]]:
         yield make(solid["radius"], solid["length"]), at
 
 
-@lru_cache(maxsize=256)
 def occupied(solid: Json) -> Array:
     """The cells (k, 3) of a cloud, counted in edges; each once."""
     if "packed" not in solid:
@@ -85,6 +84,7 @@ def occupied(solid: Json) -> Array:
     return np.unique(np.array([np.add.accumulate(row.astype(np.int64)) for row in steps]).T, axis=0)
 
 
+@lru_cache(maxsize=256)
 def hull(vertices: str) -> Any:
     return hull_of(np.frombuffer(base64.b64decode(vertices), "<f8").reshape(-1, 3))
 

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from auditor.__main__ import main
+from auditor.sampling import objections
 from auditor.schema import Invalid
 from auditor.verify import verify
 from planner_service import (
@@ -296,6 +297,10 @@ def test_cells_and_small_obstacles_are_shown_in_bundles(bundled: Document) -> No
         inside = (runs[:, 1] >= first) & (runs[:, 1] < last)
         assert runs[inside, 2].max() > 8
     shown(bundled)
+
+
+def test_samples_among_cells_find_nothing_against_a_proof_by_bundles(bundled: Document) -> None:
+    assert objections(bundled, 20) == []
 
 
 def test_a_cloud_as_older_versions_wrote_it_is_the_same(bundled: Document) -> None:
