@@ -237,23 +237,24 @@ class Page:
         """Give the browser what ``save`` would write: the page writes no file itself."""
         with self._lock:
             saved = self.state.saved
-        if saved is None or client is None:
-            return
-        name = "task.json" if isinstance(saved, SavedTask) else "plan.json"
-        try:
-            client.send_file_download(name, saved.file_text().encode("ascii"), save_immediately=True)
-        except PlannerServiceError as error:
-            self._controls.costs.content = f"**not saved**: {markdown_escaped(str(error))}"
+        if saved is not None:
+            name = "task.json" if isinstance(saved, SavedTask) else "plan.json"
+            self._send(client, name, saved.file_text, self._controls.costs)
 
     def _send_scene(self, client: Any) -> None:
         with self._lock:
             scene = self.state.cell.scene
-        if client is None:
-            return
+        self._send(client, "cell.toml", lambda: scene_text(scene), self._cell.note)
+
+    def _send(self, client: Any, name: str, text: Callable[[], str], note: Any) -> None:
+        """Give a browser a file, if its window is still open."""
         try:
-            client.send_file_download("cell.toml", scene_text(scene).encode(), save_immediately=True)
+            content = text().encode()
         except PlannerServiceError as error:
-            self._cell.note.content = f"**not saved**: {markdown_escaped(str(error))}"
+            note.content = f"**not saved**: {markdown_escaped(str(error))}"
+            return
+        if client is not None and client.client_id in self._server.get_clients():
+            client.send_file_download(name, content, save_immediately=True)
 
     def draw_robot(self, way: str) -> None:
         """Draw the shapes that are checked, what the robot looks like, or both; ``WAYS`` are the words."""
@@ -276,7 +277,8 @@ class Page:
         def handle(event: Any) -> None:
             if event.client is not None:
                 with self._lock:
-                    act()
+                    if not self._closed.is_set():
+                        act()
 
         return handle
 
@@ -285,7 +287,8 @@ class Page:
 
         def handle(event: Any) -> None:
             with self._lock:
-                act(event.target.value)
+                if not self._closed.is_set():
+                    act(event.target.value)
 
         return handle
 
@@ -294,6 +297,8 @@ class Page:
     def edit(self, change: Callable[[Cell], Cell]) -> None:
         """Change the cell, or say why it cannot be changed; a plan that is being made is given up."""
         with self._lock:
+            if self._closed.is_set():
+                return
             try:
                 cell = change(self.state.cell)
                 state = self.state.with_cell(cell)
@@ -325,6 +330,8 @@ class Page:
     def click(self, name: str, origin: FloatArray, direction: FloatArray) -> None:
         """Place what is to be picked where an obstacle was clicked; or select that, or no longer if it is selected."""
         with self._lock:
+            if self._closed.is_set():
+                return
             errand = self.state.errand
             if errand is None or errand.support is not None:
                 self.edit(lambda cell: cell.select(None if cell.selected == name else name))
@@ -339,7 +346,7 @@ class Page:
 
     def load(self, name: str, unit: str) -> None:
         """Add the obstacles in a file of the folder; one file at a time."""
-        if self._folder is None or not name or not self._loading.acquire(blocking=False):
+        if self._folder is None or not name or self._closed.is_set() or not self._loading.acquire(blocking=False):
             return
         try:
             self._files.begin()
@@ -348,12 +355,15 @@ class Page:
         except PlannerServiceError as error:
             update(self._cell.note, content=f"**not loaded**: {markdown_escaped(str(error))}")
         finally:
-            self._files.end()
+            if not self._closed.is_set():
+                self._files.end()
             self._loading.release()
 
     def save(self, name: str) -> None:
         """Write the scene to a file of the folder; one that is there is replaced when it is asked for again."""
         with self._lock:
+            if self._closed.is_set():
+                return
             folder, scene, again = self._folder, self.state.cell.scene, self._replace == name
             self._replace = None
             if folder is None:
@@ -376,6 +386,8 @@ class Page:
     def pick(self) -> None:
         """Pick what is selected with the next plan; or nothing, if something is to be picked."""
         with self._lock:
+            if self._closed.is_set():
+                return
             state, selected = self.state, self.state.cell.selected
             if state.errand is not None:
                 self._apply(replace(state, errand=None))
@@ -402,6 +414,8 @@ class Page:
     def _wish(self, change: Callable[[ViewState], ViewState]) -> None:
         """Change what the next plan does, or say why it cannot."""
         with self._lock:
+            if self._closed.is_set():
+                return
             try:
                 state = change(self.state)
             except PlannerServiceError as error:
@@ -415,6 +429,8 @@ class Page:
     def aim(self, pose: Pose, *, released: bool) -> None:
         """Drag the tool of the goal to a pose in the base frame; when released, the handles go back to the tool."""
         with self._lock:
+            if self._closed.is_set():
+                return
             self.state = self.state.aimed(pose)
             self._show_wishes()
             if released:
@@ -450,6 +466,8 @@ class Page:
     def scrub(self, seconds: float) -> None:
         """Show the robot at a time on the playback's clock, as the time slider does."""
         with self._lock:
+            if self._closed.is_set():
+                return
             self.state = self.state.at(seconds)
             self._draw()
             self._time.value = round(self.state.seconds or 0.0, 2)
@@ -516,6 +534,8 @@ class Page:
             raise
         with self._lock:
             self._planning = None
+            if self._closed.is_set():
+                return
             self._controls.end()
             if self.state.cell.scene is not before.cell.scene:
                 error_text = "**no plan**: the cell was changed meanwhile"
@@ -528,8 +548,10 @@ class Page:
                 self._controls.costs.content = error_text
 
     def close(self) -> None:
-        """Stop playing and planning."""
+        """Stop playing and planning, and finish what is being drawn."""
         self._closed.set()
+        with self._lock:
+            pass
         self._playing.clear()
         planning = self._planning
         if planning is not None:

@@ -5,20 +5,23 @@ from __future__ import annotations
 import io
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["executable", "headless", "new_window", "pixels"]
+__all__ = ["ANY_GL", "executable", "headless", "new_window", "pixels"]
 
-ARGUMENTS = (
-    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+ANY_GL = (
+    *("--no-sandbox", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
     *("--disable-quic", "--disable-background-networking", "--no-first-run"),
 )
-"""WebGL without a graphics card, and no word to anybody."""
+"""WebGL by the graphics card if there is one, and no word to anybody."""
+
+ARGUMENTS = (*ANY_GL, "--use-angle=swiftshader")
+"""WebGL without a graphics card, everywhere the same."""
 
 PATIENCE = 180.0
 """Seconds that a page may take for anything, on a machine that does other things."""
@@ -30,12 +33,12 @@ def executable() -> str | None:
 
 
 @contextmanager
-def headless() -> Iterator[Any]:
+def headless(arguments: Sequence[str] = ARGUMENTS) -> Iterator[Any]:
     """A browser of playwright's."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        options = {"executable_path": executable(), "args": list(ARGUMENTS), "timeout": PATIENCE * 1e3}
+        options = {"executable_path": executable(), "args": list(arguments), "timeout": PATIENCE * 1e3}
         browser = playwright.chromium.launch(**options)
         try:
             yield browser

@@ -95,18 +95,18 @@ class Cell:
         return self._changed("name", name=name)
 
     def shaped(self, sizes: Iterable[float]) -> Cell:
-        """The selected obstacle, a primitive, with other sizes: those of ``sizes_of``.
+        """The selected obstacle, a primitive, with other sizes: edges, or a radius and a length.
 
         Raises:
             InvalidRequest: it cannot have those sizes, or is no primitive.
         """
         shape, numbers = self._chosen.shape, tuple(sizes)
-        if isinstance(shape, Box):
+        if isinstance(shape, Box) and len(numbers) == 3:
             x, y, z = numbers
             return self._changed("size", shape=Box((x, y, z)))
-        if not isinstance(shape, Sphere | Cylinder | Capsule):
-            raise InvalidRequest("size", numbers, "a box, sphere, cylinder or capsule to size")
-        return self._changed("size", shape=type(shape)(*numbers))
+        if isinstance(shape, Sphere | Cylinder | Capsule) and len(numbers) == (1 if isinstance(shape, Sphere) else 2):
+            return self._changed("size", shape=type(shape)(*numbers))
+        raise InvalidRequest("size", numbers, "a box, sphere, cylinder or capsule with as many sizes")
 
     def moved(self, pose: Pose) -> Cell:
         """The selected obstacle at another pose.

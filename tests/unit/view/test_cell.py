@@ -32,7 +32,7 @@ def test_a_saved_scene_loads_to_the_same_scene_verdict_for_verdict(
     assert [before.state_is_free(q) for q in Q] == [after.state_is_free(q) for q in Q]
 
 
-@pytest.mark.parametrize("sizes", [(0.0, 1.0, 1.0), (float("nan"), 1.0, 1.0), (-1.0, 1.0, 1.0)])
+@pytest.mark.parametrize("sizes", [(0.0, 1.0, 1.0), (float("nan"), 1.0, 1.0), (-1.0, 1.0, 1.0), (0.1,), (0.1, 0.2)])
 def test_sizes_that_no_box_has_are_refused(crate: Cell, sizes: tuple[float, ...]) -> None:
     with pytest.raises(InvalidRequest, match="size"):
         crate.shaped(sizes)

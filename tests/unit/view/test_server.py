@@ -13,6 +13,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -33,8 +34,17 @@ SEED = int(os.environ.get("PLANNER_SERVICE_FUZZ_SEED", "24"))
 
 
 @pytest.fixture(scope="module")
-def viewer() -> Iterator[Viewer]:
-    with open_viewer(PlannerService("planar2", "discs"), None, port=0, keep=True) as found:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that the page may write scenes to: one with a link out of it."""
+    found = tmp_path_factory.mktemp("around") / "cells"
+    found.mkdir()
+    (found / "link.toml").symlink_to(found.parent / "outside.toml")
+    return found
+
+
+@pytest.fixture(scope="module")
+def viewer(folder: Path) -> Iterator[Viewer]:
+    with open_viewer(PlannerService("planar2", "discs"), None, port=0, keep=True, folder=folder) as found:
         yield found
 
 
@@ -57,7 +67,7 @@ def update(handle: Any, value: Any, name: str = "value") -> bytes:
     return msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {name: value}})
 
 
-CAMERA = {
+CAMERA: dict[str, Any] = {
     "type": "ViewerCameraMessage",
     "wxyz": (1, 0, 0, 0), "position": (1, 1, 1.5), "fov": 0.7, "near": 0.01, "far": 100,
     "image_height": 500, "image_width": 800, "look_at": (0, 0, 0), "up_direction": (0, 0, 1),
@@ -153,6 +163,56 @@ def test_handles_go_to_finite_poses_only_and_other_messages_nowhere(viewer: View
         assert not messages.allowed(msgspec.msgpack.encode({**pose, **wrong}))
 
 
+CLICK: dict[str, Any] = {
+    "type": "SceneNodeClickMessage", "name": "/scene/cylinder", "instance_index": 0, "ray_origin": (1, 1, 1),
+    "ray_direction": (0, 0, -1), "screen_pos": (0.5, 0.5), "modifier": None,
+}  # fmt: skip
+DRAG: dict[str, Any] = {
+    "type": "SceneNodeDragMessage", "phase": "update", "name": "/scene/1/shape", "instance_index": None,
+    "start_position": (0, 0, 0), "start_screen_pos": (0.5, 0.5), "end_position": (0.1, 0, 0),
+    "end_screen_pos": (0.5, 0.5), "button": "left", "modifier": None,
+}  # fmt: skip
+
+
+def test_clicks_and_drags_have_finite_rays_and_known_words(viewer: Viewer) -> None:
+    messages = PageMessages(viewer._server.viser.gui)
+    nan, far = float("nan"), 1e9
+    known: list[tuple[dict[str, Any], list[dict[str, Any]]]] = [
+        (CLICK, [{"ray_direction": (nan, 0, 0)}, {"ray_origin": (far, 0, 0)}, {"instance_index": -1}, {"more": 1}]),
+        (DRAG, [{"end_position": (nan, 0, 0)}, {"phase": "never"}, {"button": "fourth"}, {"instance_index": 0.5}]),
+    ]
+    for good, wrongs in known:
+        assert messages.allowed(msgspec.msgpack.encode(good))
+        assert [wrong for wrong in wrongs if messages.allowed(msgspec.msgpack.encode({**good, **wrong}))] == []
+
+
+def test_fields_of_a_cell_take_short_texts_and_finite_numbers(viewer: Viewer) -> None:
+    messages, cell = PageMessages(viewer._server.viser.gui), viewer.page._cell
+    name, size, colour = cell._name, cell._size, cell._colour
+    good = [(name, "<b>crate</b>"), (size, (0.1, 2, 0.3)), (colour, (0, 128, 255))]
+    assert all(messages.allowed(update(handle, value)) for handle, value in good)
+    bad: list[tuple[Any, Any]] = [(name, "x" * 257), (name, 7), (name, None), (size, (0.1, 0.2)), (size, 0.1)]
+    bad += [(size, (0.1, float("nan"), 0.1)), (size, (1e7, 0.1, 0.1)), (size, (True, 0.1, 0.1))]
+    bad += [(colour, (0, 0, 256)), (colour, (0.5, 0, 0)), (colour, "#ffffff")]
+    assert [value for handle, value in bad if messages.allowed(update(handle, value))] == []
+
+
+def test_a_window_saves_a_scene_in_the_folder_alone_and_through_no_link(viewer: Viewer, folder: Path) -> None:
+    name, save = viewer.page._files._name, viewer.page._files._save
+    before = set(folder.parent.rglob("*"))
+    with window(viewer) as connection:
+        assert reaches_the_page(viewer, connection)
+        for wish in ("../outside", "/tmp/outside", "link", "a/b", "..", "", "x\0y", "nul\ntoml"):
+            connection.send(update(name, wish))
+            connection.send(update(save, True))
+            wait_for(lambda: "not saved" in viewer.page._cell.note.content)
+            viewer.page._cell.note.content = ""
+        assert set(folder.parent.rglob("*")) == before
+        connection.send(update(name, "mine"))
+        connection.send(update(save, True))
+        wait_for((folder / "mine.toml").exists)
+
+
 def test_a_giant_message_ends_its_window_alone(viewer: Viewer) -> None:
     with window(viewer) as bystander, window(viewer) as attacker:
         attacker.send(bytes(MAX_BYTES + 1))
@@ -182,7 +242,7 @@ def test_windows_and_connections_are_limited(viewer: Viewer) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_a_window_sends_stops_the_page(viewer: Viewer, capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_a_window_sends_stops_the_page(viewer: Viewer, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Thousands of messages, malformed, mutated and well formed, from several windows, some of which read nothing."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     attackers = [threading.Thread(target=attack, args=(viewer, SEED + k)) for k in range(4)]
@@ -196,6 +256,8 @@ def test_nothing_a_window_sends_stops_the_page(viewer: Viewer, capfd: pytest.Cap
         assert reaches_the_page(viewer, connection)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kilobytes
     assert "Traceback" not in "".join(capfd.readouterr())
+    assert [path.name for path in folder.parent.iterdir()] == ["cells"]
+    assert len(viewer.page.state.cell.before) > 3, "some of it edits the cell"
 
 
 def attack(viewer: Viewer, seed: int) -> None:
@@ -203,7 +265,28 @@ def attack(viewer: Viewer, seed: int) -> None:
     gui = viewer._server.viser.gui
     uuids = [*gui._gui_input_handle_from_uuid, *gui._container_handle_from_uuid, "", "x" * 1000]
     kinds = [*viser._messages.Message._subclass_from_type_string(), "?"]
-    values: list[Any] = [0, 1, -1, 0.5, True, None, "", "a", "1", float("nan"), 1e308, 2**63, [], [[]], {}, b"\xff"]
+    texts = ["box", "add", "<img src=x onerror=alert(1)>", "../../x", "link", "#ffffff", "x" * 256]
+    vectors = [(0.1, 0.1, 0.1), (1e6, -1e6, 0.0), (0, 0, 0), (1e-300, 1.0, 1.0), (255, 0, 0)]
+    values: list[Any] = [
+        *texts,
+        *vectors,
+        0,
+        1,
+        -1,
+        0.5,
+        True,
+        None,
+        "",
+        "a",
+        "1",
+        float("nan"),
+        1e308,
+        2**63,
+        [],
+        [[]],
+        {},
+        b"\xff",
+    ]
     for _ in range(3):
         with window(viewer) as connection, contextlib.suppress(ConnectionClosed):
             connection.send(msgspec.msgpack.encode(CAMERA))
@@ -213,12 +296,21 @@ def attack(viewer: Viewer, seed: int) -> None:
                     name = draw.choice(["value", "value", "update_cb", "props", "removed", "__class__"])
                     message: Any = {"type": "GuiUpdateMessage", "uuid": draw.choice(uuids)}
                     message["updates"] = {name: draw.choice(values)}
-                elif choice < 0.7:
+                elif choice < 0.6:  # what some control can have
+                    handle = draw.choice(list(gui._gui_input_handle_from_uuid.values()))
+                    fitting = list(getattr(handle, "options", ())) or [True, *texts, *vectors, 0.05]
+                    message = {"type": "GuiUpdateMessage", "uuid": handle._impl.uuid}
+                    message["updates"] = {"value": draw.choice(fitting)}
+                elif choice < 0.8:
                     fields = ["uuid", "name", "wxyz", "position", "owner", "part_count", "transfer_uuid", "updates"]
                     message = {key: draw.choice(values) for key in draw.sample(fields, 3)}
                     message["type"] = draw.choice(kinds)
                 else:
-                    message = {key: draw.choice([value, *values]) for key, value in CAMERA.items()}
+                    known = draw.choice([CAMERA, CLICK, DRAG])
+                    keep = draw.choice([1, 9])  # of a value as it should be
+                    message = {
+                        key: draw.choice([*[value] * keep * len(values), *values]) for key, value in known.items()
+                    }
                 raw = bytearray(msgspec.msgpack.encode(message))
                 if draw.random() < 0.3:
                     raw[draw.randrange(len(raw))] ^= 1 << draw.randrange(8)
