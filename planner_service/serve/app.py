@@ -65,7 +65,7 @@ MAX_ENDING = 1.0
 
 PREFER_WAIT = re.compile(r"(?:^|[,;\s])wait(?:\s*=\s*\"?(\d{1,9})\"?)?\s*(?:$|[,;])", re.IGNORECASE)
 ETAG = re.compile(r'"([1-9]\d{0,14})"')
-DECIMAL = re.compile(r"[0-9]{0,9}(\.[0-9]{0,18})?(e-?[0-9]{1,3})?")
+DECIMAL = re.compile(r"([0-9]{1,9}(\.[0-9]{0,18})?|\.[0-9]{1,18})(e-?[0-9]{1,3})?")
 
 
 def create_app(server: PlanningServer) -> Starlette:

@@ -82,6 +82,9 @@ SHORT_BODY = 16_384
 KEY = re.compile(r"[\x21-\x7e]{1,255}")
 """An idempotency key."""
 
+MAX_POINTS = 50_000
+"""Points in time of the motions in an answer: more take seconds to write, in which nobody else is answered."""
+
 PROBLEM = re.compile(rb'\{"type": ?"urn:problem-type:planner-service:')
 """How the answer to a refused request begins."""
 
@@ -634,4 +637,8 @@ def _exported(content: bytes, form: str, how: How, segment: str | None) -> tuple
         raise Refused("in-use", f"it has no motions: {saved.failure}")
     if segment is not None:
         saved = one_motion(saved, segment)
+    motions = [each.result.trajectory for each in saved.segments]
+    least = sum(motion.duration for motion in motions if motion is not None) / MAX_POINTS
+    if how.dt < least:
+        raise InvalidRequest("dt", how.dt, f"at least {least:.3g} s, for at most {MAX_POINTS:,} points in an answer")
     return exported(saved, form, how), kept(saved, form, how)

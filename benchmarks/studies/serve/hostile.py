@@ -1,6 +1,7 @@
-"""A hundred thousand requests that no client would send, by schemathesis and over bare sockets, to a server alone.
+"""Requests that no client would send, by schemathesis and over bare sockets, to every address of a server alone.
 
-Whatever comes: no 5xx, no crash, no hang, bounded memory, and afterwards the same plan as before.
+Whatever comes: no 5xx, no crash, no hang, bounded memory, and afterwards the same plan as before. The server is another
+user than whoever runs this, with a cap on its memory. ``--queries 100000`` takes an hour.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import subprocess
 import tempfile
 import threading
 import time
+import uuid
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
@@ -25,19 +27,29 @@ from urllib.parse import quote
 import msgpack
 import numpy as np
 
-from benchmarks.attack.jail import become_nobody, give_to_nobody
+from benchmarks.attack.jail import MEMORY, become_nobody, give_to_nobody
 from benchmarks.attack.mutations import changed
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.serve import asked
-from benchmarks.studies.serve.processes import Server, connected, server
+from benchmarks.studies.serve.processes import Reply, Server, connected, server
 from benchmarks.studies.serve.tools import tool
+from planner_service.records.exports.formats import FORMATS
 
 __all__ = ["run"]
 
-REQUESTS, THREADS, CHUNK = 100_000, 8, 50
+REQUESTS, THREADS, CHUNK = 2_000, 8, 50
 
-EXAMPLES, TOOL_SECONDS = 200, 1200.0
-"""Examples that schemathesis makes of each operation and phase, and seconds for all of them."""
+PER_EXAMPLE, TOOL_SECONDS = 500, 1800.0
+"""Requests over bare sockets for each example that schemathesis makes of an operation and phase; seconds for those."""
+
+SHOWN, LENGTH = 20, 400
+"""Requests that went wrong and are kept, and their bytes."""
+
+ANEW = 20
+"""Chunks after which plans are made anew whose motions are asked for: a server keeps the last ones."""
+
+FAR = {"position": [3.0, 0.0, 0.3], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+"""A pose that no robot of this size reaches."""
 
 PATIENCE = 20.0
 """Seconds within which a server has answered whatever it was sent, or closed the connection."""
@@ -51,14 +63,14 @@ def run(queries: int | None = None, seed: int = 0) -> Report:
     """All of it.
 
     Args:
-        queries: Requests over bare sockets; 100,000 if None.
+        queries: Requests over bare sockets; 2,000 if None.
     """
     count = REQUESTS if queries is None else queries
-    with server("--workers", "1", "--queue", "16") as running:
+    with server("--workers", "1", "--queue", "16", memory=MEMORY) as running:
         scene = _scene(running)
         first, before = _plan(running), running.megabytes
-        examined = _examined(running, seed, EXAMPLES if queries is None else 2)
-        statuses = _bombarded(running, count, seed)
+        examined = _examined(running, seed, max(2, count // PER_EXAMPLE))
+        statuses, worst = _bombarded(running, count, seed)
         end, alive = running.megabytes, running.process.poll() is None
         if alive:
             _restore(running, scene)
@@ -67,6 +79,7 @@ def run(queries: int | None = None, seed: int = 0) -> Report:
     rows: list[Row] = [
         {"part": "hostile", "what": "schemathesis", **examined},
         {"part": "hostile", "what": "sockets", "statuses": dict(statuses), "requests": sum(statuses.values())},
+        {"part": "hostile", "what": "worst", "requests": worst},
         {"part": "hostile", "what": "memory", "before_mb": before, "after_mb": end},
     ]
     lines = [{"status": status, "requests": f"{number:,}"} for status, number in sorted(statuses.items())]
@@ -106,15 +119,29 @@ def _restore(running: Server, scene: dict[str, Any]) -> None:
 def _plan(running: Server) -> str:
     """The digest of a plan."""
     (body,) = asked.plan_bodies(asked.plan_requests(1))
-    with connected(running.port) as link:
+    return asked.digest(_made(running.port, "plans", body).document)
+
+
+def _made(port: int, kind: str, body: Any) -> Reply:
+    """The reply to a request that is sent until there is room for it."""
+    with connected(port) as link:
         end = time.monotonic() + 60.0
         while True:
-            reply = link.ask("POST", "/plans", body, Prefer="wait=60")
+            reply = link.ask("POST", f"/{kind}", body, Prefer="wait=60", Idempotency_Key=uuid.uuid4().hex)
             if reply.status == 200:
-                return asked.digest(reply.document)
-            if time.monotonic() > end:
-                raise RuntimeError(f"no plan: {reply.status} {reply.data[:500]!r}")
+                return reply
+            if reply.status not in (429, 503) or time.monotonic() > end:
+                raise RuntimeError(f"none made: {reply.status} {reply.data[:500]!r}")
             time.sleep(0.2)
+
+
+def _jobs(port: int) -> list[str]:
+    """The ids of a plan, of a request without one, of a task and of a check."""
+    (plan,) = asked.plan_bodies(asked.plan_requests(1))
+    nowhere = {**plan, "request": {**plan["request"], "goals": [{"pose": FAR}]}}
+    (task,) = asked.task_bodies([0])
+    bodies = [("plans", plan), ("plans", nowhere), ("pick_place", task), ("check", {"scene": asked.SCENE})]
+    return [_made(port, kind, body).headers["content-location"].rpartition("/")[2] for kind, body in bodies]
 
 
 # schemathesis
@@ -152,22 +179,28 @@ def _examined(running: Server, seed: int, examples: int) -> Row:
 # bare sockets
 
 
-def _bombarded(running: Server, count: int, seed: int) -> Counter[str]:
-    """How many requests had which status."""
-    statuses, lock = Counter[str](), threading.Lock()
+def _bombarded(running: Server, count: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """How many requests had which status, and how some of those began that had one of 5xx or none."""
+    statuses, worst, lock = Counter[str](), list[str](), threading.Lock()
 
     def send(first: int) -> None:
-        for k in range(first, count, CHUNK * THREADS):
+        jobs = list[str]()
+        for turn, k in enumerate(range(first, count, CHUNK * THREADS)):
             rng, own = random.Random(seed * 1_000_003 + k), Counter[str]()
+            jobs = _jobs(running.port) if turn % ANEW == 0 else jobs
             for _ in range(min(CHUNK, count - k)):
-                own[_answer(running.port, _hostile(rng))] += 1
+                data = _hostile(rng, jobs)
+                status = _answer(running.port, data)
+                own[status] += 1
+                if (status == "hung" or status.startswith("5")) and len(worst) < SHOWN:
+                    worst.append(f"{status}: {data[:LENGTH]!r}")
             with lock:
                 statuses.update(own)
 
     with ThreadPoolExecutor(THREADS) as threads:
         for thread in [threads.submit(send, CHUNK * first) for first in range(THREADS)]:
             thread.result()
-    return statuses
+    return statuses, worst
 
 
 def _answer(port: int, data: bytes) -> str:
@@ -240,9 +273,41 @@ WHOLE = b" \n"
 """How requests end that have a head, and as much of a body as they say: JSON does not mind."""
 
 
-def _hostile(rng: random.Random) -> bytes:
-    """A request as no client sends it."""
-    return rng.choice(KINDS)(rng)
+def _hostile(rng: random.Random, jobs: Sequence[str]) -> bytes:
+    """A request as no client sends it; ``jobs`` are ids that there are."""
+    return _of_job(rng, jobs) if rng.random() < OF_JOBS else rng.choice(KINDS)(rng)
+
+
+def _of_job(rng: random.Random, jobs: Sequence[str]) -> bytes:
+    """A request for an answer, or for its motions, in ways that make no sense."""
+    queries = [(name, rng.choice(QUERIES[name])) for name in QUERIES if rng.random() < 0.3]
+    query = "&".join(f"{name}={text}" for name, text in queries)
+    path = f"/plans/{rng.choice((*jobs, *NAMES[:3]))}" + rng.choice(("", "/events", *["/trajectory"] * 6))
+    headers = {"Host": "localhost", "Content-Length": str(len(WHOLE))}
+    if rng.random() < 0.3:
+        headers["Accept"] = rng.choice((*(each.media for each in FORMATS.values()), "*/*;q=0", "a" * 1000, "text/*"))
+    if rng.random() < 0.3:
+        headers["Accept-Encoding"] = rng.choice(("gzip", "gzip;q=0", "br", ""))
+    method = "GET" if rng.random() < 0.95 else rng.choice(("HEAD", "DELETE", "PATCH"))
+    if method == "DELETE":
+        path = "/plans/" + "0" * 32
+    head = "".join(f"{key}: {value}\r\n" for key, value in headers.items())
+    return f"{method} {path}?{query} HTTP/1.1\r\n{head}\r\n".encode("utf-8", "replace") + WHOLE
+
+
+NUMBERS = ("0.01", "1e-9", "1e-300", "0", "-1", "nan", "inf", "1e308", "9" * 400, "", "0x1", "1_0", "%00", "1e-2", "5")
+
+QUERIES: dict[str, tuple[str, ...]] = {
+    "format": (*FORMATS, *FORMATS, "", "exe", "../json", "%00", "json,csv"),
+    "dt": NUMBERS,
+    "tolerance": NUMBERS,
+    "segment": ("0", "1", "-1", "99999999999999999999", "lift", "%00", "a" * 3000, ""),
+    "robot": ("hash", "whole", "", "none"),
+    "more": ("1",),
+}
+
+OF_JOBS = 0.15
+"""Part of all requests that are for answers that there are."""
 
 
 def _noise(rng: random.Random) -> bytes:

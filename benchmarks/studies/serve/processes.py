@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import resource
 import shutil
 import signal
 import socket
@@ -144,13 +145,27 @@ def _cpu(pid: int) -> float:
 
 
 @contextmanager
-def server(*options: str, scenes: tuple[str, ...] = ("bin",), folder: Path | None = None) -> Iterator[Server]:
+def server(
+    *options: str,
+    scenes: tuple[str, ...] = ("bin",),
+    folder: Path | None = None,
+    memory: int | None = None,
+    python: Path | None = None,
+) -> Iterator[Server]:
     """A server of the WidowX AI that is ready.
 
     Args:
         options: Of ``planner-service serve``, beside its robot, its scenes and where it is.
         folder: Where its state is and stays; one of its own that is deleted if None.
+        memory: Bytes of address space that each of its processes may have; None for any.
+        python: Of an environment with another version; this one if None.
     """
+
+    def confined() -> None:
+        become_nobody()
+        if memory is not None:
+            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+
     stays = folder is not None
     if folder is None:
         folder = Path(tempfile.mkdtemp(prefix="serve-"))
@@ -158,13 +173,13 @@ def server(*options: str, scenes: tuple[str, ...] = ("bin",), folder: Path | Non
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = int(taken.getsockname()[1])
-    command = [sys.executable, "-m", "planner_service", "serve", "--robot", "wxai", "--port", str(port)]
+    command = [str(python or sys.executable), "-m", "planner_service", "serve", "--robot", "wxai", "--port", str(port)]
     command += ["--state", str(folder / "state"), *(word for name in scenes for word in ("--scene", name)), *options]
     surroundings = {**os.environ, "HOME": str(folder), "OPENBLAS_NUM_THREADS": "1"}
     log = folder / "log"
     with log.open("wb") as out:
         process = subprocess.Popen(
-            command, stdout=out, stderr=subprocess.STDOUT, env=surroundings, cwd=folder, preexec_fn=become_nobody
+            command, stdout=out, stderr=subprocess.STDOUT, env=surroundings, cwd=folder, preexec_fn=confined
         )
     try:
         _wait_until_ready(port, process, log)

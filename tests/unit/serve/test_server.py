@@ -267,7 +267,12 @@ def test_a_motion_comes_in_the_format_that_is_asked_for_or_accepted(server: Serv
     [
         ("?format=krl&dtt=1", "*/*", 400, "dtt"),
         ("?dt=fast", "*/*", 400, "dt: got 'fast'"),
+        ("?dt=", "*/*", 400, "dt: got ''"),
+        ("?tolerance=.", "*/*", 400, "tolerance: got '.'"),
+        ("?dt=e5", "*/*", 400, "dt: got 'e5'"),
+        ("?dt=1e999", "*/*", 422, "dt"),
         ("?dt=1e-9", "*/*", 422, "at least"),
+        ("?dt=0.00001", "*/*", 422, "at most 50,000 points"),
         ("?format=mujoco", "*/*", 422, "MJCF"),
         ("?format=gcode", "*/*", 404, "gcode"),
         ("?segment=descend", "*/*", 404, "segment"),
