@@ -12,13 +12,13 @@ ATTACK = (1, 5, 9, 13)
 
 
 def _touched(fault: str, sessions: int) -> int:
-    work = ChunkWork("", ("wxai",), seed=0, fault=fault)
+    work = ChunkWork("", 0, ("wxai",), seed=0, fault=fault)
     return sum(len(work(item)[2].touched) for item in range(sessions))
 
 
 def test_no_target_that_passes_touches() -> None:
     for item in ATTACK:
-        _, _, tally = ChunkWork("", ("wxai",), seed=0)(item)
+        _, _, tally = ChunkWork("", 0, ("wxai",), seed=0)(item)
         assert tally.passed > 0
         assert not tally.touched
 

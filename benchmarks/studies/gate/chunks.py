@@ -50,11 +50,13 @@ class ChunkWork:
 
     Args:
         folder: Of a data set of episodes.
+        episodes: How many it has.
         robots: Their names.
         fault: What the gate does not prove, by its name in ``FAULTY``; empty for the gate as it is.
     """
 
     folder: str
+    episodes: int
     robots: tuple[str, ...]
     seed: int
     fault: str = ""
@@ -70,7 +72,7 @@ class ChunkWork:
         robot = self.robots[number % len(self.robots)] if source != "episode" else ROBOTS[0]
         tally = Tally()
         if source == "episode":
-            stored = Stored(Path(self.folder), number % EPISODES)
+            stored = Stored(Path(self.folder), number % self.episodes)
             place, policy = _replayed(stored, rng)
         else:
             place = world(robot, self.seed, item)
@@ -136,8 +138,8 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
     found = dict[tuple[str, str], Tally]()
     with tempfile.TemporaryDirectory() as folder:
         work = EpisodeWork(ps.load_robot(ROBOTS[0]), episode_task("pick-place"), seed=seed)
-        write_episodes(folder, work, EPISODES)
-        answers = Processes().run(ChunkWork(folder, robots, seed), range(sessions))
+        summary = write_episodes(folder, work, EPISODES)
+        answers = Processes().run(ChunkWork(folder, summary.episodes, robots, seed), range(sessions))
         for _, answer in answers:
             if isinstance(answer, Lost):
                 raise ps.BrokenInvariant(f"a session was lost: {answer.detail}")
@@ -169,7 +171,7 @@ def planted(queries: int | None, seed: int, robot: str | None) -> Report:
     rows = list[Row]()
     for fault in FAULTY:
         total = Tally()
-        work = ChunkWork("", ROBOTS[:1] if robot is None else (robot,), seed, fault)
+        work = ChunkWork("", 0, ROBOTS[:1] if robot is None else (robot,), seed, fault)
         for item in range(sessions):
             total.join(work(item)[2])
         rows.append({"part": "planted", "fault": fault, "chunks": total.chunks, "touched": len(total.touched)})

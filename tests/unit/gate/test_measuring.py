@@ -17,8 +17,9 @@ def _log(goal_time: float, lag: float, off: float) -> Log:
     step, count = 0.001, 300
     sent = np.linspace(0.0, PERIOD * (count - 1), count)
     targets = 0.5 * np.stack([1.0 - np.cos(1.3 * sent), np.sin(2.0 * sent) - 2.0 * sent / sent[-1]], axis=1)
-    times = np.linspace(0.0, sent[-1] - step, int(sent[-1] / step))
-    places, place = list[FloatArray](), np.zeros(2)
+    times: FloatArray = np.linspace(0.0, sent[-1] - step, int(sent[-1] / step))
+    places = list[FloatArray]()
+    place: FloatArray = np.zeros(2)
     begun, start, due = 0.0, place, targets[0]
     k = 0
     for t in times:
@@ -28,9 +29,9 @@ def _log(goal_time: float, lag: float, off: float) -> Log:
         place = start + min(1.0, (t - begun) / goal_time) * (due - start)
         places.append(place)
     late = round(lag / step)
-    delayed: FloatArray = np.concatenate([np.tile(places[0], (late, 1)), np.array(places)])[: len(times)]
+    delayed: FloatArray = np.array([*[places[0]] * late, *places])[: len(times)]
     delayed[::2] += off
-    return Log(sent, targets, times, delayed)
+    return Log(np.asarray(sent), targets, np.asarray(times), delayed)
 
 
 def test_goal_time_lag_and_error_are_those_of_the_driver() -> None:
