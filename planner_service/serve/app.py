@@ -263,7 +263,9 @@ PAGE = (
     query("after", {"type": "string"}, "`next` of the page before"),
 )
 ROBOT = query(
-    "robot", {"type": "string", "enum": ["whole", "hash"], "default": "whole"}, "Whether plans have the whole robot"
+    "robot",
+    {"type": "string", "enum": ["whole", "hash"], "default": "whole"},
+    "Whether plans and tasks hold the whole robot, or its hash alone",
 )
 FINISHED = query(
     "finished", {"type": "string", "enum": ["remove", "keep"], "default": "remove"}, "What becomes of an answer"

@@ -196,7 +196,7 @@ def _schemas() -> dict[str, Any]:
     for name in ("PlanRecord", "TaskRecord"):
         fields = schemas[name]["properties"]
         robots = [{"$ref": place.format(model=model)} for model in ("RobotRecord", "RobotHash")]
-        fields["robot"] = {"anyOf": robots, "description": fields["robot"]["description"]}
+        fields["robot"] = {"anyOf": robots, "description": "The robot, or with `?robot=hash` its hash alone."}
         fields["sections"] = {
             "$ref": place.format(model="PlanSections"),
             "description": fields["sections"]["description"],
