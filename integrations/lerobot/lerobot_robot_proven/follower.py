@@ -80,6 +80,9 @@ class _ProvenFollower(Robot):  # type: ignore[misc]
         self._simulated: list[SimulatedArm] = []
         self._refused = ""
 
+    def __str__(self) -> str:
+        return str(self.id or self.name)
+
     # -- what LeRobot calls -----------------------------------------------------------------------
 
     @property

@@ -35,6 +35,7 @@ def test_it_says_the_same_at_every_run_and_to_each_of_two_arms(tmp_path: Path) -
 def test_it_begins_elsewhere_than_the_arm_and_lunges_into_the_table(tmp_path: Path) -> None:
     q = np.array([list(action.values())[:-1] for action in actions(tmp_path, 300)])
     assert np.abs(q[0] - STAGED[:-1]).max() > 0.2
+    assert q[120:].max(axis=0)[1] > q[:120].max(axis=0)[1] + 0.5
     checker = PlannerService("wxai", "table").checker
     free = [checker.state_is_free(np.clip(each, *checker.robot.bounds)) for each in q]
     assert all(free[:120])
