@@ -30,8 +30,8 @@ PER_POINTS = 0.3
 SLOWER = 1.5
 """The most CPU time of a plan among the largest cloud, relative to that among the smallest."""
 
-NEW = 10_000
-"""Points that are measured anew, on 1 m2."""
+NEW, FEW = 10_000, 1_000
+"""Points that are measured anew, on 1 m2, and so many on a tenth of that."""
 
 STATES = 20_000
 
@@ -92,6 +92,8 @@ def run(robot: str | None = None, queries: int = 20, seed: int = 5) -> Report:
         corners = np.array([0.5, 0.5, -1.0]), np.array([1.6, 1.6, 2.0])
         fresh, update = _timed(lambda c=cloud, n=new, box=corners: c.with_points(n, instead_of=box))  # type: ignore[misc]
         _, joined = _timed(lambda f=fresh: len(f.pieces))  # type: ignore[misc]
+        few = new[(new[:, :2] <= 0.8).all(axis=1)][:FEW]
+        _, glance = _timed(lambda c=cloud, n=few: len(c.with_points(n).pieces))  # type: ignore[misc]
         scene = ps.Scene((ps.Obstacle("room", cloud),))
         service, ready = _timed(lambda s=scene: ps.PlannerService(arm, s))  # type: ignore[misc]
         Q = np.random.default_rng(seed).uniform(*arm.bounds, (STATES, arm.n))
@@ -100,7 +102,7 @@ def run(robot: str | None = None, queries: int = 20, seed: int = 5) -> Report:
         services.append(service)
         rows.append(
             {"points": count, "cells": len(cloud.cells), "boxes": len(cloud.pieces), "build": build, "ready": ready}
-            | {"update": update + joined, "state_us": 1e6 * checks / STATES, "free": float(free.mean())}
+            | {"update": update + joined, "few": glance, "state_us": 1e6 * checks / STATES, "free": float(free.mean())}
             | {"memory": _megabytes(), "same": same}
         )
     rng, pairs = np.random.default_rng(seed), list[tuple[Any, Any]]()
@@ -137,6 +139,7 @@ def _report(rows: tuple[dict[str, Any], ...]) -> Report:
             f"{row['boxes']:,}",
             f"{row['build']:.3f}",
             f"{row['update']:.3f}",
+            f"{row['few']:.3f}",
             f"{row['ready']:.3f}",
             f"{row['first']:.3f}",
             f"{row['plan_ms']:.2f}",
@@ -149,7 +152,18 @@ def _report(rows: tuple[dict[str, Any], ...]) -> Report:
         )
         for row in rows
     ]
-    names = ("points", "cells", "boxes", "build s", "update s", "service s", "first plan s", "plan ms", "ratio")
+    names = (
+        "points",
+        "cells",
+        "boxes",
+        "build s",
+        "update s",
+        "few s",
+        "service s",
+        "first plan s",
+        "plan ms",
+        "ratio",
+    )
     heads = (*names, "us a state", "MB", "file MB", "checked s", "proven")
     most = max(row["build"] / row["points"] * 1e5 for row in rows[1:])
     ratio = rows[-1]["plan_ms"] / least

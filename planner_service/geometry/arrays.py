@@ -154,6 +154,20 @@ def sorted_rows(rows: IntArray) -> IntArray:
     return _unpacked(np.unique(key), columns)
 
 
+def merged_rows(rows: IntArray, others: IntArray) -> IntArray:
+    """``sorted_rows`` of two lists of rows (k, n) and (m, n) that are sorted, each once; for few others."""
+    if not (len(rows) and len(others)):
+        return rows if len(rows) else others
+    together = np.concatenate([rows, others])
+    both, room = _packed(list(together.T))
+    if not room:
+        return sorted_rows(together)
+    keys, more = both[: len(rows)], both[len(rows) :]
+    at = np.searchsorted(keys, more)
+    new = keys[np.minimum(at, len(keys) - 1)] != more
+    return np.asarray(np.insert(rows, at[new], others[new], axis=0))
+
+
 def _unpacked(key: NDArray[Any], columns: Sequence[IntArray]) -> IntArray:
     """The rows of keys that were packed with these columns."""
     out = np.empty((len(key), len(columns)), dtype=columns[0].dtype)

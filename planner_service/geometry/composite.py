@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
@@ -26,12 +26,13 @@ from planner_service.geometry.arrays import (
     along,
     blocks,
     frozen,
-    order_of_rows,
+    merged_rows,
     read_only,
     set_fields,
     sorted_rows,
     unique_rows,
 )
+from planner_service.geometry.cell_runs import CellRuns, along_a_curve, extremes, joined
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.scans import Scan, read_array, read_scan
 from planner_service.geometry.shapes import Box, Pose, Shape
@@ -212,6 +213,23 @@ class _Boxes:
         kinds = tuple(Box((x, y, z)) for x, y, z in sizes.tolist())
         return Pieces(kinds, frozen(numbers), read_only(np.eye(3)[None]), frozen(0.5 * (self.low + self.high)))
 
+    def pieces_again(self, others: _Boxes, origin: IntArray) -> Pieces:
+        """The pieces of others, of which some are these: ``origin`` (k,), -1 for those that are not."""
+        before, new = self.pieces, origin < 0
+        numbers = before.numbers[origin[~new]]
+        used = np.flatnonzero(np.bincount(numbers, minlength=len(before.kinds)))
+        old = np.array([before.kinds[k].size for k in used.tolist()]).reshape(-1, 3)
+        sizes, which = unique_rows(np.concatenate([old, others.high[new] - others.low[new]]))
+        kinds: list[Shape | None] = [None] * len(sizes)
+        for k, at in zip(used.tolist(), which.tolist(), strict=False):
+            kinds[at] = before.kinds[k]
+        made = tuple(kind or Box((x, y, z)) for kind, (x, y, z) in zip(kinds, sizes.tolist(), strict=True))
+        renumbered = np.zeros(len(before.kinds), dtype=np.intp)
+        renumbered[used] = which[: len(used)]
+        out: IntArray = np.empty(len(origin), dtype=np.intp)
+        out[~new], out[new] = renumbered[numbers], which[len(used) :]
+        return Pieces(made, frozen(out), before.rotations, frozen(0.5 * (others.low + others.high)))
+
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)
         flat = d.reshape(-1, 3)
@@ -267,9 +285,13 @@ class PointCloud:
             expected = f"a coarser one, with at most {MAX_CELLS:,} cells"
             message = f"resolution: {resolution:g} m makes {len(cells):,} cells; expected {expected}"
             raise InvalidRequest("resolution", resolution, expected, message=message)
-        points = _checked_rows("points", frozen((cells + 0.5) * resolution))
+        low, high = extremes(cells)
+        _checked_rows(
+            "points", np.array([(low + 0.5) * resolution, (high + 0.5) * resolution])
+        )  # all others are between
+        points = frozen((cells + 0.5) * resolution)
         set_fields(self, points=points, resolution=resolution, cells=frozen(cells))
-        extent = float(((cells.max(axis=0) + 1) * resolution - cells.min(axis=0) * resolution).max())
+        extent = float(((high + 1) * resolution - low * resolution).max())
         if extent > MAX_LENGTH:
             expected = f"a cloud no longer than {MAX_LENGTH:g} m"
             raise InvalidRequest("points", extent, expected, message=f"points: {extent:g} m long; expected {expected}")
@@ -352,23 +374,40 @@ class PointCloud:
                 nothing would be left.
         """
         new = _checked_rows("points", points, 0 if instead_of is not None else 1)
-        cells = self.cells
+        came = sorted_rows(np.floor(new / self.resolution).astype(np.int64)) if len(new) else self.cells[:0]
+        left, gone = self.cells, self.cells[:0]
         if instead_of is not None:
             low, high = _corners("instead_of", instead_of)
-            cells = cells[~((self.points >= low) & (self.points <= high)).all(axis=1)]
-        cells = sorted_rows(np.concatenate([cells, np.floor(new / self.resolution).astype(np.int64)]))
+            inside = ((self.points >= low) & (self.points <= high)).all(axis=1)
+            left, gone = self.cells[~inside], self.cells[inside]
+        cells = merged_rows(left, came)
         if not len(cells):
             raise InvalidRequest("points", len(new), "a cell that is left: leave the obstacle out of the scene instead")
-        return self._of_cells(cells, self.resolution)
+        cloud = self._of_cells(cells, self.resolution)
+        if "_boxes" in vars(self):  # those beside what changed are used again
+            vars(cloud)["_before"] = self, np.union1d(gone[:, 0], came[:, 0])
+        return cloud
 
     @cached_property
     def _boxes(self) -> _Boxes:
-        low, high = self.cells, self.cells + 1
-        for axis in (2, 1, 0):
-            columns = [column for k in (2, 1, 0) if k != axis for column in (low[:, k], high[:, k] - low[:, k])]
-            low, high = _joined(low, high, axis, order_of_rows([*columns, low[:, axis]]))
-        order = _along_a_curve((low + high).astype(np.float64))
-        lows, highs = (np.asarray(ends[order] * self.resolution, dtype=np.float64) for ends in (low, high))
+        before: tuple[PointCloud, IntArray] | None = vars(self).pop("_before", None)
+        if before is not None:
+            cloud, slabs = before
+            known, boxes = cloud._runs, cloud._boxes
+            found, origin = known.changed(self.cells, slabs)
+            if found is not None:
+                vars(self)["_runs"] = found
+                out = self._scaled(found)
+                vars(out)["pieces"] = boxes.pieces_again(out, origin)
+                return out
+        return self._scaled(self._runs)
+
+    @cached_property
+    def _runs(self) -> CellRuns:
+        return CellRuns.of(self.cells)
+
+    def _scaled(self, runs: CellRuns) -> _Boxes:
+        lows, highs = (np.asarray(ends * self.resolution, dtype=np.float64) for ends in (runs.low, runs.high))
         return _Boxes(lows, highs)
 
     @property
@@ -459,8 +498,8 @@ class HeightField:
         for axis in (1, 0):
             others = [k for k in range(3) if k != axis]
             keys = [low[:, axis], *(table[:, k] for k in others for table in (high, low))]
-            low, high = _joined(low, high, axis, np.lexsort(keys))
-        order = _along_a_curve((low + high) * np.array([1.0, 1.0, 0.0]))
+            low, high = joined(low, high, axis, np.lexsort(keys))
+        order = along_a_curve((low + high) * np.array([1.0, 1.0, 0.0]))
         scale = np.array([self.cell, self.cell, 1.0])
         return _Boxes(low[order] * scale, high[order] * scale)
 
@@ -539,46 +578,6 @@ def _check_count(field_name: str, cell: float, count: int) -> None:
         expected = f"a coarser one, with at most {MAX_PIECES:,} boxes"
         message = f"{field_name}: {cell:g} m makes {count:,} boxes; expected {expected}"
         raise InvalidRequest(field_name, cell, expected, message=message)
-
-
-Number = TypeVar("Number", bound=np.generic)
-
-
-def _joined(
-    low: NDArray[Number], high: NDArray[Number], axis: int, order: IntArray
-) -> tuple[NDArray[Number], NDArray[Number]]:
-    """Boxes (k, 3) after joining neighbours along an axis that together fill a larger box.
-
-    Args:
-        order: One in which such neighbours follow each other.
-    """
-    low, high = low[order], high[order]
-    same = low[1:, axis] == high[:-1, axis]
-    for k in range(3):
-        if k != axis:
-            same &= (low[1:, k] == low[:-1, k]) & (high[1:, k] == high[:-1, k])
-    first = np.flatnonzero(np.concatenate([[True], ~same]))
-    last = np.append(first[1:], len(low)) - 1
-    merged = high[first]
-    merged[:, axis] = high[last, axis]
-    return low[first], merged
-
-
-BITS = 16
-"""Bits of each coordinate along the curve."""
-
-SPREAD = ((16, 0xFF0000FF), (8, 0xF00F00F00F), (4, 0xC30C30C30C3), (2, 0x249249249249))
-"""Steps that move so many bits apart, and the bits that each leaves."""
-
-
-def _along_a_curve(points: FloatArray) -> IntArray:
-    """The order of points (k, 3) along a Z-order curve (Morton 1966): neighbours in it are neighbours in space."""
-    extent = float((points.max(axis=0) - points.min(axis=0)).max())
-    scale = (2**BITS - 1) / extent if extent > 0.0 else 0.0
-    whole = ((points - points.min(axis=0)) * scale).astype(np.int64)
-    for shift, mask in SPREAD:  # two zeros between any two bits
-        whole = (whole | whole << shift) & mask
-    return np.argsort(whole[:, 0] | whole[:, 1] << 1 | whole[:, 2] << 2, kind="stable")
 
 
 def _farthest(d: FloatArray, candidates: Sequence[FloatArray]) -> FloatArray:
