@@ -22,9 +22,26 @@ Policy = Callable[[Session, Verdict | None], FloatArray]
 """Gives the next chunk (k, n), knowing the last verdict."""
 
 
-def follower(line: Callable[[FloatArray], FloatArray], rng: np.random.Generator, rate: float) -> Policy:
-    """Follows a motion, the times (m,) of which give configurations (m, n), at its own pace, with smooth noise."""
-    clock, pace, size = 0.0, float(rng.uniform(0.1, 1.0)), float(rng.choice(NOISES))
+def follower(
+    line: Callable[[FloatArray], FloatArray],
+    rng: np.random.Generator,
+    rate: float,
+    *,
+    pace: float | None = None,
+    size: float | None = None,
+    longest: int = LONGEST,
+) -> Policy:
+    """Follows a motion with smooth noise.
+
+    Args:
+        line: Configurations (m, n) at times (m,).
+        rate: Targets a second.
+        pace: Times the motion's own speed; drawn if None.
+        size: Radians of noise; drawn if None.
+        longest: Targets of a chunk.
+    """
+    clock, pace = 0.0, float(rng.uniform(0.1, 1.0)) if pace is None else pace
+    size = float(rng.choice(NOISES)) if size is None else size
     waves: list[FloatArray] = []
 
     def wanted(session: Session, last: Verdict | None) -> FloatArray:
@@ -32,7 +49,7 @@ def follower(line: Callable[[FloatArray], FloatArray], rng: np.random.Generator,
         n = session.world.n
         if not waves:
             waves.extend((rng.uniform(0.5, 8.0, n), rng.uniform(0.0, 2.0 * np.pi, n)))
-        times = clock + np.arange(1, int(rng.integers(1, LONGEST + 1)) + 1) / rate
+        times = clock + np.arange(1, int(rng.integers(1, longest + 1)) + 1) / rate
         if last is None or last.accepted:
             clock = float(times[0 if last is None else min(last.accepted, len(times) - 1)])
         wave = np.sin(times[:, None] * waves[0] + waves[1]) - np.sin(waves[1])
