@@ -202,3 +202,12 @@ def test_the_example_executes_a_pick_and_place(capsys: pytest.CaptureFixture[str
     assert "unexpected contacts: 0" in printed
     assert len(re.findall(r"mm off its path$", printed, flags=re.MULTILINE)) == 7
     assert float(re.search(r"(\S+) mm from the tray's middle", printed).group(1)) < 5.0  # type: ignore[union-attr]
+
+
+def test_the_example_lets_no_policy_touch_anything(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(EXAMPLES / "12_gate_in_simulation.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert "contacts: 0" in printed
+    refusals = re.findall(r": (\d+) refusals", printed)
+    assert len(refusals) == 3
+    assert sum(map(int, refusals)) > 0
