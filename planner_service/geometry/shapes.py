@@ -42,7 +42,8 @@ class Pose:
     def __post_init__(self) -> None:
         position = finite_tuple("position", self.position, 3)
         quaternion = finite_tuple("quaternion", self.quaternion, 4)
-        norm = math.sqrt(sum(v * v for v in quaternion))
+        w, x, y, z = quaternion
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
         if abs(norm - 1.0) > 1e-3:
             raise InvalidRequest("quaternion", quaternion, f"a unit quaternion (w, x, y, z); its norm is {norm:.6g}")
         if abs(norm - 1.0) > 1e-12:  # an already unit one stays bit for bit what it was
@@ -61,7 +62,8 @@ class Pose:
         if T.shape != (4, 4) or not np.isfinite(T).all():
             raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix")
         a, b, c, (*last, one) = T.tolist()
-        off = max(abs(dot(u, v) - (u is v)) for u in (a, b, c) for v in (a, b, c))
+        lengths, angles = (dot(a, a), dot(b, b), dot(c, c)), (dot(a, b), dot(b, c), dot(c, a))
+        off = max(*[abs(square - 1.0) for square in lengths], *map(abs, angles))
         mirrored = dot(a, cross_of(b, c)) < 0.0
         if off > 1e-6 or mirrored or max(*map(abs, last), abs(one - 1.0)) > 1e-9:
             raise InvalidRequest("matrix", matrix, "an orthonormal rotation and a last row 0 0 0 1")

@@ -245,13 +245,17 @@ def _count(values: object) -> int:
     return count
 
 
+def _are_finite_floats(values: tuple[Any, ...]) -> bool:
+    return {*map(type, values)} == {float} and all(map(math.isfinite, values))
+
+
 def finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
     """``size`` finite numbers that a caller gave.
 
     Raises:
         InvalidRequest: as ``numbers``, or another count of them, or one that is not finite.
     """
-    if type(values) is tuple and len(values) == size and all(type(v) is float and math.isfinite(v) for v in values):
+    if type(values) is tuple and len(values) == size and _are_finite_floats(values):
         return values
     array = numbers(field, values, f"{size} finite numbers")
     if array.shape != (size,) or not np.isfinite(array).all():

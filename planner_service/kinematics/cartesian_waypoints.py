@@ -164,7 +164,7 @@ def line_blends(robot: Robot, waypoints: FloatArray) -> FloatArray:
     if len(path.waypoints) < len(waypoints):
         return widths
     for k in path.corners:
-        turn = np.abs(path(path.knots[k], 1) - path(path.knots[k - 1], 1)).tolist()
+        turn = np.abs(path.tangents[k] - path.tangents[k - 1]).tolist()
         metres = math.fsum(r * t for r, t in zip(reach, turn, strict=True))
         widths[k] = _BLEND_SHARE / _CORNER_DISTANCE / max(metres / LINE_METRES, math.fsum(turn) / LINE_RADIANS)
     return widths

@@ -179,7 +179,10 @@ def straight_tool_line(
     robot = robot.around(q)
     require_within_limits("q_start", robot, q)
     chain = ToolChain.of(robot, q)
-    line = _within_rate(chain.robot, _walked(chain.robot, chain.of_whole(q), to, points), to, max_joint_rate)
+    begin = chain.of_whole(q)
+    pose = Pose.from_matrix(chain.robot.tool_pose(begin))
+    end = to if isinstance(to, Pose) else shifted(pose, to)
+    line = _within_rate(chain.robot, _walked(chain.robot, begin, pose, end, points), travel(pose, end), max_joint_rate)
     return replace(line, waypoints=chain.whole(line.waypoints))
 
 
@@ -206,9 +209,8 @@ def require_joint_rate(value: object) -> float:
     return number("max_joint_rate", value, expected, 0.01, math.inf)
 
 
-def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> ToolLine:
-    begin = Pose.from_matrix(robot.tool_pose(q))
-    end = to if isinstance(to, Pose) else shifted(begin, to)
+def _walked(robot: Robot, q: FloatArray, begin: Pose, end: Pose, points: int) -> ToolLine:
+    """The line from ``begin``, where the tool is at q (n,)."""
     if begin == end:
         return ToolLine(q[np.newaxis], 1.0, fractions=np.zeros(1))
     first, last = ([*pose.position, *pose.quaternion] for pose in (begin, end))
@@ -228,12 +230,10 @@ def travel(a: Pose, b: Pose) -> float:
     return max(math.dist(a.position, b.position), TURN_METRES * rotation_distance(a, b))
 
 
-def _within_rate(robot: Robot, line: ToolLine, to: Pose | ArrayLike, rate: float) -> ToolLine:
-    """The line up to where a joint would move too far per metre."""
+def _within_rate(robot: Robot, line: ToolLine, whole_travel: float, rate: float) -> ToolLine:
+    """The line up to where a joint would move too far per metre of ``whole_travel``."""
     if rate == math.inf or len(line.waypoints) < 2:
         return line
-    begin = Pose.from_matrix(robot.tool_pose(line.waypoints[0]))
-    whole_travel = travel(begin, to if isinstance(to, Pose) else shifted(begin, to))
     moves = np.abs(line.waypoints[1:] - line.waypoints[:-1])
     allowed = rate * whole_travel * (line.fractions[1:] - line.fractions[:-1])
     too_far = moves.max(axis=1) > allowed + RATE_SLACK

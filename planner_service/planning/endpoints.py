@@ -216,7 +216,7 @@ def _outside(q: FloatArray, robot: Robot) -> int | None:
 
 def _farthest(q: FloatArray, other: FloatArray) -> float:
     """The largest difference of any joint."""
-    return float(max(abs(a - b) for a, b in zip(q.tolist(), other.tolist(), strict=True)))
+    return float(max([abs(a - b) for a, b in zip(q.tolist(), other.tolist(), strict=True)]))
 
 
 def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -109,7 +109,8 @@ def follow(
     if points.ndim != 2 or points.shape[1] != checker.robot.n:
         raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")
     given, inside = points, clamped(points, checker.robot)
-    points = np.where(np.abs(inside - given).max(axis=1, keepdims=True) > LIMIT_SLACK, inside, given)
+    if inside is not given:
+        points = np.where(np.abs(inside - given).max(axis=1, keepdims=True) > LIMIT_SLACK, inside, given)
     path = JointPath(points)
     sizes = _sizes(request, points)
     for contact in request.contacts:
@@ -118,7 +119,8 @@ def follow(
             raise InvalidRequest("contacts", stretch, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     accounting = PlanAccounting(checker, cancel=cancel)
-    for k in np.flatnonzero((given != points).any(axis=1))[:MAX_CLAMP_NOTES].tolist():
+    moved = [] if points is given else np.flatnonzero((given != points).any(axis=1))[:MAX_CLAMP_NOTES].tolist()
+    for k in moved:
         accounting.notes.append(clamp_note(f"waypoints[{k}]", given[k], points[k], checker.robot))
     accounting.keep(kept_in(checker.scene, request.constraints))
     accounting.torque_limits = torques_of(request.pace, checker.robot, checker.scene)
@@ -168,16 +170,17 @@ def _blended(
     if len(path.waypoints) < len(sizes) or not any(sizes[k] > 0.0 for k in path.corners):
         return path
 
-    def oracle_at(k: int) -> CompiledOracle:
-        pairs = _allowed_on(request.contacts, k - 1, k + 1)
-        oracle = SearchOracle(checker.variant(allowed=(*checker.allowed, *pairs)))
+    def pairs_at(k: int) -> frozenset[Pair]:
+        return _allowed_on(request.contacts, k - 1, k + 1)
+
+    def oracle_of(pairs: frozenset[Pair]) -> CompiledOracle:
+        oracle = SearchOracle(_allowing(checker, pairs))
         return oracle if accounting.projector is None else ConstrainedOracle(oracle, accounting.projector)
 
     with accounting.during(Stage.POLISH) as entry:
         smooth = path
-        for k in path.corners:
-            if sizes[k] > 0.0:
-                smooth = blended(smooth, oracle_at(k), sizes, least=request.min_blend, corners=[k])
+        for pairs, corners in groupby([k for k in path.corners if sizes[k] > 0.0], pairs_at):
+            smooth = blended(smooth, oracle_of(pairs), sizes, least=request.min_blend, corners=[*corners])
         entry.note = f"{len(path.corners) - len(smooth.corners)} of {len(path.corners)} corners blended"
         entry.length = path.length
         return smooth
@@ -188,8 +191,13 @@ def _allowed_on(contacts: Sequence[AllowedStretch], first: int, last: int) -> fr
     return frozenset(p for c in contacts if c.first <= first and last <= c.last for p in c.pairs)
 
 
+def _allowing(checker: CollisionChecker, pairs: frozenset[Pair]) -> CollisionChecker:
+    """The checker that lets these pairs touch, too."""
+    return checker.variant(allowed=(*checker.allowed, *pairs)) if pairs else checker
+
+
 def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
-    lenient = checker.variant(allowed=(*checker.allowed, *_allowed_on(contacts, 0, 0)))
+    lenient = _allowing(checker, _allowed_on(contacts, 0, 0))
     if not lenient.state_is_free(points[0]):
         touching = lenient.contacts(points[0])
         detail = f"start in collision: {', '.join(str(contact) for contact in touching[:3])}"
@@ -202,7 +210,7 @@ def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: Seque
     for k in range(len(points) - 1):
         pairs = _allowed_on(contacts, k, k + 1)
         known = Known.START if before <= pairs else Known.NEITHER
-        hit = checker.variant(allowed=(*checker.allowed, *pairs)).edge_hit(points[k], points[k + 1], known=known)
+        hit = _allowing(checker, pairs).edge_hit(points[k], points[k + 1], known=known)
         if hit is not None:
             part = (k + hit.fraction) / (len(points) - 1)
             detail = f"blocked at {part:.0%} of the way: {hit.a} x {hit.b}"
@@ -212,6 +220,8 @@ def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: Seque
 
 def _intervals(path: JointPath, points: FloatArray, contacts: Sequence[AllowedStretch]) -> tuple[ExemptInterval, ...]:
     """The stretches in arc length. Waypoints that the path has merged lie where the one before them does."""
+    if not contacts:
+        return ()
     s = [0.0]
     for a, b in pairwise(points.tolist()):
         s.append(s[-1] + joint_distance(a, b))

@@ -277,10 +277,14 @@ class Robot:
         """
         values = numbers("q", q, f"{self.n} joint values")
         lower, upper = self.bounds
-        if values.shape != (self.n,) or not np.all((values >= lower - TURN) & (values <= upper + TURN)):
+        if (
+            not any(self.continuous)
+            or values.shape != (self.n,)
+            or not np.all((values >= lower - TURN) & (values <= upper + TURN))
+        ):
             return self
         nearest = np.minimum(np.maximum(values, lower), upper)
-        turns = np.where(self.continuous or False, np.round((nearest - self._middle) / TURN), 0.0)
+        turns = np.where(self.continuous, np.round((nearest - self._middle) / TURN), 0.0)
         return _turned(self, tuple(turns.tolist())) if turns.any() else self
 
     def nearest_turns(self, waypoints: FloatArray, q: FloatArray) -> FloatArray:
