@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.studies import gate
-from benchmarks.studies.gate import chunks, refusals, times, violations
+from benchmarks.studies.gate import chunks, refusals, times, tubes, violations
 from benchmarks.studies.gate.chunks import ChunkWork
 
 ATTACK = (1, 5, 9, 13)
@@ -53,3 +53,9 @@ def test_an_arm_whose_policy_is_killed_comes_to_rest() -> None:
 @pytest.mark.slow
 def test_a_session_in_simulation_touches_nothing_behind_the_gate_alone() -> None:
     assert all(promise.kept for promise in gate.run(part="session", queries=1).promises)
+
+
+def test_nothing_in_a_proven_tube_touches() -> None:
+    (row,) = tubes.run(2, seed=0, robot="panda").rows
+    assert (row["tubes"], row["touching"]) == (2, 0)
+    assert 0.0 < row["proven_share"] <= 1.0

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.gate import chunks, kill, refusals, session, times, violations
+from benchmarks.studies.gate import chunks, kill, refusals, session, times, tubes, violations
 
 __all__ = ["run"]
 
 PARTS: dict[str, Callable[[int | None, int, str | None], Report]] = {
     "chunks": chunks.run,
+    "tubes": tubes.run,
     "planted": chunks.planted,
     "violations": violations.run,
     "refusals": refusals.run,
