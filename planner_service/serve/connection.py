@@ -29,7 +29,7 @@ class Connection(HttpToolsProtocol):
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._in_head, self._bytes = True, 0
+        self._in_head, self._refused, self._bytes = True, False, 0
         self._late: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -43,9 +43,9 @@ class Connection(HttpToolsProtocol):
         super().data_received(data)
         if self._in_head and self._bytes > MAX_HEAD:
             problem = Problem("header-too-large", f"a request has at most {MAX_HEAD:,} bytes before its body")
-            head = f"content-type: {PROBLEM_JSON}\r\ncontent-length: {len(problem.content)}\r\nconnection: close"
-            self.transport.write(f"HTTP/1.1 {problem.status} \r\n{head}\r\n\r\n".encode("ascii") + problem.content)
-            self.transport.close()
+            _refuse(self.transport, problem)
+        elif self._refused:
+            _refuse(self.transport, Problem("malformed", "Upgrade: expected websocket, by GET and without a body"))
         elif self._bytes > MAX_REQUEST:
             self.transport.close()
 
@@ -56,14 +56,26 @@ class Connection(HttpToolsProtocol):
 
     def on_headers_complete(self) -> None:
         """What comes before the body has come."""
-        self._in_head = False
-        super().on_headers_complete()
+        self._in_head, self._refused = False, self._is_no_handshake
+        if not self._refused:
+            super().on_headers_complete()
 
     def on_message_complete(self) -> None:
         """The whole request has come."""
         self._in_head, self._bytes = True, 0
         self._expect_nothing()
-        super().on_message_complete()
+        if not self._refused:
+            super().on_message_complete()
+
+    def _should_upgrade(self) -> bool:
+        return not self._refused and super()._should_upgrade()
+
+    @property
+    def _is_no_handshake(self) -> bool:
+        """Whether it asks for an upgrade with a body, which the parser does not read then, or not by GET."""
+        bodies = [text for name, text in self.headers if name in (b"content-length", b"transfer-encoding")]
+        asks = bodies not in ([], [b"0"]) or (super()._should_upgrade() and self.parser.get_method() != b"GET")
+        return self.parser.should_upgrade() and asks
 
     def handle_websocket_upgrade(self) -> None:
         """The connection goes on as a channel."""
@@ -95,7 +107,9 @@ class Channel(WebSocketsSansIOProtocol):
     def data_received(self, data: bytes) -> None:
         """Some bytes have come, of a message or of several."""
         super().data_received(data)
-        if len(self.frames) > MAX_PARTS:
+        if self.conn.handshake_exc is not None and not self.handshake_initiated:
+            _refuse(self.transport, Problem("malformed", "the handshake of a channel cannot be read"))
+        elif len(self.frames) > MAX_PARTS:
             self.transport.close()
         if not self.frames and not self.conn.reader.buffer:
             self._expect_nothing()
@@ -123,3 +137,10 @@ class Channel(WebSocketsSansIOProtocol):
         if self._late is not None:
             self._late.cancel()
             self._late = None
+
+
+def _refuse(transport: asyncio.Transport, problem: Problem) -> None:
+    """Answer a request that is not read to its end, and close the connection."""
+    head = f"content-type: {PROBLEM_JSON}\r\ncontent-length: {len(problem.content)}\r\nconnection: close"
+    transport.write(f"HTTP/1.1 {problem.status} \r\n{head}\r\n\r\n".encode("ascii") + problem.content)
+    transport.close()

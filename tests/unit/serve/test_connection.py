@@ -13,7 +13,7 @@ from uvicorn import Config
 from uvicorn.server import ServerState
 
 from planner_service.serve import connection
-from planner_service.serve.connection import Connection
+from planner_service.serve.connection import Channel, Connection
 from planner_service.serve.guard import MAX_HEAD, Guard
 
 HEAD = b"POST /plans HTTP/1.1\r\nHost: localhost:80\r\n"
@@ -30,7 +30,7 @@ def answered(*parts: bytes) -> bytes:
     """All that a client gets which sends these, until the server closes the connection."""
 
     async def ask() -> bytes:
-        config = Config(Guard(app, None, Guard.loopback(80)), log_config=None, timeout_keep_alive=0)
+        config = Config(Guard(app, None, Guard.loopback(80)), log_config=None, timeout_keep_alive=0, ws=Channel)
         state = ServerState()
         server = await asyncio.get_running_loop().create_server(lambda: Connection(config, state, {}), "127.0.0.1", 0)
         async with server:
@@ -60,6 +60,34 @@ def test_headers_that_do_not_end_or_are_too_long_are_refused() -> None:
         received = answered(*parts)
         assert received.startswith(b"HTTP/1.1 431")
         assert b"header-too-large" in received
+
+
+UPGRADE = b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+UPGRADE += b"AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+
+
+@pytest.mark.parametrize("protocol", [b"websocket", b"h2c"])
+@pytest.mark.parametrize("method", [b"POST", b"GET"])
+def test_what_asks_for_an_upgrade_with_a_body_is_refused_at_once(method: bytes, protocol: bytes) -> None:
+    head = HEAD.replace(b"POST", method) + UPGRADE.replace(b"websocket", protocol)
+    for body in (b"Content-Length: 2\r\n\r\n{}", b"Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n"):
+        received = answered(head + body)
+        assert received.startswith(b"HTTP/1.1 400")
+        assert b"Upgrade: expected websocket, by GET" in received
+
+
+def test_a_protocol_that_is_not_spoken_changes_nothing() -> None:
+    head = HEAD.replace(b"POST", b"GET") + UPGRADE.replace(b"websocket", b"h2c")
+    assert answered(head + b"\r\n").endswith(b"0 bytes")
+    assert answered(HEAD + UPGRADE + b"\r\n").startswith(b"HTTP/1.1 400")
+
+
+def test_a_handshake_that_cannot_be_read_is_refused_at_once() -> None:
+    received = answered(
+        b"GET /channel HTTP/1.1\r\nHost: localhost:80\r\n" + UPGRADE + b"X: " + b"a" * 9000 + b"\r\n\r\n"
+    )
+    assert received.startswith(b"HTTP/1.1 400")
+    assert b"handshake" in received
 
 
 def test_what_follows_a_body_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
