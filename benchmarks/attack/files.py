@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import os
 import tempfile
+import zlib
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -46,6 +48,9 @@ PLACES: dict[str, Callable[[Path], object]] = {
 """What may be where a file was, and how it is put there."""
 
 KEY = "0" * 64
+
+AMONG_CELLS = "plan among cells"
+"""A kind of file: a plan with evidence in a scene with a cloud."""
 
 
 def _stored(save: Callable[..., None], *arrays: FloatArray, **named: FloatArray) -> bytes:
@@ -89,7 +94,10 @@ class _Stock:
         request = ps.PlanRequest(home, goal, seed=7, time_limit=None)
         self.result = service.plan(request)
         self.task = plan_pick_place(service, TAKEN, "tray", request)
-        for kind, made in (("plan", self.result), ("task", self.task)):
+        wall = ps.PointCloud(np.stack([0.0 * rng.random(300), *rng.uniform(-0.2, 0.2, (2, 300))], axis=1), 0.03)
+        among = ps.PlannerService("wxai", ps.Scene((ps.Obstacle("wall", wall, ps.Pose((-0.3, 0.0, 0.3))),)))
+        cells = among.plan(ps.PlanRequest(home, home + 0.2, time_limit=None, evidence=True))
+        for kind, made in (("plan", self.result), ("task", self.task), (AMONG_CELLS, cells)):
             made.save(folder / f"{kind}.json")
             self._tree(kind, (folder / f"{kind}.json").read_bytes())
         memory = ps.PlannerService("wxai", "table").path_memory()
@@ -127,6 +135,7 @@ class _Stock:
         out: dict[str, tuple[str, Callable[[Path], Any]]] = {
             "plan": ("f.json", plan_file.load_plan_or_task),
             "task": ("f.json", plan_file.load_plan_or_task),
+            AMONG_CELLS: ("f.json", plan_file.load_plan_or_task),
             "roadmap": ("f.npz", ps.Roadmap.load),
             "npy": ("f.npy", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "npz": ("f.npz", lambda path: ps.PointCloud.from_file(path, 0.01)),
@@ -173,7 +182,7 @@ TEXTS = frozenset(
 
 class Attack(Part):
     name = "files"
-    what = "files of 28 kinds, bytes, words, lines and structure mutated"
+    what = "files of 29 kinds, bytes, words, lines and structure mutated"
 
     @cached_property
     def _stock(self) -> _Stock:
@@ -188,6 +197,8 @@ class Attack(Part):
         kind = str(rng.choice(kinds, p=weights / weights.sum()))
         if rng.random() < 0.01:
             return {"kind": kind, "place": str(rng.choice(list(PLACES)))}
+        if kind == AMONG_CELLS and rng.random() < 0.5:
+            return {"kind": kind, "data": packed(_repacked(self._stock.trees[kind], rng))}
         text = kind in TEXTS or kind in self._stock.trees or kind in ("ply", "results")
         data = changed(self._stock.contents[kind], rng, self._stock.trees.get(kind), text=text)
         return {"kind": kind, "data": packed(data)}
@@ -226,6 +237,27 @@ class Attack(Part):
             ps.save_scene(found, stock.folder / "again.toml")
             if ps.load_scene(stock.folder / "again.toml") != found:
                 raise Wrong("a scene is saved and loaded as it was")
+
+
+def _repacked(tree: Any, rng: np.random.Generator) -> bytes:
+    """The plan with the cells of its cloud changed, left out, made many, or cut off after they were packed."""
+    document = json.loads(json.dumps(tree))
+    (solid,) = (each["shape"] for each in document["scene"]["obstacles"])
+    steps = bytearray(zlib.decompress(base64.b64decode(solid["packed"])))
+    way = int(rng.integers(5))
+    if way == 0:
+        steps[int(rng.integers(len(steps)))] ^= 1 << int(rng.integers(8))
+    elif way == 1:
+        del steps[: int(rng.choice((4, 12, 13, len(steps))))]
+    elif way == 2:
+        steps *= int(rng.choice((2, 40, 5_000)))
+    data = zlib.compress(bytes(steps))
+    if way == 3:
+        data = data[: int(rng.integers(len(data)))]
+    if way == 4:
+        data += bytes(int(rng.integers(1, 9)))
+    solid["packed"] = base64.b64encode(data).decode()
+    return json.dumps(document).encode()
 
 
 def _remove(path: Path) -> None:

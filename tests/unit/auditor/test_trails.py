@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auditor.trails import Curve, World, chain, placed
+from auditor.trails import Bundles, Curve, World, chain, placed
 from benchmarks.worlds.random_trees import TreeDraw, draw_points, draw_tree
 
 
@@ -68,3 +68,35 @@ def test_a_piece_reaches_as_far_along_a_direction_as_its_farthest_point() -> Non
             assert farthest <= reach + 1e-12
             assert reach - farthest <= 0.1 * size + 1e-12
     assert chain(world.bodies, 0) == []
+
+
+def test_a_bundle_reaches_at_least_as_far_as_each_piece_in_it() -> None:
+    """And no farther than a box that is alone in it, in its own axes."""
+    chance: Any = np.random.default_rng(11)
+    robot = draw_tree(chance).robot
+    shapes: list[Any] = [{"kind": "box", "size": [0.1, 0.2, 0.3]}, {"kind": "cylinder", "radius": 0.1, "length": 0.5}]
+    shapes += [{"kind": "sphere", "radius": 0.2}, {"kind": "capsule", "radius": 0.05, "length": 0.4}]
+    stand = []
+    for k in range(12):
+        turn = (chance.normal(size=4)).tolist()
+        pose = {"position": chance.normal(size=3).tolist(), "quaternion_wxyz": turn}
+        parts = [{"shape": shape, "pose": pose} for shape in shapes[: 1 + k % 4]]
+        shape = shapes[k % 4] if k % 3 else {"kind": "compound", "parts": parts}
+        stand.append({"name": f"thing {k}", "shape": shape, "pose": pose})
+    world = World(robot, stand, (), (), {}, 0.0)
+    count = len(world.of)
+    order = np.concatenate([np.arange(world.rides), world.rides + chance.permutation(count - world.rides)])
+    begin = chance.integers(world.rides, count - 1, 60)
+    end = np.array([chance.integers(low + 1, count + 1) for low in begin])
+    bundles = Bundles(world, order, begin, end)
+    for _ in range(20):
+        n = chance.normal(size=(60, 3))
+        n /= np.linalg.norm(n, axis=1)[:, None]
+        reach = bundles.reach(np.arange(60), n)
+        for k in range(60):
+            pieces = order[begin[k] : end[k]]
+            still, along = np.tile(np.eye(4), (len(pieces), 1, 1)), np.tile(n[k], (len(pieces), 1))
+            farthest = world.reach(pieces, along, still).max()
+            assert farthest <= reach[k] + 1e-12
+            if end[k] - begin[k] == 1 and world.solids[world.of[pieces[0]]].record["kind"] == "box":
+                assert reach[k] == pytest.approx(farthest, abs=1e-12)
