@@ -298,10 +298,12 @@ class _Numbered(Sequence[Part]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[Part]: ...
     def __getitem__(self, index: int | slice) -> Part | Sequence[Part]:
-        if isinstance(index, slice):
-            return tuple(self[k] for k in range(*index.indices(len(self))))
-        number = range(len(self))[index]
-        return self._riding[number] if number < len(self._riding) else self._standing.part(number - len(self._riding))
+        numbers = range(len(self))[index]
+        return self._at(numbers) if isinstance(numbers, int) else tuple(map(self._at, numbers))
+
+    def _at(self, number: int) -> Part:
+        riding = len(self._riding)
+        return self._riding[number] if number < riding else self._standing.part(number - riding)
 
 
 class _PairNames(dict[int, tuple[str, str]]):
