@@ -66,8 +66,23 @@ void Edge::lose(int pair, double s) {
 // Whether a pair is far enough apart at a node for all of its room; if it is not, no halving helps.
 bool Edge::leaves_room(int pair, std::size_t node, const Bound& bound) {
     if (!roomy_ || bound.gap - places_.room_motion(pair_of(pair), node) > enough_) return true;
+    if (apart_about(pair_of(pair), node, bound, nullptr)) return true;
     lose(pair, places_.s(node));
     return false;
+}
+
+// Whether a pair stays apart along the direction of a bound, while joints travel so far from a node, and their room. For tubes only,
+// and for pairs of two pieces, whose bounds have a direction once they are more than a glance.
+bool Edge::apart_about(const Pair& pair, std::size_t node, const Bound& bound, const double* travel) {
+    return roomy_ && pair.leaf() && bound.gap > enough_ && bound.gap - places_.approach(pair, node, bound.n, travel) > enough_;
+}
+
+// Whether it does from each end of a stretch to its middle.
+bool Edge::apart_between(const Pair& pair, std::size_t left, const Bound& one, std::size_t right, const Bound& two) {
+    if (!roomy_ || !pair.leaf()) return false;
+    share_.resize(q_.size());
+    for (std::size_t k = 0; k < share_.size(); ++k) share_[k] = 0.5 * (places_.travel(right)[k] - places_.travel(left)[k]);
+    return apart_about(pair, left, one, share_.data()) && apart_about(pair, right, two, share_.data());
 }
 
 bool Edge::closed(const Bound& one, const Bound& two, double motion) const {
@@ -76,18 +91,19 @@ bool Edge::closed(const Bound& one, const Bound& two, double motion) const {
 }
 
 // A bound of a pair at a node, as good as it takes to close what is open, or to say that nothing can.
-template <class Closes>
-Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes) {
+template <class Closes, class Directed>
+Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes,
+                        const Directed& directed) {
     const Pair pair = pair_of(number);
     const Facing facing = places_.facing(pair, node);
     bound.gap = variant_.glance(facing);
     if (closes(bound)) return Found::closed;  // so would be what ``rough`` finds
     variant_.rough(terms_, facing, hints, count, bound);
-    if (closes(bound)) return Found::closed;
+    if (closes(bound) || directed(bound)) return Found::closed;
     if (!pair.leaf()) return Found::open;
     variant_.refined(terms_, facing, static_cast<int>(terms_.rounds), bound);
     const auto settled = [&] {
-        if (closes(bound)) return Found::closed;
+        if (closes(bound) || directed(bound)) return Found::closed;
         return leaves_room(number, node, bound) ? Found::open : Found::lost;
     };
     if (bound.gap > enough_) return settled();
@@ -123,7 +139,8 @@ bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
             const Bound hint = asks[first].bound;
             Bound bound{};
             const Found found = judge(number, node, hint.n, hints, bound,
-                                      [&](const Bound& b) { return b.gap - motion > enough_; });
+                                      [&](const Bound& b) { return b.gap - motion > enough_; },
+                                      [&](const Bound& b) { return apart_about(pair, node, b, half.data()); });
             if (found == Found::over) return false;
             if (found != Found::open) continue;
             if (stays_whole(pair, motion)) {
@@ -160,7 +177,9 @@ bool Edge::ends(const std::vector<Middle>& open) {
             Bound bound{};
             const Bound known = row.before;
             const Found found = judge(row.pair, node, known.n, 1, bound,
-                                      [&](const Bound& b) { return closed(b, known, row.motion); });
+                                      [&](const Bound& b) { return closed(b, known, row.motion); },
+                                      [&](const Bound& b) { return apart_between(pair_of(row.pair), stretch.left, half == 0 ? b : known,
+                                                                                 stretch.right, half == 0 ? known : b); });
             if (found == Found::over) return false;
             if (found != Found::open) continue;
             (half == 0 ? row.before : row.after) = bound;
@@ -195,11 +214,13 @@ bool Edge::split() {
             std::copy(row.after.n, row.after.n + 3, hints + 3);
             Bound left{}, right{};
             const Found one = judge(row.pair, stretch.left, hints, 2, left,
-                                    [&](const Bound& b) { return b.gap - row.motion > enough_; });
+                                    [&](const Bound& b) { return b.gap - row.motion > enough_; },
+                                    [&](const Bound&) { return false; });
             if (one == Found::over) return false;
             if (one != Found::open) continue;
             const Found two = judge(row.pair, stretch.right, hints, 2, right,
-                                    [&](const Bound& b) { return closed(left, b, row.motion); });
+                                    [&](const Bound& b) { return closed(left, b, row.motion); },
+                                    [&](const Bound& b) { return apart_between(pair_of(row.pair), stretch.left, left, stretch.right, b); });
             if (two == Found::over) return false;
             if (two != Found::open) continue;
             row.before = left;
@@ -244,13 +265,19 @@ bool Edge::halve() {
             hints[6 + k] = row.before.n[k] + row.after.n[k];
         }
         Bound bound{};
-        const Found found = judge(row.pair, one.right, hints, 3, bound, [&](const Bound& b) {
-            return closed(row.before, b, motions[0]) && closed(b, row.after, motions[1]);
-        });
+        const auto first = [&](const Bound& b, bool directed) {
+            return closed(row.before, b, motions[0]) || (directed && apart_between(pair, one.left, row.before, one.right, b));
+        };
+        const auto second = [&](const Bound& b, bool directed) {
+            return closed(b, row.after, motions[1]) || (directed && apart_between(pair, two.left, b, two.right, row.after));
+        };
+        const Found found = judge(row.pair, one.right, hints, 3, bound,
+                                  [&](const Bound& b) { return first(b, false) && second(b, false); },
+                                  [&](const Bound& b) { return first(b, true) && second(b, true); });
         if (found == Found::over) return false;
         if (found != Found::open) continue;
-        if (!closed(row.before, bound, motions[0])) next.push_back({row.pair, half, motions[0], row.before, bound});
-        if (!closed(bound, row.after, motions[1])) next.push_back({row.pair, half + 1, motions[1], bound, row.after});
+        if (!first(bound, true)) next.push_back({row.pair, half, motions[0], row.before, bound});
+        if (!second(bound, true)) next.push_back({row.pair, half + 1, motions[1], bound, row.after});
     }
     rows_ = std::move(next);
     stretches_ = std::move(halves);

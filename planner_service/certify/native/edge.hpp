@@ -57,6 +57,7 @@ class Edge {
     const Terms& terms_;
     double enough_, nearer_;
     bool roomy_;
+    std::vector<double> share_;
     Places places_;
     EdgeResult out_;
     double asked_ = 0.0;
@@ -73,12 +74,17 @@ class Edge {
     bool charge(std::size_t count, int pair, double s);
     void lose(int pair, double s);
     bool leaves_room(int pair, std::size_t node, const Bound& bound);
-    template <class Closes>
-    Found judge(int pair, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes);
+    bool apart_about(const Pair& pair, std::size_t node, const Bound& bound, const double* travel);
+    bool apart_between(const Pair& pair, std::size_t left, const Bound& one, std::size_t right, const Bound& two);
+    // ``directed``: as ``closes``, by a bound that has a direction.
+    template <class Closes, class Directed>
+    Found judge(int pair, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes,
+                const Directed& directed);
     bool middle(const std::vector<int>& roots, std::vector<Middle>& open);
     bool ends(const std::vector<Middle>& open);
     bool split();
     bool halve();
+    // By the gaps at both ends, and what moves in between.
     bool closed(const Bound& one, const Bound& two, double motion) const;
 };
 

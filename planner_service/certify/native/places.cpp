@@ -292,6 +292,54 @@ double Places::room_motion(const Pair& pair, std::size_t node) {
     return out;
 }
 
+double Places::approach(const Pair& pair, std::size_t node, const double* n, const double* travel) {
+    double room[12], along[3];
+    const double* B = pose_of(pair.second, node, room);
+    for (std::size_t i = 0; i < 3; ++i) along[i] = B[4 * i] * n[0] + B[4 * i + 1] * n[1] + B[4 * i + 2] * n[2];
+    double out = approach_of(static_cast<std::size_t>(pair.first), pair.own, node, along, travel);
+    if (pair.other > 0) out += approach_of(static_cast<std::size_t>(pair.second), pair.other, node, along, travel);
+    return out;
+}
+
+// Of one piece, against the parent of the last of so many joints that carry it; n in the axes of the world.
+double Places::approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel) {
+    const Rider& found = model_.riders[piece];
+    const Solid& solid = model_.solid(static_cast<int>(piece));
+    const double *P = pose(piece, node), *here = radii(piece, node), *bodies = bodies_.data() + node * per_bodies_;
+    double out = 0.0, swept = 0.0;
+    for (std::size_t k = 0; k < count; ++k) {
+        const Link& link = model_.links[found.first + k];
+        const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
+        if (body.column < 0) continue;
+        const double moved = ((travel == nullptr ? 0.0 : travel[body.column]) + room(body.column)) * std::fabs(body.multiplier);
+        const double* B = bodies + 12 * link.body;
+        double z[3];
+        for (int i = 0; i < 3; ++i) z[i] = B[4 * i] * body.axis[0] + B[4 * i + 1] * body.axis[1] + B[4 * i + 2] * body.axis[2];
+        double radius = 1.0, speed = std::fabs(n[0] * z[0] + n[1] * z[1] + n[2] * z[2]);
+        if (!body.slides) {
+            radius = std::min(here[k] + swept, link.far + slid_);
+            const double m[3] = {n[1] * z[2] - n[2] * z[1], n[2] * z[0] - n[0] * z[2], n[0] * z[1] - n[1] * z[0]};
+            const double u = m[0] * P[0] + m[1] * P[4] + m[2] * P[8];
+            const double v = m[0] * P[1] + m[1] * P[5] + m[2] * P[9];
+            const double w = m[0] * P[2] + m[1] * P[6] + m[2] * P[10];
+            double extent;
+            if (solid.hull != nullptr) {
+                extent = std::max(variant_.height(*solid.hull, u, v, w), variant_.height(*solid.hull, -u, -v, -w));
+            } else {
+                const double across = u * u + v * v;
+                extent = std::fabs(u) * solid.half[0] + std::fabs(v) * solid.half[1] + std::fabs(w) * solid.half[2] +
+                         solid.disc * std::sqrt(across) + solid.ball * std::sqrt(across + w * w);
+            }
+            double centre = 0.0;
+            for (int i = 0; i < 3; ++i) centre += (P[4 * i + 3] - B[4 * i + 3]) * m[i];
+            speed = std::min(std::fabs(centre) + extent, here[k]);
+        }
+        out += moved * (speed + 0.5 * radius * moved + swept);
+        swept += radius * moved;
+    }
+    return out * (1.0 + model_.terms.rounding);
+}
+
 double Places::motion_about(const Pair& pair) {
     double out = motions_about(static_cast<std::size_t>(pair.first))[pair.own];
     if (pair.other > 0) out += motions_about(static_cast<std::size_t>(pair.second))[pair.other];

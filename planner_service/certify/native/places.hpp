@@ -38,6 +38,7 @@ class Places {
     // A node at configuration q, reached after ``travel`` of each joint; its number.
     std::size_t add(double s, const double* q, const double* travel);
     double s(std::size_t node) const { return s_[node]; }
+    const double* travel(std::size_t node) const { return travel_.data() + node * static_cast<std::size_t>(model_.dof); }
     std::size_t count() const { return s_.size(); }
 
     // Forget all nodes but these, which are numbered anew in their order.
@@ -67,6 +68,11 @@ class Places {
     double motion_about(const Pair& pair);
     // The same of the room alone.
     double room_motion(const Pair& pair, std::size_t node);
+    // How much closer the pieces of a pair come along n, at most, while each joint travels so far from a node (nullptr: not at all),
+    // and its room: n, in the axes of the second piece there, stays as it is for the last body that carries both. Along n a point
+    // goes with joint k as fast as its distance from the axis lets it across n, and the second derivative by joints k and j is no
+    // longer than its distance from the axis of the outer one.
+    double approach(const Pair& pair, std::size_t node, const double* n, const double* travel);
     // The box along the axes of the base frame that a riding piece does not leave meanwhile: low corner and high corner.
     void box_about(std::size_t piece, double* out);
     // Whether their bounding spheres are farther apart there than they move, and than ``enough``.
@@ -105,6 +111,7 @@ class Places {
     void find_radii(std::size_t piece, std::size_t node, double* out);
     double room(int column) const { return room_ == nullptr ? 0.0 : room_[column]; }
     const double* motions_about(std::size_t piece);
+    double approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel);
     void add_motions(std::size_t piece, std::size_t node, const double* travel, double* out);
     const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
     // A direction in the axes of the second piece at one node, as it is in them at another, if it stays as it is for the last

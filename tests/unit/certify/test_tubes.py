@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ from planner_service.certify import MARGIN, Certifier
 from planner_service.certify.certifier import TubeProof
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import Pose, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.scene.scene import Obstacle, Scene
 from tests.support.backends import case, edges_of
+from tests.support.small_robots import CRANE, MIXED, SLIDER, TWINS, built, joint, link, solid, urdf
 from tests.unit.certify.test_certifier import PLANAR, RIM, SWEEP, ball_beyond
 
 STILL = np.zeros((1, 2))
@@ -58,10 +61,17 @@ def test_the_least_room_that_leads_to_contact_is_refused_wherever_on_the_way(edg
         far = rng.uniform(1.2, 2.1)
         scene = Scene((Obstacle("ball", Sphere(0.05), Pose((far * math.cos(angle), far * math.sin(angle), 0.0))),))
         checker = CollisionChecker(PLANAR, scene)
-        low, high = 0.0, 0.5
+        low, high, beside = 0.0, 0.5, np.array([[0.0, 1.0], [0.3, 0.0], [0.3, 1.0]])[rng.integers(3)]
 
-        def clear(room: float, checker: CollisionChecker = checker, bent: float = bent) -> bool:
-            return all(checker.state_is_free([q, bent + side * room]) for q in sweep for side in (-1.0, 1.0))
+        def clear(
+            room: float, checker: CollisionChecker = checker, bent: float = bent, beside: FloatArray = beside
+        ) -> bool:
+            return all(
+                checker.state_is_free([q + one * room * beside[0], bent + two * room * beside[1]])
+                for q in sweep
+                for one in (-1.0, 1.0)
+                for two in (-1.0, 1.0)
+            )
 
         if clear(high) or not clear(low):
             continue
@@ -71,9 +81,25 @@ def test_the_least_room_that_leads_to_contact_is_refused_wherever_on_the_way(edg
         line = np.column_stack([np.linspace(-0.5, 0.5, edges + 1), np.full(edges + 1, bent)])
         line = line[:: rng.choice([-1, 1])]
         ways = np.stack([line[:-1], line[1:]], axis=1)
-        assert tube(scene, ways, [0.0, high]).free < edges
-        free += tube(scene, ways, [0.0, 0.5 * low]).free == edges
+        assert tube(scene, ways, high * beside).free < edges
+        free += tube(scene, ways, 0.5 * low * beside).free == edges
     assert free > 5
+
+
+@pytest.mark.parametrize("joints", [1, 2])
+def test_a_turn_that_leads_to_contact_only_by_its_bend_is_refused(joints: int, tmp_path: Path) -> None:
+    """A ball a metre from its axes passes a wall, along which it begins to go: it drops by 1 - cos of the turn."""
+    arms = [joint("turn", "revolute base arm -3 3"), joint("more", "revolute arm hand -3 3")][:joints]
+    tip = solid("sphere", 'radius="0.01"', "1 0 0")
+    links = [link("base"), *([link("arm", tip)] if joints == 1 else [link("arm"), link("hand", tip)])]
+    robot = built(tmp_path, urdf("ball", *links, *arms))
+    gap, still = 0.03, np.zeros((1, joints))
+    turn = math.acos(1.0 - gap) / joints  # of each joint
+    wall = Scene((Obstacle("wall", Box((0.02, 1.0, 1.0)), Pose((0.98 - gap, 0.0, 0.0))),))
+    certifier, checker = Certifier(robot, wall), CollisionChecker(robot, wall)
+    for share, free in ((1.01, 0), (0.7, 1)):
+        assert checker.state_is_free(np.full(joints, share * turn)) == bool(free)
+        assert certifier.certify_tubes(still, still, np.full((1, joints), share * turn)).free == free
 
 
 @pytest.mark.parametrize("name", ["wxai bin", "wxai clutter", "panda shelf"])
@@ -90,6 +116,23 @@ def test_nothing_within_the_room_of_a_free_tube_touches(name: str) -> None:
         share, off = rng.uniform(0.0, 1.0, (50, 1)), rng.choice([-1.0, 1.0, 0.5], (50, robot.n))
         Q = np.clip(a + share * (b - a) + off * room, *robot.bounds)
         assert all(checker.state_is_free(q) for q in Q)
+    assert free > 20
+
+
+@pytest.mark.parametrize("text", [SLIDER, CRANE, MIXED, TWINS], ids=["slider", "crane", "mixed", "twins"])
+def test_nothing_within_the_room_touches_of_arms_that_slide_branch_and_follow(text: str, tmp_path: Path) -> None:
+    robot, rng, free = built(tmp_path, text), np.random.default_rng(2), 0
+    for _ in range(8):
+        places = rng.uniform([-1.0, -1.0, 0.0], 1.2, (5, 3)).tolist()
+        scene = Scene(tuple(Obstacle(f"ball {k}", Sphere(0.08), Pose(tuple(at))) for k, at in enumerate(places)))
+        certifier, checker = Certifier(robot, scene), CollisionChecker(robot, scene)
+        for _ in range(25):
+            a = rng.uniform(*robot.bounds)
+            b, room = np.clip(a + rng.uniform(-0.1, 0.1, robot.n), *robot.bounds), rng.uniform(0.0, 0.25, robot.n)
+            if certifier.certify_tubes([a], [b], room[None]).free:
+                free += 1
+                share, off = rng.uniform(0.0, 1.0, (40, 1)), rng.choice([-1.0, 1.0], (40, robot.n))
+                assert checker.states_are_free(np.clip(a + share * (b - a) + off * room, *robot.bounds)).all()
     assert free > 20
 
 
