@@ -54,11 +54,11 @@ clients: $(BIN)/.dev  ## programs in TypeScript and C++ that plan over HTTP, run
 
 # LeRobot needs Python 3.12, and brings PyTorch: 6 GB in an environment of its own, of which the package's tests make use.
 LEROBOT_VENV ?= .venv-lerobot
-LEROBOT_PYTHON ?= python3.12
+LEROBOT_PYTHON ?= $(or $(lastword $(wildcard $(HOME)/.pyenv/versions/3.12.*/bin/python)),python3.12)
 
 $(LEROBOT_VENV)/.ready: pyproject.toml constraints.txt integrations/lerobot/pyproject.toml $(NATIVE)
 	$(LEROBOT_PYTHON) -m venv $(LEROBOT_VENV)
-	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check ".[sim]" "./integrations/lerobot[sim]" "pytest>=8"
+	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[sim]" -e "./integrations/lerobot[sim]" "pytest>=8"
 	@touch $@
 
 lerobot: $(LEROBOT_VENV)/.ready  ## the package for LeRobot with LeRobot itself, and its commands with the simulated arm

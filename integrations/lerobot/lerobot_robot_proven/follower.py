@@ -33,7 +33,7 @@ JITTER = 0.005
 ERROR, LAG = 0.02, 0.05
 """Radians and seconds by which a real arm is assumed to be off and late; measure yours."""
 
-SIMULATED_ERROR, SIMULATED_LAG = (0.02, 0.02, 0.02, 0.03, 0.05, 0.06), 0.1
+SIMULATED_ERROR, SIMULATED_LAG = (0.02, 0.02, 0.02, 0.03, 0.05, 0.06), 0.25
 """The same of the simulated arm, whose wrist is slow, while other programs run."""
 
 FINGER_SPAN = (0.0, 0.04)

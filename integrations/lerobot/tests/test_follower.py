@@ -94,7 +94,8 @@ def test_connecting_goes_round_what_is_in_the_way(one: One, arms: dict[str, Arm]
     checker = PlannerService("wxai", "bin").checker
     assert not all(checker.state_is_free(q) for q in straight)
     assert checker.state_is_free(straight[0])
-    one("bin").connect()
+    robot = one("bin")  # which disconnects when nobody has it any more
+    robot.connect()
     assert np.allclose(arms[LEFT].positions(), STAGED[:-1])
     assert touching([arms[LEFT]], "wxai", "bin") == 0
 
