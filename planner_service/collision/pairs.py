@@ -8,6 +8,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from operator import itemgetter
 from typing import cast, overload
 
 import numpy as np
@@ -171,7 +172,7 @@ class Parts:
         return other
 
     @property
-    def parts(self) -> Sequence[Part]:
+    def parts(self) -> _Numbered:
         """All pieces, as they are without the padding."""
         return _Numbered(self._riders.parts, self.standing)
 
@@ -256,8 +257,10 @@ class _Standing:
             else:
                 numbers.append(np.array([len(kinds)]))
                 kinds.append(o.shape)
-                rotation, position = o.pose.matrix[None, :3, :3], o.pose.matrix[None, :3, 3]
-            turns.append(np.broadcast_to(np.arange(stands, stands + len(rotation)), len(position)))
+                T = o.pose.matrix[None]
+                rotation, position = T[:, :3, :3], T[:, :3, 3]
+            stand = np.arange(stands, stands + len(rotation))
+            turns.append(stand if len(stand) == len(position) else np.broadcast_to(stand, len(position)))
             stands += len(rotation)
             rotations.append(rotation)
             positions.append(position)
@@ -280,8 +283,11 @@ class _Standing:
         """One of the pieces."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.rotations[self.turns[number]], self.positions[number]
-        owner = self.owners[bisect_right(self.runs, number, key=lambda run: run[0]) - 1]
-        return Part(owner, -1, self.kinds[self.numbers[number]], frozen(T))
+        return Part(self.owner(number), -1, self.kinds[self.numbers[number]], frozen(T))
+
+    def owner(self, number: int) -> Owner:
+        """Whose one of the pieces is."""
+        return self.owners[bisect_right(self.runs, number, key=itemgetter(0)) - 1]
 
 
 class _Numbered(Sequence[Part]):
@@ -301,6 +307,11 @@ class _Numbered(Sequence[Part]):
         numbers = range(len(self))[index]
         return self._at(numbers) if isinstance(numbers, int) else tuple(map(self._at, numbers))
 
+    def owner(self, number: int) -> Owner:
+        """Whose a piece is, without an object of it."""
+        riding = len(self._riding)
+        return self._riding[number].owner if number < riding else self._standing.owner(number - riding)
+
     def _at(self, number: int) -> Part:
         riding = len(self._riding)
         return self._riding[number] if number < riding else self._standing.part(number - riding)
@@ -314,7 +325,7 @@ class _PairNames(dict[int, tuple[str, str]]):
 
     def __missing__(self, pair: int) -> tuple[str, str]:
         labels, parts = self._parts.labels, self._parts.parts
-        a, b = (labels.of(parts[k].owner) for k in self._parts.pairs.of(np.array([pair]))[0].tolist())
+        a, b = (labels.of(parts.owner(k)) for k in self._parts.pairs.of(np.array([pair]))[0].tolist())
         self[pair] = a, b
         return a, b
 
