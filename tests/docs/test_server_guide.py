@@ -10,6 +10,7 @@ import re
 import shlex
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,6 +20,7 @@ from tests.support.served import served
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "server.md"
 SHOWN_AT = "http://localhost:8080"
 BLOCK = re.compile(r"^```console\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+CHANNEL = re.compile(r"^```python\n(import msgpack\n.*?)^```\n", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^\$ (?:.*\\\n)*.*\n", re.MULTILINE)
 
 
@@ -49,6 +51,11 @@ def test_the_guide_to_the_server_shows_its_answers(tmp_path: Path, monkeypatch: 
             return f"```console\n{lines}```\n"
 
         today = BLOCK.sub(of_today, page)
+        found = CHANNEL.search(page)
+        assert found is not None
+        names: dict[str, Any] = {}
+        exec(found[1].replace(SHOWN_AT.replace("http", "ws"), url.replace("http", "ws")), names)
+        assert names["reply"]["status"] == 200
     if "WRITE_OUTPUTS" in os.environ:  # to take over what changed on purpose; read the diff
         PAGE.write_text(today, encoding="utf-8")
     assert page.splitlines() == today.splitlines()
