@@ -8,8 +8,10 @@ last target that was, as abruptly as its driver does. ``docs/design/the-gate.md`
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,6 +147,12 @@ class ActionGate:
             InvalidRequest: other shapes, no numbers, or more rows sent than there were. Nothing is decided then, and
                 what the last verdict said still holds.
         """
+        with _no_collection():
+            return self._checked(q, chunk, sent, elapsed, around)
+
+    def _checked(
+        self, q: ArrayLike, chunk: ArrayLike, sent: int | None, elapsed: float | None, around: Sequence[Obstacle]
+    ) -> Verdict:
         measured = numbers("q", q, f"{self.robot.n} joint values")
         if measured.shape != (self.robot.n,):
             raise InvalidRequest("q", measured.shape, f"{self.robot.n} joint values")
@@ -474,6 +482,18 @@ class ActionGate:
 
     def _new_certifier(self, scene: Scene) -> Certifier:
         return Certifier(self.robot, scene, allowed=self._service.allowed)
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """No garbage is collected meanwhile: in a process with much in it that takes longer than all else here."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def _along(line: FloatArray, done: FloatArray) -> FloatArray:

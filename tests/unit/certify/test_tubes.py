@@ -131,7 +131,7 @@ def test_nothing_within_the_room_touches_of_arms_that_slide_branch_and_follow(te
             b, room = np.clip(a + rng.uniform(-0.1, 0.1, robot.n), *robot.bounds), rng.uniform(0.0, 0.25, robot.n)
             if certifier.certify_tubes([a], [b], room[None]).free:
                 free += 1
-                share, off = rng.uniform(0.0, 1.0, (40, 1)), rng.choice([-1.0, 1.0], (40, robot.n))
+                share, off = rng.uniform(0.0, 1.0, (2000, 1)), rng.choice([-1.0, 1.0], (2000, robot.n))
                 assert checker.states_are_free(np.clip(a + share * (b - a) + off * room, *robot.bounds)).all()
     assert free > 20
 

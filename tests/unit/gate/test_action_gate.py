@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from planner_service import PlannerService
+from planner_service.certify.certifier import TubeProof
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
 from planner_service.gate import ActionGate, Kind, Setpoint, Tracking, Verdict
@@ -289,6 +291,30 @@ def test_a_stop_that_would_take_thousands_of_targets_is_none() -> None:
     rows = limits.braking(replace(start, speed=np.array([1.0, 0.0])))
     assert rows is not None
     assert len(rows) == 1.0 * RATE / PLANAR.limits.acceleration[0]
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_no_garbage_is_collected_within_a_check_and_as_before_after_it(
+    on: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate, within = gate_of(ball_beyond(0.1)), list[bool]()
+    prove = gate.certifier.certify_tubes
+
+    def seen(*arguments: Any, **options: Any) -> TubeProof:
+        within.append(gc.isenabled())
+        return prove(*arguments, **options)
+
+    monkeypatch.setattr(gate.certifier, "certify_tubes", seen)
+    try:
+        (gc.enable if on else gc.disable)()
+        assert gate.check(START, ramp(50)).ok
+        assert gc.isenabled() == on
+        with pytest.raises(InvalidRequest):
+            gate.check(START, "x")
+        assert gc.isenabled() == on
+    finally:
+        gc.enable()
+    assert within == [False, False]
 
 
 LAGGING = Tracking(goal_time=0.1, error=0.002, jitter=0.004, lag=0.15)
