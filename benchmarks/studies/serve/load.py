@@ -68,7 +68,7 @@ def run(queries: int | None = None, seed: int = 0, *, against: Path | None = Non
         rows.append(_loaded(running, "plans", *plans))
     if against is not None:
         with server(*options, python=against) as running:
-            rows.append(_loaded(running, "plans", *plans, named=BEFORE))
+            rows.append(_loaded(running, "plans", plans[0], [""] * len(plans[0]), named=BEFORE))  # it plans otherwise
     engine = {"part": "load", "way": f"Processes({WORKERS})", "per_second": sum(rates) / 2.0, "rates": rates}
     single = _single(service, calls, against)
     return Report("serve", (*rows, engine, single), _tables(rows, engine, single), _promises(rows, engine, single))

@@ -1,6 +1,7 @@
 """What locust does: each user sends the next of the requests in a file and compares the answer's digest.
 
-Run by ``load.py`` in an environment that has nothing but locust; ``SERVE_REQUESTS`` names the file.
+Run by ``load.py`` in an environment that has nothing but locust; ``SERVE_REQUESTS`` names the file. Where the digest is
+empty any answer is right.
 """
 
 from __future__ import annotations
@@ -44,5 +45,5 @@ class Client(FastHttpUser):  # type: ignore[misc]
         with self.client.post(one["path"], json=one["body"], headers=headers, catch_response=True) as response:
             if response.status_code != 200:
                 response.failure(f"status {response.status_code}")
-            elif digest(json.loads(response.text)) != one["digest"]:
+            elif one["digest"] not in ("", digest(json.loads(response.text))):
                 response.failure("another answer than the library's")
