@@ -19,7 +19,7 @@ from planner_service import JointPath, PlannerService, Scene, load_robot
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
-from planner_service.gate import ActionGate, Tracking
+from planner_service.gate import ActionGate, TargetFilter, Tracking
 from planner_service.infeasibility import prove_no_path
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
@@ -42,6 +42,7 @@ ANSWERS = {
         "Course",
         "Explanation",
         "Figures",
+        "FilteredTarget",
         "InWorker",
         "Kept",
         "KeptBound",
@@ -82,6 +83,10 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         ),
         "ActionGate.update": Call(lambda **given: gate().update(**given), {"scene": scene, **when}),
         "ActionGate.occupied": Call(lambda **given: gate().occupied(**given), {"name": "arm", "base": None}),
+        "TargetFilter": Call(TargetFilter, {"gate": gate(), "jump": 0.2, "speed": 0.5}),
+        "TargetFilter.next": Call(
+            lambda **given: TargetFilter(gate()).next(**given), {"q": arm.home, "wanted": arm.home, "elapsed": 0.1}
+        ),
         "ActionGate.reset": Call(lambda **given: gate().reset(**given), {"target": arm.home}),
         "certify": Call(certify, {**world, "path": [arm.home, arm.home], **part}),
         "certify_gripper": Call(certify_gripper, {**world, "q": arm.home, **gripper}),
