@@ -472,9 +472,9 @@ def _shortened(
     """The path cut short, or a shorter one that another search finds, its corners pulled in, and without those that
     leave no room for a blend; then as cut.
     """
-    request, accounting = context.request, context.accounting
-    with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:
-        entry.length, rng = polyline_length(points), SeededDraws(request.seed, 1)
+    request, accounting, length = context.request, context.accounting, polyline_length(points)
+    with accounting.during(Stage.SHORTCUT, improving="shortened") as entry:  # which may end it
+        entry.length, rng = length, SeededDraws(request.seed, 1)
         points = _cut(points, oracle, rng)
         entry.length = length = polyline_length(points)
         planner = request.planner

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.harness.suite import PUBLIC
-from planner_service import InvalidRequest, Optimise, PlannerService, PlanRequest, Roadmap, RRTConnect, Stage
+from planner_service import InvalidRequest, Optimise, PlannerService, PlanRequest, Pose, Roadmap, RRTConnect, Stage
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planning import search_stage
 from planner_service.planning.polishing import nearer
@@ -119,3 +119,15 @@ def on_ellipsoid(rng: np.random.Generator, start: FloatArray, goal: FloatArray, 
     r = (length * length - float(apart @ apart)) / (2.0 * (length - float(apart @ way)))
     point: FloatArray = start + r * way
     return point
+
+
+@pytest.mark.parametrize("more", [200, 300])
+def test_a_limit_that_is_met_while_a_path_is_shortened_leaves_the_path(more: int) -> None:
+    service = PlannerService("wxai", "bin")
+    goal = Pose((0.20, 0.28, 0.15), (0.5**0.5, 0.0, 0.5**0.5, 0.0))
+    request = PlanRequest(service.robot.home, goal, seed=7, time_limit=None)
+    whole, first = service.plan(request), (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH)
+    before = sum(report.counts.states for report in whole.stages if report.stage in first)
+    result = service.plan(replace(request, max_checks=before + more))
+    assert result.ok
+    assert "not shortened" in result.stage(Stage.SHORTCUT).note
