@@ -23,6 +23,7 @@ from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.gate.driver import Driver
 from benchmarks.studies.gate.judge import Judge
 from benchmarks.studies.gate.worlds import World, world
+from planner_service.errors import BrokenInvariant
 from planner_service.gate import Tracking
 from planner_service.geometry.arrays import FloatArray
 
@@ -39,6 +40,9 @@ PERIODS, EARLIEST, LATEST = 90, 5, 60
 
 SILENT = 1.0
 """Seconds."""
+
+PATIENCE = 120.0
+"""Seconds that the driver may take to start, or for a period."""
 
 ANSWER = 0.5
 """Seconds that the driver waits for the answer of a caller that is on time, at most; its own time stands still."""
@@ -110,8 +114,11 @@ def _turn(kind: str, seed: int, number: int, robot: str) -> Row:
     for end in (to_driver, from_caller, to_caller, from_policy, told):
         end.close()
     ends = draws.randint(EARLIEST, LATEST)
-    while answer.poll(60.0):
-        message: Any = answer.recv()
+    message: Any = 0
+    while isinstance(message, int):
+        if not answer.poll(PATIENCE):
+            raise BrokenInvariant(f"the driver said nothing for {PATIENCE:g} s")
+        message = answer.recv()
         if not isinstance(message, int):
             break
         victim = (policy, caller, None)[KINDS.index(kind)]
