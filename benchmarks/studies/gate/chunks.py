@@ -161,7 +161,7 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
         ),
         Promise("no driver within what is assumed is said to be astray", *_none(total.refused.get("tracking", 0))),
     )
-    caption = "ms are of the gate and its judge together."
+    caption = "Nearest: a gap that everything judged keeps at least, from the steps of the judge."
     return Report("gate", tuple(rows), (table_of("Chunks", lines, caption=caption),), promises)
 
 
