@@ -38,7 +38,7 @@ def said_by(command: str, folder: Path) -> str:
     return said
 
 
-def test_episodes_are_recorded_as_the_readme_says_and_nothing_is_touched(tmp_path: Path) -> None:
+def test_episodes_are_recorded_as_the_readme_says_and_replayed_and_nothing_is_touched(tmp_path: Path) -> None:
     found = re.search(r"^\$ (lerobot-record .*?)\n(?=```)", README.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
     assert found is not None
     assert "the simulated arm touched nothing" in said_by(found[1], tmp_path)
@@ -48,6 +48,9 @@ def test_episodes_are_recorded_as_the_readme_says_and_nothing_is_touched(tmp_pat
     assert info["features"]["action"]["names"][-1] == "left_carriage_joint.pos"
     lines = (tmp_path / "gate.jsonl").read_text("utf-8").splitlines()
     assert any("table" in (json.loads(line).get("pair") or ()) for line in lines)
+    robot = "--robot.type=proven_widowxai_follower --robot.simulated=true --robot.scene=table --play_sounds=false"
+    data = "--dataset.repo_id=me/swings --dataset.root=swings --dataset.episode=0"
+    assert "the simulated arm touched nothing" in said_by(f"lerobot-replay {robot} {data}", tmp_path)
 
 
 def test_two_arms_are_recorded_as_one(tmp_path: Path) -> None:
