@@ -24,7 +24,17 @@ from planner_service.errors import InvalidFile
 
 __all__ = ["PARTS", "Summary", "main", "maker", "replayed", "run_part"]
 
-PARTS = {"api": 15, "files": 40, "curves": 15, "states": 20, "roadmaps": 10, "threads": 12, "kill": 8, "agents": 10}
+PARTS = {
+    "api": 15,
+    "files": 40,
+    "curves": 15,
+    "states": 20,
+    "roadmaps": 10,
+    "threads": 12,
+    "kill": 8,
+    "agents": 10,
+    "cells": 8,
+}
 """The attacks, and how a run of all of them shares its time."""
 
 KINDS = ("crash", "hang", "untyped", "invariant", "wrong", "memory", "leftover")

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks.attack import kill, running
+from benchmarks.attack import cells, kill, running
 from benchmarks.attack.domain import described
 from benchmarks.attack.harness import Case, Part, Wrong, read_finding
 from benchmarks.attack.running import main, replayed, run_part
 from benchmarks.attack.words import require_told
-from planner_service import InvalidRequest, RRTConnect, load_robot
+from planner_service import InvalidRequest, RRTConnect, Scene, load_robot
+from planner_service.scene.loading import scene_text
+from planner_service.view.cell.folder import CellFolder
 
 ROOT = Path(__file__).parents[2]
 STORED = sorted((ROOT / "tests" / "attack").glob("*.json"))
@@ -75,6 +77,24 @@ def test_a_reader_that_drops_a_word_in_silence_is_found(tmp_path: Path) -> None:
     other = iter((robot, load_robot("wxai")))
     with pytest.raises(Wrong, match="a word without an effect has none: urdf: attribute 'type' in <link>"):
         require_told({**case, "word": "type"}, text, tmp_path / "f.urdf", lambda path: next(other))
+
+
+def test_a_scene_that_is_written_elsewhere_or_read_again_as_another_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    part, edit = cells.Attack(), ["add", "box", [0.3, 0.0]]
+    assert part.run({"edits": [edit, ["save", "mine", True], ["save", "../mine", True], ["save", "link", True]]}) == 4
+    assert part.counted == {"done": 2, "refused": 2}
+    monkeypatch.setattr(CellFolder, "target", lambda self, name: self.path / name)
+    monkeypatch.setattr(CellFolder, "save", lambda self, scene, name, replace: _saved(scene, self.target(name)))
+    with pytest.raises(Wrong, match="nothing is written outside of the folder"):
+        part.run({"edits": [edit, ["save", "link.toml", True]]})
+    monkeypatch.setattr(CellFolder, "save", lambda self, scene, name, replace: _saved(Scene(), self.path / "a.toml"))
+    with pytest.raises(Wrong, match="what is saved is the scene, in the folder"):
+        part.run({"edits": [edit, ["save", "mine", True]]})
+
+
+def _saved(scene: Scene, path: Path) -> Path:
+    path.write_text(scene_text(scene))
+    return path
 
 
 def test_a_process_that_ctrl_c_crashes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
