@@ -15,8 +15,8 @@ __all__ = ["extent", "fit_window", "set_up"]
 NARROW = 576
 """Pixels of a window's width up to which viser shows the panel as a sheet at the bottom."""
 
-PHONE, SMALL, SLIM = 480, 700, 330
-"""Pixels: a scene that is no wider is on a phone; beside one that is no wider than the second, the panel is so wide."""
+PHONE, PANEL = 480, 360
+"""Pixels: a scene that is no wider is on a phone; beside any other, the panel is so wide."""
 
 STYLE = f"""<style>
 @media (max-width: {NARROW}px) {{
@@ -52,11 +52,11 @@ def set_up(server: Any, state: ViewState) -> None:
 
 
 def fit_window(client: Any, state: ViewState) -> None:
-    """Leave enough of a small window to the scene, and see all of it on a phone that is held upright."""
+    """Leave as much of a window to the scene as the panel does not need, and see all of it on a phone that is held upright."""
     camera = client.camera
     width, height = camera.image_width, camera.image_height
-    if PHONE < width < SMALL:
-        client.gui.main_panel.set_width(SLIM)
+    if width > PHONE:
+        client.gui.main_panel.set_width(PANEL)
     if 0 < width <= PHONE and width < height:
         middle, size = extent(state)
         below = np.array([0.0, 0.0, -SHEET * size])
