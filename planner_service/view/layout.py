@@ -52,7 +52,7 @@ def set_up(server: Any, state: ViewState) -> None:
 
 
 def fit_window(client: Any, state: ViewState) -> None:
-    """Leave as much of a window to the scene as the panel does not need, and see all of it on a phone that is held upright."""
+    """Leave to the scene what the panel does not need, and see all of it on a phone that is held upright."""
     camera = client.camera
     width, height = camera.image_width, camera.image_height
     if width > PHONE:
