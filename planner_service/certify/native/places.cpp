@@ -293,51 +293,74 @@ double Places::room_motion(const Pair& pair, std::size_t node) {
 }
 
 double Places::approach(const Pair& pair, std::size_t node, const double* n, const double* travel) {
-    double room[12], along[3];
-    const double* B = pose_of(pair.second, node, room);
+    double room[12], along[3], apart = 0.0;
+    const double *A = pose(static_cast<std::size_t>(pair.first), node), *B = pose_of(pair.second, node, room);
     for (std::size_t i = 0; i < 3; ++i) along[i] = B[4 * i] * n[0] + B[4 * i + 1] * n[1] + B[4 * i + 2] * n[2];
+    for (std::size_t i = 0; i < 3; ++i) apart += (A[4 * i + 3] - B[4 * i + 3]) * along[i];
+    if (apart < 0.0)  // from the second piece to the first
+        for (double& value : along) value = -value;
     double out = approach_of(static_cast<std::size_t>(pair.first), pair.own, node, along, travel);
+    for (double& value : along) value = -value;
     if (pair.other > 0) out += approach_of(static_cast<std::size_t>(pair.second), pair.other, node, along, travel);
     return out;
 }
 
-// Of one piece, against the parent of the last of so many joints that carry it; n in the axes of the world.
+// Of one piece, against the parent of the last of so many joints that carry it; n in the axes of the world, away from the other one.
+// A point p of it gets as close as ``n p - sum d_k |m_k (p - o_k)|`` to first order, m_k being n across the axis of joint k: that is
+// concave in p, and so least at a corner. A disc or a ball around it adds what it moves by itself.
 double Places::approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel) {
     const Rider& found = model_.riders[piece];
     const Solid& solid = model_.solid(static_cast<int>(piece));
     const double *P = pose(piece, node), *here = radii(piece, node), *bodies = bodies_.data() + node * per_bodies_;
-    double out = 0.0, swept = 0.0;
+    double all = 0.0, swept = 0.0;
+    turns_.clear();  // of each joint: what it gives a corner in the axes of the piece (3), and its centre
     for (std::size_t k = 0; k < count; ++k) {
         const Link& link = model_.links[found.first + k];
         const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
         if (body.column < 0) continue;
         const double moved = ((travel == nullptr ? 0.0 : travel[body.column]) + room(body.column)) * std::fabs(body.multiplier);
         const double* B = bodies + 12 * link.body;
-        double z[3];
+        double z[3], radius = 1.0;
         for (int i = 0; i < 3; ++i) z[i] = B[4 * i] * body.axis[0] + B[4 * i + 1] * body.axis[1] + B[4 * i + 2] * body.axis[2];
-        double radius = 1.0, speed = std::fabs(n[0] * z[0] + n[1] * z[1] + n[2] * z[2]);
-        if (!body.slides) {
+        if (body.slides) {
+            all += moved * std::fabs(n[0] * z[0] + n[1] * z[1] + n[2] * z[2]);
+        } else {
             radius = std::min(here[k] + swept, link.far + slid_);
             const double m[3] = {n[1] * z[2] - n[2] * z[1], n[2] * z[0] - n[0] * z[2], n[0] * z[1] - n[1] * z[0]};
-            const double u = m[0] * P[0] + m[1] * P[4] + m[2] * P[8];
-            const double v = m[0] * P[1] + m[1] * P[5] + m[2] * P[9];
-            const double w = m[0] * P[2] + m[1] * P[6] + m[2] * P[10];
-            double extent;
-            if (solid.hull != nullptr) {
-                extent = std::max(variant_.height(*solid.hull, u, v, w), variant_.height(*solid.hull, -u, -v, -w));
-            } else {
-                const double across = u * u + v * v;
-                extent = std::fabs(u) * solid.half[0] + std::fabs(v) * solid.half[1] + std::fabs(w) * solid.half[2] +
-                         solid.disc * std::sqrt(across) + solid.ball * std::sqrt(across + w * w);
+            double turn[4] = {0.0, 0.0, 0.0, 0.0};
+            for (int i = 0; i < 3; ++i) {
+                for (int j = 0; j < 3; ++j) turn[j] += moved * m[i] * P[4 * i + j];
+                turn[3] += moved * m[i] * (P[4 * i + 3] - B[4 * i + 3]);
             }
-            double centre = 0.0;
-            for (int i = 0; i < 3; ++i) centre += (P[4 * i + 3] - B[4 * i + 3]) * m[i];
-            speed = std::min(std::fabs(centre) + extent, here[k]);
+            turns_.insert(turns_.end(), turn, turn + 4);
+            if (solid.hull == nullptr) {
+                const double across = turn[0] * turn[0] + turn[1] * turn[1];
+                all += solid.disc * std::sqrt(across) + solid.ball * std::sqrt(across + turn[2] * turn[2]);
+            }
         }
-        out += moved * (speed + 0.5 * radius * moved + swept);
+        all += moved * (0.5 * radius * moved + swept);
         swept += radius * moved;
     }
-    return out * (1.0 + model_.terms.rounding);
+    double local[3], least = std::numeric_limits<double>::infinity(), closest = least;
+    for (int j = 0; j < 3; ++j) local[j] = n[0] * P[j] + n[1] * P[4 + j] + n[2] * P[8 + j];
+    const auto corner = [&](double x, double y, double z) {
+        const double height = local[0] * x + local[1] * y + local[2] * z;
+        double moves = 0.0;
+        for (std::size_t k = 0; k < turns_.size(); k += 4)
+            moves += std::fabs(turns_[k] * x + turns_[k + 1] * y + turns_[k + 2] * z + turns_[k + 3]);
+        least = std::min(least, height);
+        closest = std::min(closest, height - moves);
+    };
+    if (solid.hull != nullptr) {
+        const double* at = solid.hull->corners;
+        const std::size_t each = solid.hull->padded;
+        for (std::size_t i = 0; i < each; ++i) corner(at[i], at[each + i], at[2 * each + i]);
+    } else {
+        for (int side = 0; side < 8; ++side)
+            corner(side & 1 ? solid.half[0] : -solid.half[0], side & 2 ? solid.half[1] : -solid.half[1],
+                   side & 4 ? solid.half[2] : -solid.half[2]);
+    }
+    return (all + (least - closest)) * (1.0 + model_.terms.rounding);
 }
 
 double Places::motion_about(const Pair& pair) {

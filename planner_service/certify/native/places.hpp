@@ -85,6 +85,7 @@ class Places {
     const double* room_ = nullptr;
     double slid_ = 0.0;           // what all slides together may be off
     std::vector<double> beside_;  // room for motions by the room
+    std::vector<double> turns_;   // room for what joints give corners
     std::size_t per_bodies_;
     std::vector<double> s_, q_, travel_, bodies_;
     std::vector<double*> poses_, radii_;  // of each node and riding piece; nullptr: not known yet
