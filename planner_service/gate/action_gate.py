@@ -144,8 +144,9 @@ class ActionGate:
                 ``occupied`` says of other gates that were given what it says of this one. It is no part of the scene.
 
         Raises:
-            InvalidRequest: other shapes, no numbers, or more rows sent than there were. Nothing is decided then, and
-                what the last verdict said still holds.
+            InvalidRequest: other shapes, no numbers, or more rows sent than there were; at the first check also an
+                error so large that the arm may be too fast on its way to where it is measured. Nothing is decided then,
+                and what the last verdict said still holds.
         """
         with _no_collection():
             return self._checked(q, chunk, sent, elapsed, around)
@@ -273,7 +274,7 @@ class ActionGate:
                 raise InvalidRequest("q", measured, f"{self.robot.n} finite numbers at the first check")
             place = np.clip(measured, self.limits.lower, self.limits.upper)
             beyond = np.minimum(np.abs(measured - place), self._error)  # more is noticed below
-            self._came = Setpoint.at_rest(place, self._error + beyond)
+            self._came = self._at_rest(place, self._error + beyond)
         if rows > 0:
             self._send(self._came, self._pending[:rows])
             self._pending, self._left = self._pending[rows:], max(0, self._left - rows)
@@ -285,6 +286,20 @@ class ActionGate:
         if self._target is not None:
             self._now = self._came.after(self._target, self.tracking.shares(waited), self.tracking.goal_time)
         return self._now
+
+    def _at_rest(self, place: FloatArray, room: FloatArray) -> Setpoint:
+        """Of an arm that stands at ``place``, its setpoint within ``room`` of that, which it may go at once."""
+        speeds = room / self.tracking.goal_time
+        if np.any(over := speeds > self.limits.velocity):
+            joint = int(over.argmax())
+            raise InvalidRequest(
+                "error",
+                float(room[joint]),
+                f"less than {self.limits.velocity[joint] * self.tracking.goal_time:.4g} for"
+                f" {self.robot.joint_names[joint]}, which else may go from where its driver holds it to where it is"
+                " measured faster than it may; or reset(target) with where its driver holds it",
+            )
+        return Setpoint.at_rest(place, room)
 
     def _send(self, came: Setpoint, targets: FloatArray) -> None:
         """Follow targets (k, n): the first was sent at the last check, the others in time after it.

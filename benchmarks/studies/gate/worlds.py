@@ -117,6 +117,10 @@ class World:
         return result.trajectory
 
 
+AT_REST = 0.9
+"""Of the slowest joint's speed: as fast as an arm may be from where it is held to where it is measured."""
+
+
 def world(name: str, seed: int, number: int) -> World:
     """The world of a number: the first of its kind that leaves room for two free configurations."""
     chance, robot = random.Random(f"gate {name} {seed} {number}"), _robot(name)
@@ -129,9 +133,10 @@ def world(name: str, seed: int, number: int) -> World:
             continue
         break
     rate = chance.choice(RATES)
+    goal_time, slowest = chance.uniform(*GOAL_PERIODS) / rate, float(robot.limits.velocity.min())
     tracking = Tracking(
-        goal_time=chance.uniform(*GOAL_PERIODS) / rate,
-        error=chance.uniform(*ERRORS),
+        goal_time=goal_time,
+        error=min(chance.uniform(*ERRORS), AT_REST * goal_time * slowest),
         jitter=chance.uniform(*JITTERS) / rate,
         lag=chance.choice((0.0, chance.uniform(*LAGS))),
     )

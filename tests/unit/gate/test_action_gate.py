@@ -131,6 +131,18 @@ def test_an_arm_that_is_measured_at_rest_may_have_been_sent_a_bit_beside_that() 
         assert gate.check(start, start).ok == passes
 
 
+def test_an_arm_that_may_be_too_fast_on_its_way_to_where_it_is_measured_is_not_taken() -> None:
+    fastest = float(PLANAR.limits.velocity.max()) * TRACKING.goal_time
+    assert fastest < 0.5
+    gate = gate_of(ball_beyond(0.1), replace(TRACKING, error=1.01 * fastest))
+    with pytest.raises(InvalidRequest, match="error"):
+        gate.check(START, START)
+    gate.reset(START)
+    assert gate.check(START, START).ok
+    slower = gate_of(ball_beyond(0.1), replace(TRACKING, error=0.99 * fastest))
+    assert slower.check(START, START).ok
+
+
 def test_the_stop_keeps_the_limits_of_speed_and_acceleration_and_ends_at_rest() -> None:
     gate = gate_of(ball_beyond(0.1))
     verdict = gate.check(START, ramp(30, step=np.array([0.01, 0.02])))
