@@ -142,6 +142,8 @@ class ActionGate:
                 period if None.
             around: What moves beside this arm, and keeps clear of where this arm can be by what has passed so far: what
                 ``occupied`` says of other gates that were given what it says of this one. It is no part of the scene.
+                Gates decide one after the other, each beside what the last verdict of every other leaves: that an
+                obstacle is of an older one is not noticed.
 
         Raises:
             InvalidRequest: other shapes, no numbers, or more rows sent than there were; at the first check also an
