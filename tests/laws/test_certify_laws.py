@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker, tables_of
@@ -130,6 +130,7 @@ def test_a_bound_knows_that_the_arm_unfolds_on_the_way() -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(seed=seeds)
+@example(seed=47213)  # a bound of a rim is 50 um too low
 def test_what_is_proven_of_a_curve_is_kept_between_its_samples_too(robot: Robot, seed: int) -> None:
     """Among random boxes, carrying things, on straight pieces and around corners, of the robot against itself, too."""
     rng = np.random.default_rng(seed)
@@ -137,12 +138,17 @@ def test_what_is_proven_of_a_curve_is_kept_between_its_samples_too(robot: Robot,
     boxes = [Box(tuple(size)) for size in rng.uniform(0.01, 0.2, (12, 3)).tolist()]
     boxed = tuple(Obstacle(f"box {k}", box, Pose(tuple(places[k]))) for k, box in enumerate(boxes))
     allowed = [(held.name, f"box {k}") for held in HELD for k in range(4)]
-    certifier = Certifier(robot, Scene(boxed, HELD), allowed=allowed)
+    scene = Scene(boxed, HELD)
+    certifier = Certifier(robot, scene, allowed=allowed)
     for _ in range(6):
         path = curve(robot, rng)
         found = certifier.certify(path)
         if found.certified:
-            assert found.clearance <= certifier.clearances(path(np.linspace(0.0, path.length, 1500))).min() + 1e-6
+            near = path(np.linspace(0.0, path.length, 1500))
+            near = near[certifier.clearances(near) < found.clearance - 1e-6]  # bounds, which may be too low
+            if len(near) > 0:
+                checker = CollisionChecker(robot, scene, allowed=allowed)
+                assert checker.near(near, found.clearance).distances.min(initial=1.0) >= found.clearance - 1e-6
 
 
 def test_what_is_proven_of_two_arms_on_a_body_that_turns_is_kept_too(
