@@ -2,8 +2,8 @@
 
 What is proven of every target that passes: wherever the arm can be on its way to it, by ``Tracking``, nothing touches,
 and the same of the targets that brake it afterwards within its limits. So if a target is refused, if no more come, or
-if whoever sends them ends, the arm comes to rest in free space; if even those that brake are not sent, it stops at the
-last target that was, as abruptly as its driver does. ``docs/design/the-gate.md`` has the argument.
+if the policy ends, the arm comes to rest in free space; if even the targets that brake it are not sent, it stops at the
+last one that was, as abruptly as its driver does. ``docs/design/the-gate.md`` has the argument.
 """
 
 from __future__ import annotations

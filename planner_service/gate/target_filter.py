@@ -15,14 +15,12 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.gate.action_gate import ActionGate
 from planner_service.gate.verdict import Verdict
+from planner_service.gate.way_round import PADDINGS
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, number, numbers
 from planner_service.planning.request import PlanRequest
 
 __all__ = ["FilteredTarget", "TargetFilter"]
-
-PADDINGS = (0.03, 0.01)
-"""Metres that a plan keeps from everything: as much as the gate may need room, or what there is."""
 
 SECONDS = 1.0
 """For one plan, which usually takes some milliseconds; the arm stands still meanwhile."""

@@ -1,6 +1,6 @@
 """Chunks of all kinds, each verdict followed by simulated drivers: nothing that passes touches anything, by Coal.
 
-A gate that is told to prove less than it should must be caught by the same judge, or the judge is worth nothing.
+The same judge must catch a gate that proves too little, or its silence means nothing.
 """
 
 from __future__ import annotations

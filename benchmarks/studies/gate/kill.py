@@ -1,9 +1,9 @@
 """A policy, and the gate's caller, ended by kill -9, and a network that is silent for a second: the arm comes to rest.
 
 The driver is a process of its own. With each verdict it gets all rows, targets and stop, and goes on with them, one a
-period, whatever becomes of the others. A verdict counts for the period in which it was asked for, and nothing that
-comes later does: whoever is late starts anew, with ``reset``, once the arm rests. The driver's time is counted in
-periods, so a busy machine makes others late and changes nothing about the way of the arm, which Coal judges afterwards.
+period, whatever becomes of the others. A verdict counts only for the period in which it was asked for. A
+caller that is late waits until the arm rests, and starts again with ``reset``. The driver's time is counted in
+periods, so a busy machine makes others late but does not change how the arm moves, which Coal judges afterwards.
 """
 
 from __future__ import annotations

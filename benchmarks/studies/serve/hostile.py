@@ -1,7 +1,7 @@
 """Requests that no client would send, by schemathesis and over bare sockets, to every address of a server alone.
 
-Whatever comes: no 5xx, no crash, no hang, bounded memory, and afterwards the same plan as before. The server is another
-user than whoever runs this, with a cap on its memory. ``--queries 100000`` takes an hour.
+Whatever comes: no 5xx, no crash, no hang, bounded memory, and afterwards the same plan as before. The server runs
+as an unprivileged user, with a cap on its memory. ``--queries 100000`` takes an hour.
 """
 
 from __future__ import annotations
