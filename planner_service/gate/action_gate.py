@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.certify.certifier import Certifier, TubeProof
 from planner_service.errors import InvalidRequest
+from planner_service.gate.decision import Decision
 from planner_service.gate.limits import CommandLimits
 from planner_service.gate.log import GateLog
 from planner_service.gate.tracking import Course, Setpoint, Tracking, Whereabouts
@@ -79,6 +80,8 @@ class ActionGate:
         counts: What was decided.
         limits: Those of the robot that are kept.
         certifier: What proves it.
+        decision: The last one, with what was known of the arm; None before the first after a reset. Other threads may
+            read it.
 
     Raises:
         InvalidRequest: a value out of range.
@@ -217,13 +220,8 @@ class ActionGate:
         pose = instance("base", Pose() if base is None else base, Pose, "a Pose, or None")
         if self._came is None:
             raise InvalidRequest("name", name, "a gate that has checked, or was reset with a target", message=UNKNOWN)
-        now = self._now
-        course = self._course(now, self._pending)
-        silent = now.place[None], (now.place if self._target is None else self._target)[None], now.radius[None]
-        sent = course.places[:-1], self._pending, course.radii[:-1]
-        rows = [np.concatenate(each) for each in zip(silent, sent, strict=True)]
-        edges = rows[0], rows[1], rows[2] + self._error
-        tube = (np.concatenate(each) for each in zip(self._whereabouts, edges, strict=True))
+        ahead = self._now.ahead(self._target, self._pending, self.tracking, 1.0 / self.rate)
+        tube = (np.concatenate(each) for each in zip(self._whereabouts, ahead, strict=True))
         boxes = self.certifier.tube_boxes(*tube)
         sizes, centres = boxes[:, 1] - boxes[:, 0], boxes.mean(axis=1)
         parts = [(Box(tuple(size)), Pose(tuple(at))) for size, at in zip(sizes.tolist(), centres.tolist(), strict=True)]
@@ -254,6 +252,8 @@ class ActionGate:
         self._proven = self._pending_proven = False  # whether the way to that target is, in this scene, and to the rows
         self._pending, self._left = self._nothing, 0  # rows that may be sent, and how many of them are no brakes
         self._lost = ""
+        self._measured: FloatArray | None = None
+        self.decision: Decision | None = None
 
     @property
     def service(self) -> PlannerService:
@@ -268,6 +268,7 @@ class ActionGate:
         """Follow what was sent, and see whether the arm is where it can be by now."""
         rows = self._left or min(1, len(self._pending))
         rows = rows if sent is None else whole("sent", sent, 0, len(self._pending))
+        self._measured = measured
         waited = 1.0 / self.rate
         if elapsed is not None:
             waited = number("elapsed", elapsed, "seconds >= 0", 0.0, math.inf)
@@ -354,6 +355,10 @@ class ActionGate:
 
     def _passed(self, verdict: Verdict) -> Verdict:
         """Remember and count what is decided."""
+        self.decision = Decision(
+            self.counts.chunks, self._measured, verdict, self._whereabouts, self._now, self._target, self.tracking,
+            self.rate, self.padding, self.certifier,
+        )  # fmt: skip
         self._pending, self._left, self._pending_proven = verdict.rows, len(verdict.targets), verdict.proven
         counts = self.counts
         counts.accepted += verdict.accepted
@@ -364,7 +369,7 @@ class ActionGate:
             kind = verdict.refused.kind.value
             counts.refused[kind] = counts.refused.get(kind, 0) + 1
         if self._log is not None and not verdict.ok:
-            self._log.write(counts.chunks, verdict)
+            self._log.write(counts.chunks, verdict, self._measured)
             counts.unlogged = self._log.lost
         return verdict
 

@@ -129,6 +129,21 @@ class Setpoint:
             speeds[1:], changes[1:] = 0.0, 0.0
         return Course(places, radii, ways / goal_time, speeds, changes)
 
+    def ahead(self, target: FloatArray | None, rows: FloatArray, tracking: Tracking, period: float) -> Whereabouts:
+        """Where the arm can be until it rests at the last of rows (k, n), or on its way if no more are sent.
+
+        Args:
+            target: The last that was sent, (n,); None if there was none.
+            rows: Targets, one each period.
+            tracking: What is assumed of the driver.
+            period: Seconds between targets.
+        """
+        course = self.course(rows, tracking.shares(period), tracking.goal_time)
+        silent = self.place[None], (self.place if target is None else target)[None], self.radius[None]
+        sent = course.places[:-1], rows, course.radii[:-1]
+        starts, ends, radii = (np.concatenate(each) for each in zip(silent, sent, strict=True))
+        return Whereabouts(starts, ends, radii + tracking.of(len(self.place)))
+
 
 def _faded(first: FloatArray, share: float, added: FloatArray) -> FloatArray:
     """Rows x (k + 1, n): the first, and after each row ``share`` of it and what is added (k, n)."""

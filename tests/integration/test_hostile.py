@@ -40,6 +40,7 @@ ANSWERS = {
         "Built",
         "Counts",
         "Course",
+        "Decision",
         "Explanation",
         "Figures",
         "FilteredTarget",
