@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify import Certifier, ExemptInterval
-from planner_service.certify.certifier import LIMIT_SLACK
 from planner_service.certify.pairs import pairs_of_names
+from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint

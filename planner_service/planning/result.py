@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
-from planner_service.certify.certifier import proof_text
+from planner_service.certify.certificate import proof_text
 from planner_service.collision import CheckCounts, Contact
 from planner_service.constraints import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, hulls, separation
-from planner_service.certify import certifier as proof
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
-from planner_service.certify.certifier import Proof, Prover, instruction_sets
 from planner_service.certify.native.loading import load_proof
+from planner_service.certify.prover import Proof, Prover, instruction_sets, proof_terms
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import PointCloud
@@ -247,7 +246,7 @@ def test_compiled_code_refuses_what_makes_no_sense(which: int, change: Any, mess
     module = load_proof()
     many = PointCloud(np.random.default_rng(1).uniform(-0.1, 0.1, (200, 3)), 0.01)
     scene = Scene((*load_scene("bin").obstacles, Obstacle("cloud", many, Pose((0.6, 0.0, 0.2)))))
-    data: list[Any] = [np.array(proof._terms()), *Certifier(WXAI, scene).motion.tables]
+    data: list[Any] = [np.array(proof_terms()), *Certifier(WXAI, scene).motion.tables]
     module.Prover(*data)
     spoilt = data[which].copy()
     changed = change(spoilt)
