@@ -50,11 +50,12 @@ STUDIES = {
     "frames": "the viewer's page draws 200 obstacles and a cloud of 20,000 points 30 times a second, by hardware GL",
     "serve": "a server under load, over its capacity, cancelled, killed and attacked",
     "gate": "no target that passes the gate touches, by Coal, whatever is asked of it and however the driver follows",
+    "cells": "five work cells for three robots: what can be done is done, proven, and carried out without a contact",
     "differential": "the kernel says what FCL says pair by pair, with every instruction set, and how fast",
 }
 """What each study shows; its module in ``studies`` has a ``run`` whose parameters are its options."""
 
-LONG = ("arms", "suites", "robots", "evidence", "mcp", "frames", "serve", "differential", "starts", "gate")
+LONG = ("cells", "arms", "suites", "robots", "evidence", "mcp", "frames", "serve", "differential", "starts", "gate")
 """Studies that are not among all: what they find changes with the code alone, and they take long."""
 
 OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {

@@ -67,7 +67,7 @@ def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[s
             body.remove(geom)
     bodies = _bodies(world, robot)
     names = Names(robot, scene)
-    _add_robot(bodies, robot, names)
+    _add_robot(root, bodies, robot, names)
     for name in loose:
         scene.obstacle(name)
     hand = bodies[robot.bodies[robot.tool_body].name]
@@ -109,16 +109,16 @@ def _bodies(world: Element, robot: Robot) -> dict[str, Element]:
     return bodies
 
 
-def _add_robot(bodies: dict[str, Element], robot: Robot, names: Names) -> None:
+def _add_robot(root: Element, bodies: dict[str, Element], robot: Robot, names: Names) -> None:
     gripper = robot.gripper
-    fingers = () if gripper is None else gripper.links
+    fingers = () if gripper is None or gripper.kind == "vacuum" else gripper.links  # a cup does not move
     fixed = [item for item in robot.shapes if item.link not in fingers]
     placed = [(robot.bodies[item.body].name, item) for item in fixed]
-    placed += [] if gripper is None else list(_fingers(bodies, gripper))
+    placed += list(_fingers(bodies, gripper)) if gripper is not None and fingers else []
     count: dict[str, int] = {}
     for joint, item in placed:
         k = count[item.link] = count.get(item.link, -1) + 1
-        _geom(bodies[joint], f"{names.link(item.link)}{MARK}{k}", item.shape, item.pose, ARM)
+        _geom(root, bodies[joint], f"{names.link(item.link)}{MARK}{k}", item.shape, item.pose, ARM)
 
 
 def _fingers(bodies: dict[str, Element], gripper: Gripper) -> Iterator[tuple[str, LinkShape]]:
@@ -132,16 +132,15 @@ def _fingers(bodies: dict[str, Element], gripper: Gripper) -> Iterator[tuple[str
 def _add(root: Element, parent: Element, name: str, shape: Solid, pose: Pose, kind: tuple[str, str]) -> None:
     parts = [(part, pose @ at) for part, at in shape.parts] if isinstance(shape, Compound) else [(shape, pose)]
     for k, (part, at) in enumerate(parts):
-        geom = f"{name}{MARK}{k}"
-        if isinstance(part, Mesh):
-            assets = root.find("asset")
-            assets = SubElement(root, "asset") if assets is None else assets
-            points = " ".join(repr(x) for x in part.vertices.reshape(-1).tolist())
-            SubElement(assets, "mesh", name=geom, vertex=points)
-        _geom(parent, geom, part, at, kind)
+        _geom(root, parent, f"{name}{MARK}{k}", part, at, kind)
 
 
-def _geom(parent: Element, name: str, shape: object, pose: Pose, kind: tuple[str, str]) -> None:
+def _geom(root: Element, parent: Element, name: str, shape: object, pose: Pose, kind: tuple[str, str]) -> None:
+    if isinstance(shape, Mesh):
+        assets = root.find("asset")
+        assets = SubElement(root, "asset") if assets is None else assets
+        points = " ".join(repr(x) for x in shape.vertices.reshape(-1).tolist())
+        SubElement(assets, "mesh", name=name, vertex=points)
     contype, conaffinity = kind
     matter = {"density": DENSITY} if kind == LOOSE else {"mass": "0"}
     words = {"name": name, "contype": contype, "conaffinity": conaffinity, "friction": FRICTION}
