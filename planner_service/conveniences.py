@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.concurrency.library_import import loaded
+from planner_service.memory.memory import Memory, load_memory, save_memory
 from planner_service.planning.result import save_plan
 from planner_service.presentation.page import OpenPage, recording_bytes, show_page
 from planner_service.roadmap.roadmap import Roadmap, load_roadmap, save_roadmap
@@ -41,6 +42,22 @@ def _save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     from planner_service.records.evidence import save_plan
 
     save_plan(plan, path)
+
+
+@save_memory.by
+def _save_memory(memory: Memory, path: str | os.PathLike[str]) -> None:
+    """``Memory.save``."""
+    from planner_service.memory.memory_file import save_memory
+
+    save_memory(memory, path)
+
+
+@load_memory.by
+def _load_memory(path: str | os.PathLike[str]) -> Memory:
+    """``Memory.load``."""
+    from planner_service.memory.memory_file import load_memory
+
+    return load_memory(path)
 
 
 @save_roadmap.by

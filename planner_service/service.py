@@ -33,6 +33,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
 from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.memory import Memory
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import NoWayOut, WayOut, find_way_out
@@ -169,24 +170,35 @@ class PlannerService:
             other._gripper_certifier = self._gripper_certifier  # which is of all widths
         return other
 
-    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None, trace: bool = False) -> PlanResult:
+    def plan(
+        self,
+        request: PlanRequest,
+        *,
+        memory: Memory | None = None,
+        cancel: CancelToken | None = None,
+        trace: bool = False,
+    ) -> PlanResult:
         """A timed path from the start to a goal, or the reason why there is none.
 
         Args:
             request: Start, goal, and what the answer may cost.
+            memory: What is remembered of this cell. A motion in it between nearby ends is tried before anything is
+                searched: if it is proven, in this scene and with the request's padding, it is the plan. Requests with
+                ``polish``, ``improve`` or ``Optimise`` do without.
             cancel: Ends the call before its next check when it is cancelled from another thread.
             trace: Whether ``result.trace`` keeps how the search went; plan and counts are the same.
 
         Raises:
-            InvalidRequest: Start or goal is not n finite numbers (or a pose), or this service was built before a fork.
-                That there is no plan is a result, not an error.
+            InvalidRequest: Start or goal is not n finite numbers (or a pose), the memory is of another robot, or this
+                service was built before a fork. That there is no plan is a result, not an error.
         """
         self._require_own_process()
         instance("request", request, PlanRequest, "a PlanRequest")
         flag("trace", trace)
         tracer = Tracer() if trace else None
         checker, certifier = self._window(request.start if not isinstance(request.planner, Roadmap) else None)
-        return plan(request, checker, certifier, cancel=cancel, tracer=tracer, origin=Origin(self.world, request))
+        origin = Origin(self.world, request)
+        return plan(request, checker, certifier, memory=memory, cancel=cancel, tracer=tracer, origin=origin)
 
     def explain(
         self,

@@ -32,6 +32,7 @@ from planner_service.execute import ArmLimits, Recording, Streaming
 from planner_service.geometry import Shape
 from planner_service.geometry.composite import Solid
 from planner_service.kinematics import straight_tool_line
+from planner_service.memory import Memory
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
@@ -231,6 +232,7 @@ def _values(folder: Path) -> Calls:
         _call(ps.JointLimits, **limits, **rates),
         _call(ArmLimits, **limits),
         _call(Recording, t=[0.0], commanded=[[0.0]], measured=[[0.0]], lateness=[0.0], skipped=0),
+        _again(Memory(("a", "b"), (np.array([[0.0, 0.0], [1.0, 0.0]]),))),
         _call(ps.JointPath, waypoints=[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], blends=[0.0, 0.1, 0.0]),
         _call(ps.Trajectory, path=path, **timed),
         _call(SearchGraph, **graph),
@@ -332,7 +334,7 @@ def _planning(folder: Path) -> Calls:
         | {"goal": near, "path": path, "padding": 0.001, "exempt": (), "part": (0.0, path.length), "q": q}
         | {"waypoints": [q, near], "contacts": (), "pace": pace, "blends": [0.0, 0.0], "planner": few, "seed": 0}
         | {"progress": False, "roadmap": roadmap, "plans": 2, "remedies": 1, "service": service, "seeds": [0]}
-        | {"engine": Sequential(), "requests": [request], "stage": ps.Stage.SEARCH},
+        | {"engine": Sequential(), "requests": [request], "stage": ps.Stage.SEARCH, "memory": result.memory},
         *(ps.PlannerService, service.with_scene, service.changed, service.plan, service.plan_many, service.replan),
         *(service.certify, service.follow, service.build_roadmap, service.path_memory, service.update_roadmap),
         *(service.way_out, service.explain, best_of_seeds, plan_seeds, result.stage),
@@ -401,6 +403,8 @@ def _files(folder: Path) -> Calls:
     np.save(heights, np.array([[0.1, 0.2]]))
     service = ps.PlannerService("planar2", "discs")
     service.path_memory().save(roadmap)
+    memory = folder / "memory.json"
+    Memory().save(memory)
     description = {"path": urdf, "tool_frame": "tip", "srdf": None}
     yield from (
         _call(ps.load_robot, name_or_path="planar2"),
@@ -414,6 +418,9 @@ def _files(folder: Path) -> Calls:
         _call(ps.PointCloud.from_file, path=cloud, resolution=0.05),
         _call(ps.HeightField.from_file, path=heights, cell=0.05, floor=0.0),
         _call(ps.Roadmap.load, path=roadmap),
+        _call(Memory.load, path=memory),
+        _call(Memory().save, ("path",), path=folder / "memory_again.json"),
+        _call(Memory().with_motion, waypoints=[[0.0], [1.0]], joint_names=("j",)),
         _call(ps.Roadmap.load(roadmap).save, ("path",), path=folder / "out.npz"),
         _call(read_urdf_scene, path=stand),
     )

@@ -24,6 +24,7 @@ from planner_service.constraints import load_constraints
 from planner_service.files.disk_cache import DiskCache
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
+from planner_service.memory import Memory
 from planner_service.records import plan_file, read_problems
 from planner_service.records.request import RequestRecord
 from planner_service.scene import read_moveit_scene, read_urdf_scene
@@ -103,6 +104,8 @@ class _Stock:
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
+        self.result.memory.save(folder / "memory.json")
+        self._tree("memory", (folder / "memory.json").read_bytes())
         points = rng.normal(size=(8, 3)) * 0.1
         self.contents |= {kind: SAMPLES.joinpath(name).read_bytes() for kind, name in WRITTEN.items()}
         self.contents["npy"] = _stored(np.save, points)
@@ -137,6 +140,7 @@ class _Stock:
             "task": ("f.json", plan_file.load_plan_or_task),
             AMONG_CELLS: ("f.json", plan_file.load_plan_or_task),
             "roadmap": ("f.npz", ps.Roadmap.load),
+            "memory": ("f.json", Memory.load),
             "npy": ("f.npy", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "npz": ("f.npz", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "heights": ("f.npy", lambda path: ps.HeightField.from_file(path, 0.1)),

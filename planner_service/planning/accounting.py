@@ -25,6 +25,7 @@ from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.constraint_set import ConstraintSet, constraint_set, projector_of
+from planner_service.memory import NOTHING, Memory
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Trajectory
 from planner_service.planning.request import Goals, Pace, PlanRequest
@@ -149,6 +150,7 @@ class PlanAccounting:
             ``polish`` and ``improvement``.
         end_trouble: Which end the search could not leave, as the end of a sentence.
         tried_in_vain: What else was tried after a search without progress; the same.
+        memory: That of the call, later with its motion.
     """
 
     checker: CollisionChecker
@@ -171,6 +173,7 @@ class PlanAccounting:
     constraints: ConstraintSet | None = None
     projector: _core.Projector | None = None
     torque_limits: TorqueLimits | None = None
+    memory: Memory = NOTHING
 
     def __post_init__(self) -> None:
         self.ledger, self.tally = self.checker.ledger, self.checker.ledger.own
@@ -327,6 +330,7 @@ class PlanAccounting:
             no_path=no_path,
             trace=None if self.tracer is None else self.tracer.trace,
             origin=self.origin,
+            memory=self.memory,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
@@ -426,11 +430,16 @@ def certify(
 
 
 def certified_path(
-    path: JointPath, certifier: Certifier, accounting: PlanAccounting, exempt: Sequence[ExemptInterval]
+    path: JointPath,
+    certifier: Certifier,
+    accounting: PlanAccounting,
+    exempt: Sequence[ExemptInterval],
+    *,
+    padding: float = 0.0,
 ) -> tuple[JointPath, Certificate]:
     """The path and what can be proven of it; blends that cannot be proven are halved, and become stops in the end."""
     while True:
-        certificate = certify(path, certifier, accounting, exempt)
+        certificate = certify(path, certifier, accounting, exempt, padding=padding)
         less = None if certificate.refusal is None else narrower(path, certificate.refusal)
         if less is None:
             return path, certificate

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from planner_service.errors import InvalidRequest, shown
 from planner_service.geometry.validation import items
+from planner_service.memory import NOTHING
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage
 from planner_service.presentation.progress import bar
@@ -56,7 +57,7 @@ class _Plans:
         request, roadmap = item
         if roadmap is not None:
             request = replace(request, planner=self.roadmaps[roadmap])
-        return replace(self.plan(request), roadmap=None)
+        return replace(self.plan(request), roadmap=None, memory=NOTHING)
 
 
 @dataclass(frozen=True)

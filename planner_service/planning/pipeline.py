@@ -15,7 +15,9 @@ from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.values import Constraint
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
+from planner_service.geometry.validation import instance
 from planner_service.kinematics.constraint_set import constraint_set
+from planner_service.memory.memory import NOTHING, Hint, Memory, hints
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.path.trajectory import Trajectory
@@ -43,7 +45,7 @@ from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import ConstrainedOracle
 from planner_service.search.trace import Tracer
-from planner_service.smoothing.smoothing import blended
+from planner_service.smoothing.smoothing import MIN_BLEND, blended
 from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["plan", "require_plannable"]
@@ -58,6 +60,9 @@ NARROWER, FIRST_NARROW = ((0.5, 0.001), (0.1, 0.0005)), 8
 """Parts of the padding that are searched with when nothing is found with all of it, and how closely edges are sampled,
 in metres; the first of their rounds, numbered as no other, so that they draw other samples."""
 
+BLEND_SHARE = 0.499
+"""Of a piece, what the blend at one of its ends may replace: as where blends are judged by samples."""
+
 POLISH_SHARE = 0.7
 """The share of the remaining time that optimising may take; the rest is kept for the unoptimised path."""
 
@@ -70,15 +75,17 @@ class Plannable(NamedTuple):
     torque_limits: TorqueLimits | None
 
 
-def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> Plannable:
+def require_plannable(request: PlanRequest, robot: Robot, scene: Scene, memory: Memory | None = None) -> Plannable:
     """Refuse a request that does not fit a robot in a scene.
 
     Raises:
-        InvalidRequest: Its start, a goal or its roadmap is of another robot, or its planner does not keep the
-            constraints.
+        InvalidRequest: Its start, a goal, its roadmap or the memory is of another robot, or its planner does not keep
+            the constraints.
         UnknownName: A constraint names no link or joint of the robot.
     """
     goals = require_ends(request, robot)
+    if memory is not None:
+        instance("memory", memory, Memory, "a Memory, or None").require_joints(robot.joint_names)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
     limits, constraints = torques_of(request.pace, robot, scene), kept_in(scene, request.constraints)
@@ -93,17 +100,18 @@ def plan(
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
     *,
+    memory: Memory | None = None,
     cancel: CancelToken | None = None,
     tracer: Tracer | None = None,
     origin: Origin | None = None,
 ) -> PlanResult:
-    """Plan a request.
+    """Plan a request, if it can be along a motion that is remembered.
 
     Raises:
         InvalidRequest: As ``require_plannable``.
         UnknownName: The same.
     """
-    goals, constraints, torque_limits = require_plannable(request, checker.robot, checker.scene)
+    goals, constraints, torque_limits = require_plannable(request, checker.robot, checker.scene, memory)
     accounting = PlanAccounting(
         checker,
         states=request.max_checks,
@@ -113,6 +121,7 @@ def plan(
         roadmap=request.planner if isinstance(request.planner, Roadmap) else None,
         tracer=tracer,
         origin=origin,
+        memory=NOTHING if memory is None else memory,
     )
     if constraints:
         accounting.keep(constraints)
@@ -129,7 +138,16 @@ def _stages(context: PlanContext) -> PlanResult:
     ends = find_ends(context)
     if ends.arrived_at is not None:
         return _stay(context, ends, ends.arrived_at)
+    known = _known(context, ends)
+    if known and not len(known[0].inner):  # a line
+        proof = _remembered(context, ends, known[:1])
+        if proof is not None:
+            return _finish(context, ends, proof)
     candidates, narrow = _straight_line(context, ends)
+    if candidates is None and narrow is None:
+        proof = _remembered(context, ends, [hint for hint in known if len(hint.inner)])
+        if proof is not None:
+            return _finish(context, ends, proof)
     if candidates is None and isinstance(context.request.planner, Optimise):
         if narrow is None:
             return _finish(context, ends, _optimised_line(context, ends))
@@ -226,6 +244,46 @@ def _straight_line(context: PlanContext, ends: Ends) -> tuple[Candidates | None,
             entry.note = entry.note or "free, but nearer to something than the padding"
             narrow = narrow or line
     return None, narrow
+
+
+# Motions that are remembered: a proof with all of the padding takes the place of a search and of its samples.
+
+
+def _known(context: PlanContext, ends: Ends) -> list[Hint]:
+    """Motions from near the start to near a goal, for a request that would not improve them."""
+    request, memory = context.request, context.accounting.memory
+    if request.optimise is not None or request.improve or ends.padding < request.padding:
+        return []
+    return hints(memory, ends.start, [goal.q for goal in ends.goals])
+
+
+def _remembered(context: PlanContext, ends: Ends, known: list[Hint]) -> _Proof | None:
+    """The first of the hints, brought to these ends, that is proven; None if none is."""
+    accounting, request, limits = context.accounting, context.request, context.checker.robot.limits
+    for hint in known:
+        accounting.padding = request.padding
+        points = np.array([ends.start, *hint.inner, ends.goals[hint.goal].q])
+        if not np.all((limits.lower <= points) & (points <= limits.upper)):
+            continue
+        route, notes = _route(context, ends, points), len(accounting.notes)
+        path = route.path.with_blends(_widest(route, request.blend))
+        path, proof = certified_path(path, context.certifier.get(), accounting, route.exempt, padding=request.padding)
+        if proof.refusal is None:
+            accounting.notes.append("along a motion that was remembered")
+            return _Proof(path, proof, route.goal_index, request.padding)
+        del accounting.notes[notes:]
+    return None
+
+
+def _widest(route: _Route, blend: float) -> FloatArray:
+    """The widest blends that the corners of a route have room for, (N,)."""
+    path, widths = route.path, np.zeros(len(route.path.waypoints))
+    for k in set(path.corners) - set(route.kept):
+        if not path.turns_back(k):
+            room = float(min(path.knots[k] - path.knots[k - 1], path.knots[k + 1] - path.knots[k]))
+            widths[k] = min(blend, BLEND_SHARE * room)
+    widths[widths < MIN_BLEND] = 0.0
+    return widths
 
 
 # Where a search finds nothing: first a proof that there is no path, then less padding, then more of the same.
@@ -376,6 +434,7 @@ def _finish(context: PlanContext, ends: Ends, proof: _Proof) -> PlanResult:
         raise unproven(proof.certificate)
     if proof.candidates is not None and accounting.roadmap is not None:
         search_stage.remember(context, proof.candidates, proof.turn)
+    accounting.memory = _learned(context, ends, proof)
     if proof.motion is None:
         proof = _in_time(context, proof)
     if proof.motion is None:
@@ -383,6 +442,14 @@ def _finish(context: PlanContext, ends: Ends, proof: _Proof) -> PlanResult:
     if min(ends.padding, proof.padding) < context.request.padding:
         accounting.take(_padding_kept(context, proof.path, proof.certificate, _between(ends, proof)))
     return accounting.result(proof.path, *proof.motion, goal_index=proof.goal_index, certificate=proof.certificate)
+
+
+def _learned(context: PlanContext, ends: Ends, proof: _Proof) -> Memory:
+    """What is remembered after a plan: its motion, but for the fixed ways at its ends."""
+    first = 0 if ends.departure is None else len(ends.departure.path.waypoints) - 1
+    arrives = any(goal.arrival and goal.index == proof.goal_index for goal in ends.goals)
+    points = proof.path.waypoints[first : -1 if arrives else None]
+    return context.accounting.memory.with_motion(points, context.checker.robot.joint_names)
 
 
 def _padding_kept(

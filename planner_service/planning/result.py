@@ -17,6 +17,7 @@ from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFail
 from planner_service.geometry.arrays import FloatArray, as_sent
 from planner_service.geometry.validation import copied_in
 from planner_service.kinematics.reachability import Unreachable
+from planner_service.memory import NOTHING, Memory
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Trajectory
@@ -383,6 +384,7 @@ class PlanResult:
             is the proof of each, in the same order.
         near_ends: Where named pairs are closer than ``padding``, because they are so at an end.
         no_path: With NO_PATH, the proof; ``save_no_path`` writes it. Not kept in plan files.
+        memory: What was remembered, with this motion; pass it to the next plan. Not kept in plan files.
     """
 
     path: JointPath | None
@@ -405,6 +407,7 @@ class PlanResult:
     constraints: tuple[Constraint, ...] = ()
     near_ends: tuple[NearEnd, ...] = ()
     no_path: NoPath | None = None
+    memory: Memory = field(default=NOTHING, repr=False)
 
     def __post_init__(self) -> None:
         copied_in(self, "stages", "notes", "constraints", "near_ends")

@@ -31,7 +31,7 @@ SECONDS = 5.0
 
 PACKAGES = (
     *("certify", "collision", "constraints", "gate", "grasping", "optimize", "parallel", "path"),
-    *("infeasibility", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
+    *("infeasibility", "memory", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
 )
 """Subpackages of which every name is attacked, as of the root."""
 

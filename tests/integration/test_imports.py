@@ -32,7 +32,7 @@ NEEDED = {
         "geometry",
         "kinematics",
     ),
-    *("native", "optimize", "path", "planners", "planning", "presentation", "provided", "roadmap", "robot"),
+    *("memory", "native", "optimize", "path", "planners", "planning", "presentation", "provided", "roadmap", "robot"),
     *("robot_setup", "scene", "search", "service", "smoothing", "timing"),
 }
 """Of the package, what a plan needs; all else is only imported when it is first used."""

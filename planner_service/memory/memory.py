@@ -1,0 +1,195 @@
+"""Motions that were planned before, as hints for plans between nearby ends.
+
+Nothing here is believed. A motion that a hint leads to is proven anew, in the scene as it is and with all of the
+padding; a hint that is refused costs this proof, and the plan goes on as it would have without.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray, read_only, set_fields
+from planner_service.geometry.validation import checked_name, items, numbers
+from planner_service.provided import Provided
+
+__all__ = [
+    "MAX_JOINTS",
+    "MAX_MOTIONS",
+    "MAX_WAYPOINTS",
+    "NOTHING",
+    "Hint",
+    "Memory",
+    "hints",
+    "load_memory",
+    "save_memory",
+]
+
+save_memory: Provided[[Memory, str | os.PathLike[str]], None] = Provided()
+load_memory: Provided[[str | os.PathLike[str]], Memory] = Provided()
+
+MAX_MOTIONS = 1_000
+"""Motions that a memory keeps, those longest unused forgotten first: a pallet of 100 places has about 300."""
+
+MAX_WAYPOINTS = 100
+"""Waypoints of a motion that is kept: more come of constraints, and would hardly be kept where the ends differ."""
+
+MAX_JOINTS = 100
+
+SAME = 0.05
+"""Radians, summed over both ends, up to which a newer motion takes the place of another."""
+
+NEAR = 0.6
+"""Radians, summed over both ends, up to which a motion is a hint."""
+
+MAX_HINTS = 3
+"""Of a plan: each that is refused costs a proof."""
+
+
+class Hint(NamedTuple):
+    """The inner waypoints (m, n) of a motion between nearby ends, and the number of the goal to which it leads."""
+
+    inner: FloatArray
+    goal: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Memory:
+    """Motions that worked, as hints for the next: a value, which plans do not change.
+
+    Pass it to ``PlannerService.plan``, or to a task; ``result.memory`` is what is known after it. The same memory and
+    request give the same plan and counts in any process.
+
+    Attributes:
+        joint_names: Those of the robot; none as long as nothing is remembered.
+        motions: Waypoints (k, n) of each, those used last at the end.
+
+    Raises:
+        InvalidRequest: There are more than 1,000 motions, or one is not 2 to 100 rows of finite values of the joints.
+    """
+
+    joint_names: tuple[str, ...] = ()
+    motions: tuple[FloatArray, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = items("joint_names", self.joint_names, str, "names of joints", MAX_JOINTS)
+        given = items("motions", self.motions, object, "a list of waypoints (k, n)", MAX_MOTIONS)
+        joint_names = tuple(checked_name(f"joint_names[{k}]", name) for k, name in enumerate(names))
+        motions = tuple(_checked(f"motions[{k}]", motion, len(names)) for k, motion in enumerate(given))
+        set_fields(self, joint_names=joint_names, motions=motions)
+
+    def __repr__(self) -> str:
+        return f"<Memory: {len(self.motions)} motions>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Memory, (self.joint_names, self.motions)
+
+    def require_joints(self, joint_names: Sequence[str]) -> None:
+        """Refuse a memory of a robot with other joints.
+
+        Raises:
+            InvalidRequest: It is.
+        """
+        if self.joint_names not in ((), tuple(joint_names)):
+            raise InvalidRequest("memory", f"motions of {', '.join(self.joint_names)}", f"of {', '.join(joint_names)}")
+
+    def with_motion(self, waypoints: ArrayLike, joint_names: Sequence[str]) -> Memory:
+        """What is known with another motion, (k, n), which takes the place of one between the same ends.
+
+        Raises:
+            InvalidRequest: It is not 2 rows or more of finite values of the joints, or these are another robot's.
+        """
+        names = items("joint_names", joint_names, str, "names of joints", MAX_JOINTS)
+        self.require_joints(names)
+        motion = _checked("waypoints", waypoints, len(names), math.inf)
+        if len(motion) > MAX_WAYPOINTS or not np.any(motion[0] != motion[-1]):
+            return self
+        kept = self.motions
+        if kept:
+            first, last = self.ends
+            same = _apart(first, motion[:1]) + _apart(last, motion[-1:]) <= SAME
+            kept = tuple(known for known, gone in zip(kept, same[:, 0].tolist(), strict=True) if not gone)
+        known = object.__new__(Memory)
+        set_fields(known, joint_names=names, motions=(*kept[1 - MAX_MOTIONS :], motion))
+        return known
+
+    @cached_property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Where the motions begin, and where they end, (N, n) each."""
+        return np.array([motion[0] for motion in self.motions]), np.array([motion[-1] for motion in self.motions])
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of all that is remembered; equal in every process."""
+        content = hashlib.sha256(repr(self.joint_names).encode())
+        for motion in self.motions:
+            content.update(repr(motion.shape).encode())
+            content.update(motion.tobytes())
+        return content.hexdigest()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to an npz file, whole or not at all; ``load`` returns one with the same hash.
+
+        Raises:
+            InvalidFile: It cannot be written.
+        """
+        save_memory(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Memory:
+        """The memory in a file that ``save`` wrote.
+
+        Raises:
+            InvalidFile: It is not such a file, it is truncated or was changed, or another version of the package wrote
+                it.
+        """
+        return load_memory(path)
+
+
+NOTHING = Memory()
+"""Where a memory begins."""
+
+
+def hints(memory: Memory, start: FloatArray, goals: Sequence[FloatArray]) -> list[Hint]:
+    """Motions from near a start (n,) to near one of the goals, or back, the nearest first; three at most."""
+    if not memory.motions or not len(goals):
+        return []
+    first, last = memory.ends
+    there = np.array(goals)
+    forth = _apart(first, start[None]) + _apart(last, there)
+    back = _apart(last, start[None]) + _apart(first, there)
+    away = np.concatenate([forth, back])
+    rows, columns = np.nonzero(away <= NEAR)
+    count = len(memory.motions)
+    order = np.lexsort((columns, -(rows % count), away[rows, columns]))[:MAX_HINTS]
+    return [
+        Hint(memory.motions[row % count][:: 1 if row < count else -1][1:-1], column)
+        for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True)
+    ]
+
+
+def _checked(name: str, motion: object, joints: int, most: float = MAX_WAYPOINTS) -> FloatArray:
+    """The waypoints of a motion, (k, n), read-only."""
+    expected = f"2 to {MAX_WAYPOINTS} rows of {joints} finite joint values"
+    rows = numbers(name, motion, expected)
+    if rows.ndim != 2 or rows.shape[1] != joints or not 2 <= len(rows) <= most or not np.isfinite(rows).all():
+        raise InvalidRequest(name, rows.shape, expected)
+    return read_only(np.ascontiguousarray(rows))
+
+
+def _apart(a: FloatArray, b: FloatArray) -> FloatArray:
+    """L2 distances between configurations a (N, n) and b (m, n), (N, m), summed in joint order."""
+    total = np.zeros((len(a), len(b)))
+    for one, two in zip(a.T, b.T, strict=True):
+        difference = one[:, None] - two[None, :]
+        total = total + difference * difference
+    return np.asarray(np.sqrt(total))
