@@ -493,6 +493,7 @@ class PlannerService:
         min_blend: float = MIN_BLEND,
         padding: float = 0.0,
         constraints: Sequence[Constraint] = (),
+        memory: Memory | None = None,
         cancel: CancelToken | None = None,
     ) -> PlanResult:
         """A given polyline, checked as it is, each piece once, then proven and timed; nothing is searched.
@@ -507,6 +508,8 @@ class PlannerService:
             padding: Metres that pairs which may not touch are to keep. The line is not changed: if it comes nearer,
                 ``result.padding`` and a note say what it keeps.
             constraints: What must hold all along, beside the constraints of what the robot carries.
+            memory: What is remembered of this cell. If a motion between the same ends is, the line is proven without a
+                sample; samples are checked only where that is refused.
             cancel: As in ``plan``.
 
         Raises:
@@ -515,7 +518,7 @@ class PlannerService:
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends, padding, min_blend, constraints)
-        result = follow(request, self._planning, self._certifier, cancel=cancel)
+        result = follow(request, self._planning, self._certifier, memory=memory, cancel=cancel)
         return replace(result, origin=Origin(self.world, None, pace))
 
     def torque_limits(self, payload: Payload | None = None, scale: float = 1.0) -> TorqueLimits:

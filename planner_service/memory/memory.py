@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
-from planner_service.geometry.validation import checked_name, items, numbers
+from planner_service.geometry.validation import checked_name, instance, items, numbers
 from planner_service.provided import Provided
+from planner_service.robot.model import Robot
 
 __all__ = [
     "MAX_JOINTS",
@@ -29,7 +30,9 @@ __all__ = [
     "NOTHING",
     "Hint",
     "Memory",
+    "checked_memory",
     "hints",
+    "knows",
     "load_memory",
     "save_memory",
 ]
@@ -93,14 +96,15 @@ class Memory:
     def __reduce__(self) -> tuple[Any, ...]:
         return Memory, (self.joint_names, self.motions)
 
-    def require_joints(self, joint_names: Sequence[str]) -> None:
-        """Refuse a memory of a robot with other joints.
+    def require_joints(self, joint_names: Sequence[str]) -> Memory:
+        """The memory itself, if it can be of a robot with these joints.
 
         Raises:
-            InvalidRequest: It is.
+            InvalidRequest: It is another robot's.
         """
         if self.joint_names not in ((), tuple(joint_names)):
             raise InvalidRequest("memory", f"motions of {', '.join(self.joint_names)}", f"of {', '.join(joint_names)}")
+        return self
 
     def with_motion(self, waypoints: ArrayLike, joint_names: Sequence[str]) -> Memory:
         """What is known with another motion, (k, n), which takes the place of one between the same ends.
@@ -157,6 +161,27 @@ class Memory:
 
 NOTHING = Memory()
 """Where a memory begins."""
+
+
+def checked_memory(memory: object, robot: Robot) -> Memory:
+    """The memory that a caller gave, an empty one for None.
+
+    Raises:
+        InvalidRequest: It is no memory, or that of another robot.
+    """
+    if memory is None:
+        return NOTHING
+    return instance("memory", memory, Memory, "a Memory, or None").require_joints(robot.joint_names)
+
+
+def knows(memory: Memory, start: FloatArray, end: FloatArray) -> bool:
+    """Whether a motion between these ends (n,) is remembered, or one back."""
+    if not memory.motions:
+        return False
+    first, last = memory.ends
+    forth = _apart(first, start[None]) + _apart(last, end[None])
+    back = _apart(last, start[None]) + _apart(first, end[None])
+    return bool(min(forth.min(), back.min()) <= SAME)
 
 
 def hints(memory: Memory, start: FloatArray, goals: Sequence[FloatArray]) -> list[Hint]:

@@ -9,7 +9,7 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify import Certifier, ExemptInterval
+from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.collision import CancelToken, CollisionChecker, Known
@@ -19,13 +19,14 @@ from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
+from planner_service.memory.memory import Memory, checked_memory, knows
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import NoPlan, PlanAccounting, certified_path, require_proven, timed
+from planner_service.planning.accounting import NoPlan, PlanAccounting, certified_path, certify, require_proven, timed
 from planner_service.planning.kept_padding import padding_kept
 from planner_service.planning.request import Pace, clamp_note, clamped, kept_in, torques_of
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.search.problem import CompiledOracle, ConstrainedOracle, SearchOracle
-from planner_service.smoothing.smoothing import MIN_BLEND, blended
+from planner_service.smoothing.smoothing import MIN_BLEND, blended, widest_blends
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
 
@@ -95,11 +96,13 @@ def follow(
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
     *,
+    memory: Memory | None = None,
     cancel: CancelToken | None = None,
 ) -> PlanResult:
     """A polyline checked, its corners blended, proven and in time; its first waypoint is checked in ENDPOINTS.
 
-    Samples are checked before anything is proven: they find most collisions sooner, and say where.
+    Samples are checked before anything is proven: they find most collisions sooner, and say where. Where a motion
+    between the same ends is remembered, the proof comes first, and samples only if it is refused.
 
     Raises:
         InvalidRequest: The polyline is not one of this robot, or a contact or blend does not go with it.
@@ -117,18 +120,18 @@ def follow(
         if not 0 <= contact.first <= contact.last < len(points):
             stretch = f"waypoints {contact.first} to {contact.last}"
             raise InvalidRequest("contacts", stretch, f"first and last waypoint in order, from 0 to {len(points) - 1}")
-        checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
-    accounting = PlanAccounting(checker, cancel=cancel)
+    memory = checked_memory(memory, checker.robot)
+    accounting = PlanAccounting(checker, cancel=cancel, memory=memory)
     moved = [] if points is given else np.flatnonzero((given != points).any(axis=1))[:MAX_CLAMP_NOTES].tolist()
     for k in moved:
         accounting.notes.append(clamp_note(f"waypoints[{k}]", given[k], points[k], checker.robot))
     accounting.keep(kept_in(checker.scene, request.constraints))
     accounting.torque_limits = torques_of(request.pace, checker.robot, checker.scene)
 
-    def stages() -> PlanResult:
+    def sampled() -> tuple[JointPath, Certificate]:
+        for contact in request.contacts:
+            _allowing(checker, frozenset(contact.pairs))  # refuses unknown names before anything is judged
         with accounting.during(Stage.ENDPOINTS):
-            accounting.require_end("start", points[0])
-            accounting.require_held("goal", points[-1])
             _judge_first(checker, points, request.contacts)
         with accounting.during(Stage.STRAIGHT_LINE) as entry:
             _judge_pieces(checker, points, request.contacts)
@@ -136,10 +139,19 @@ def follow(
         smooth = _blended(checker, path, sizes, request, accounting)
         exempt = _intervals(smooth, points, request.contacts)
         smooth, certificate = certified_path(smooth, certifier.get(), accounting, exempt)
-        require_proven(certificate)
+        return smooth, require_proven(certificate)
+
+    def stages() -> PlanResult:
+        with accounting.during(Stage.ENDPOINTS):
+            accounting.require_end("start", points[0])
+            accounting.require_held("goal", points[-1])
+        proven = _remembered(path, points, sizes, request, certifier, accounting)
+        smooth, certificate = sampled() if proven is None else proven
         kept = padding_kept(smooth, certificate, request.padding, checker, certifier.get(), accounting)
         accounting.take(kept)
         trajectory, motion = timed(smooth, request.pace, checker.robot, accounting)
+        if len(points) > 1:
+            accounting.memory = memory.with_motion(points, checker.robot.joint_names)
         return accounting.result(smooth, trajectory, motion, certificate=kept.proof or certificate)
 
     return accounting.outcome(stages)
@@ -154,6 +166,25 @@ def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:
     if sizes.shape != (len(points),) or not np.all((sizes >= 0.0) & np.isfinite(sizes)):
         raise InvalidRequest("blends", sizes.tolist(), expected)
     return sizes
+
+
+def _remembered(
+    path: JointPath,
+    points: FloatArray,
+    sizes: FloatArray,
+    request: FollowRequest,
+    certifier: Prepared[Certifier],
+    accounting: PlanAccounting,
+) -> tuple[JointPath, Certificate] | None:
+    """The path with its widest blends and its proof, if a motion between these ends is remembered and this is proven.
+
+    Nothing is sampled.
+    """
+    if not knows(accounting.memory, points[0], points[-1]):
+        return None
+    smooth = widest_blends(path, sizes, least=request.min_blend) if len(path.waypoints) == len(sizes) else path
+    certificate = certify(smooth, certifier.get(), accounting, _intervals(smooth, points, request.contacts))
+    return None if certificate.refusal is not None else (smooth, certificate)
 
 
 def _blended(

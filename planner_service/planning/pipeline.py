@@ -15,9 +15,8 @@ from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.values import Constraint
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
-from planner_service.geometry.validation import instance
 from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.memory.memory import NOTHING, Hint, Memory, hints
+from planner_service.memory.memory import Hint, Memory, checked_memory, hints
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.path.trajectory import Trajectory
@@ -45,7 +44,7 @@ from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import ConstrainedOracle
 from planner_service.search.trace import Tracer
-from planner_service.smoothing.smoothing import MIN_BLEND, blended
+from planner_service.smoothing.smoothing import blended, widest_blends
 from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["plan", "require_plannable"]
@@ -60,9 +59,6 @@ NARROWER, FIRST_NARROW = ((0.5, 0.001), (0.1, 0.0005)), 8
 """Parts of the padding that are searched with when nothing is found with all of it, and how closely edges are sampled,
 in metres; the first of their rounds, numbered as no other, so that they draw other samples."""
 
-BLEND_SHARE = 0.499
-"""Of a piece, what the blend at one of its ends may replace: as where blends are judged by samples."""
-
 POLISH_SHARE = 0.7
 """The share of the remaining time that optimising may take; the rest is kept for the unoptimised path."""
 
@@ -75,17 +71,15 @@ class Plannable(NamedTuple):
     torque_limits: TorqueLimits | None
 
 
-def require_plannable(request: PlanRequest, robot: Robot, scene: Scene, memory: Memory | None = None) -> Plannable:
+def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> Plannable:
     """Refuse a request that does not fit a robot in a scene.
 
     Raises:
-        InvalidRequest: Its start, a goal, its roadmap or the memory is of another robot, or its planner does not keep
-            the constraints.
+        InvalidRequest: Its start, a goal or its roadmap is of another robot, or its planner does not keep the
+            constraints.
         UnknownName: A constraint names no link or joint of the robot.
     """
     goals = require_ends(request, robot)
-    if memory is not None:
-        instance("memory", memory, Memory, "a Memory, or None").require_joints(robot.joint_names)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
     limits, constraints = torques_of(request.pace, robot, scene), kept_in(scene, request.constraints)
@@ -108,10 +102,10 @@ def plan(
     """Plan a request, if it can be along a motion that is remembered.
 
     Raises:
-        InvalidRequest: As ``require_plannable``.
+        InvalidRequest: As ``require_plannable``, or the memory is of another robot.
         UnknownName: The same.
     """
-    goals, constraints, torque_limits = require_plannable(request, checker.robot, checker.scene, memory)
+    goals, constraints, torque_limits = require_plannable(request, checker.robot, checker.scene)
     accounting = PlanAccounting(
         checker,
         states=request.max_checks,
@@ -121,7 +115,7 @@ def plan(
         roadmap=request.planner if isinstance(request.planner, Roadmap) else None,
         tracer=tracer,
         origin=origin,
-        memory=NOTHING if memory is None else memory,
+        memory=checked_memory(memory, checker.robot),
     )
     if constraints:
         accounting.keep(constraints)
@@ -266,24 +260,15 @@ def _remembered(context: PlanContext, ends: Ends, known: list[Hint]) -> _Proof |
         if not np.all((limits.lower <= points) & (points <= limits.upper)):
             continue
         route, notes = _route(context, ends, points), len(accounting.notes)
-        path = route.path.with_blends(_widest(route, request.blend))
+        sizes = np.full(len(route.path.waypoints), request.blend)
+        sizes[list(route.kept)] = 0.0
+        path = widest_blends(route.path, sizes)
         path, proof = certified_path(path, context.certifier.get(), accounting, route.exempt, padding=request.padding)
         if proof.refusal is None:
             accounting.notes.append("along a motion that was remembered")
             return _Proof(path, proof, route.goal_index, request.padding)
         del accounting.notes[notes:]
     return None
-
-
-def _widest(route: _Route, blend: float) -> FloatArray:
-    """The widest blends that the corners of a route have room for, (N,)."""
-    path, widths = route.path, np.zeros(len(route.path.waypoints))
-    for k in set(path.corners) - set(route.kept):
-        if not path.turns_back(k):
-            room = float(min(path.knots[k] - path.knots[k - 1], path.knots[k + 1] - path.knots[k]))
-            widths[k] = min(blend, BLEND_SHARE * room)
-    widths[widths < MIN_BLEND] = 0.0
-    return widths
 
 
 # Where a search finds nothing: first a proof that there is no path, then less padding, then more of the same.
@@ -448,8 +433,8 @@ def _learned(context: PlanContext, ends: Ends, proof: _Proof) -> Memory:
     """What is remembered after a plan: its motion, but for the fixed ways at its ends."""
     first = 0 if ends.departure is None else len(ends.departure.path.waypoints) - 1
     arrives = any(goal.arrival and goal.index == proof.goal_index for goal in ends.goals)
-    points = proof.path.waypoints[first : -1 if arrives else None]
-    return context.accounting.memory.with_motion(points, context.checker.robot.joint_names)
+    points, memory = proof.path.waypoints[first : -1 if arrives else None], context.accounting.memory
+    return memory.with_motion(points, context.checker.robot.joint_names) if len(points) > 1 else memory
 
 
 def _padding_kept(

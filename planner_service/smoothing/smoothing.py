@@ -32,8 +32,12 @@ __all__ = [
     "pulled_in",
     "shortcut",
     "shortcut_on_constraints",
+    "widest_blends",
     "without_short_pieces",
 ]
+
+BLEND_SHARE = 0.499
+"""Of a piece, what the blend at one of its ends may replace."""
 
 LONGEST = 1.0
 """Length of a projected step at most (rad)."""
@@ -171,4 +175,17 @@ def blended(
     widths, chosen = path.blends.copy(), list(path.corners if corners is None else corners)
     curve = path.waypoints, path.knots, path.tangents
     widths[chosen] = oracle.counted(partial(load_core().blend_widths, *curve, chosen, sizes, oracle.core, least))
+    return path.with_blends(widths)
+
+
+def widest_blends(path: JointPath, sizes: FloatArray, *, least: float = MIN_BLEND) -> JointPath:
+    """The same path with every blend as wide as there is room, as ``blended`` makes it where all are free.
+
+    Nothing is checked.
+    """
+    widths = path.blends.copy()
+    for k in path.corners:
+        room = BLEND_SHARE * float(min(path.knots[k] - path.knots[k - 1], path.knots[k + 1] - path.knots[k]))
+        width = 0.0 if path.turns_back(k) else min(float(sizes[k]), room)
+        widths[k] = width if width >= least else 0.0
     return path.with_blends(widths)

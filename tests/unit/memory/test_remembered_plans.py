@@ -28,9 +28,10 @@ from planner_service import (
     save_scene,
 )
 from planner_service.constraints import JointRange
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.memory import Memory
+from planner_service.planning import AllowedStretch
 
 WXAI = Path(__file__).parents[3] / "robots" / "wxai"
 
@@ -235,3 +236,63 @@ def test_a_plan_that_leaves_a_pose_by_a_fixed_way_is_remembered_without_it() -> 
     again = cell().plan(request, memory=first.memory)
     assert same_plan(first, again)
     assert again.exempt == first.exempt
+
+
+def test_a_plan_that_only_leaves_what_the_start_touches_remembers_nothing() -> None:
+    start = cell().robot.home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    x, y, z = cell().robot.tool_pose(start)[:3, 3].tolist()
+    touching = Obstacle("bar", Box((0.02, 0.2, 0.02)), Pose((x, y, z - 0.018)))
+    service = PlannerService("wxai", Scene((touching,)))
+    way = service.way_out(start)
+    assert way is not None
+    end = way.path.waypoints[-1]
+    assert end.tolist() != start.tolist()
+    result = service.plan(PlanRequest(start, end, start_overlap=0.1))
+    assert result.ok
+    assert result.memory.motions == ()
+
+
+@lru_cache
+def line() -> FloatArray:
+    """A polyline that is free, with a corner to blend."""
+    start = cell().robot.home + np.array([0.2, 0.1, 0.1, 0.0, 0.0, 0.0])
+    return np.asarray(start + np.array([[0.0] * 6, [0.1, 0.05, 0.0, 0.0, 0.0, 0.0], [0.2, 0.05, 0.1, 0.0, 0.0, 0.0]]))
+
+
+def test_a_line_between_remembered_ends_is_proven_without_a_sample_and_is_the_same_line() -> None:
+    blends = np.full(3, 0.05)
+    first = cell().follow(line(), blends=blends)
+    again = cell().follow(line(), blends=blends, memory=first.memory)
+    back = cell().follow(line()[::-1], blends=blends, memory=first.memory)
+    assert first.counts.states > 0
+    assert again.counts.states == back.counts.states == 0
+    assert same_plan(first, again)
+    assert first.unwrap()[0].blends[1] > 0.0
+    assert again.certificate is not None
+    assert again.certificate.certified
+    assert again.memory.hash == first.memory.hash
+
+
+def test_a_remembered_line_that_is_blocked_now_is_refused_as_without_a_memory() -> None:
+    first = cell().follow(line())
+    changed = cell().with_scene(in_the_way(first))
+    result, fresh = changed.follow(line(), memory=first.memory), changed.follow(line())
+    assert str(result.failure) == str(fresh.failure)
+    assert "intruder" in str(result.failure)
+    assert result.counts.states == fresh.counts.states
+    assert result.memory.hash == first.memory.hash
+
+
+def test_contact_that_is_meant_on_a_remembered_line_is_still_the_only_one() -> None:
+    first = cell().follow(line())
+    changed = cell().with_scene(in_the_way(first))
+    pairs = tuple((contact.a, contact.b) for q in line() for contact in changed.checker.contacts(q))
+    pairs += tuple((contact.a, contact.b) for contact in changed.checker.contacts(first.unwrap()[0](0.1)))
+    meant = AllowedStretch(0, 2, tuple(dict.fromkeys(pairs)), "meant")
+    touched = changed.follow(line(), contacts=[meant], memory=first.memory)
+    fresh = changed.follow(line(), contacts=[meant])
+    assert pairs
+    assert touched.ok == fresh.ok
+    assert touched.exempt == fresh.exempt
+    with pytest.raises(UnknownName):
+        cell().follow(line(), contacts=[AllowedStretch(0, 1, (("nobody", "nothing"),), "")], memory=first.memory)
