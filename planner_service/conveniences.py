@@ -16,6 +16,7 @@ from planner_service.planning.result import save_plan
 from planner_service.presentation.page import OpenPage, recording_bytes, show_page
 from planner_service.roadmap.roadmap import Roadmap, load_roadmap, save_roadmap
 from planner_service.robot.model import Robot, group_of, lock_joints, robot_from_urdf
+from planner_service.service import PlannerService, solve_task
 
 __all__ = list[str]()
 
@@ -58,6 +59,14 @@ def _load_memory(path: str | os.PathLike[str]) -> Memory:
     from planner_service.memory.memory_file import load_memory
 
     return load_memory(path)
+
+
+@solve_task.by
+def _solve_task(service: PlannerService, *given: Any, **settings: Any) -> Any:
+    """``PlannerService.solve``."""
+    from planner_service.tasks.solver import solve
+
+    return solve(service, *given, **settings)
 
 
 @save_roadmap.by

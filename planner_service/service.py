@@ -45,6 +45,7 @@ from planner_service.planning.result import Origin, PlanResult, Reason
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.presentation.page import OpenPage, Showable, show_page
 from planner_service.presentation.progress import bar
+from planner_service.provided import Provided
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.robot.inertia import Payload
 from planner_service.robot.model import Robot, joint_vector
@@ -61,11 +62,16 @@ if TYPE_CHECKING:
     from planner_service.decomposition.no_path import OpenWay
     from planner_service.infeasibility.remedies import Clock, Explanation
     from planner_service.parallel import Engine
+    from planner_service.planning.task_result import TaskResult
     from planner_service.replanning.result import Replanned
+    from planner_service.timing.laws import Timing
 
 __all__ = ["PlannerService"]
 
 T = TypeVar("T")
+
+solve_task: Provided[..., TaskResult] = Provided()
+"""Solves a task."""
 
 MAX_WINDOWS = 4
 """Windows of continuous joints for which a service keeps a checker."""
@@ -357,6 +363,40 @@ class PlannerService:
     def _batch(self) -> Batch:
         return Batch(
             self.plan, partial(require_plannable, robot=self.robot, scene=self.scene), partial(Origin, self.world)
+        )
+
+    def solve(
+        self,
+        task: Any,
+        q: ArrayLike,
+        *,
+        request: PlanRequest | None = None,
+        line_timing: Timing | None = None,
+        beam: int = 4,
+        searches: int = 1_000,
+        cancel: CancelToken | None = None,
+    ) -> TaskResult:
+        """The motions of a ``planner_service.tasks.Task``, every one proven, or which step has no plan, and why.
+
+        Grasps, inverse kinematics branches, lines and placements are chosen so that what follows has a plan, too.
+
+        Args:
+            q: Where the robot stands, shape (n,).
+            request: Planner, timing, seed, scales, padding, constraints and limits of all motions; its start and goal
+                are not used. Its ``time_limit`` holds for each grasp, release and motion on average, its
+                ``max_checks`` for each motion.
+            line_timing: The timing law along straight and given lines; the request's if None.
+            beam: Ways of one stage that are tried with what follows, before the stage ahead of it has to offer another.
+            searches: Motions that may be searched for in all.
+            cancel: Ends the task before its next check when cancelled from another thread.
+
+        Raises:
+            UnknownName: A step names an obstacle or a pose that is not there.
+            InvalidRequest: A value is of the wrong kind or out of its range, or the robot has no gripper.
+        """
+        self._require_own_process()
+        return solve_task(
+            self, task, q, request=request, line_timing=line_timing, beam=beam, searches=searches, cancel=cancel
         )
 
     def replan(

@@ -51,7 +51,29 @@ from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene import load_scene, read_moveit_scene, read_sdf_scene, read_urdf_scene
 from planner_service.search import SearchGraph
-from planner_service.tasks import best_of_seeds, move_circular, places_on, plan_pick_place, plan_seeds, standing_on
+from planner_service.tasks import (
+    Alternatives,
+    Approach,
+    Connect,
+    Follow,
+    Grasp,
+    MoveCircular,
+    MoveLinear,
+    MoveTo,
+    Release,
+    Repeat,
+    Retreat,
+    Task,
+    best_of_seeds,
+    move_circular,
+    pick_steps,
+    place_steps,
+    places_on,
+    plan_pick_place,
+    plan_seeds,
+    solve,
+    standing_on,
+)
 from planner_service.view.still.pictures import draw_check
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]
@@ -132,7 +154,7 @@ SKIPPED: Mapping[str, str] = {
         (
             *("Certificate", "CheckCounts", "Contact", "EdgeProof", "Failure", "GripperMotion", "MotionReport"),
             *("PlanResult", "PolishReport", "Refusal", "Replanned", "RoadmapUpdate", "Segment", "StageReport"),
-            *("TaskResult", "Trace"),
+            *("StepReport", "TaskResult", "Trace"),
         ),
         "an answer; nobody makes one",
     ),
@@ -377,7 +399,13 @@ def _tasks(folder: Path) -> Calls:
     carrying = ps.PlannerService(robot, ps.Scene((tray,), (held,)))
     moving, pace = {"service": service, "start": robot.home}, Pace(ps.Trapezoidal())
     handling, two = ps.Handling(request=request), [(0.0, 0.0, 0.01), (0.01, 0.0, 0.0)]
+    nearby = Task((MoveTo(),))
+    yield from _steps(grasp)
     yield from (
+        _call(service.solve, task=nearby, q=robot.home, request=request),
+        _call(solve, service=service, task=nearby, q=robot.home, request=request, cancel=ps.CancelToken()),
+        _call(pick_steps, object="blue_block", grasps=grasp, handling=handling),
+        _call(place_steps, object="held", poses=[tray.pose], handling=handling),
         _call(ps.top_grasps, robot=robot, target=block, tilts=(0.0,)),
         _call(places_on, target=block, support=tray),
         _call(service.torque_limits, scale=0.5),
@@ -389,6 +417,26 @@ def _tasks(folder: Path) -> Calls:
         _call(ps.pick, service=service, q=robot.home, target="blue_block", grasps=grasp, handling=handling),
         _call(ps.place, service=carrying, q=robot.home, carried="held", poses=[tray.pose], handling=handling),
         _call(plan_pick_place, service=service, target="blue_block", onto="tray", request=request),
+    )
+
+
+def _steps(grasp: tuple[ps.Pose, ...]) -> Calls:
+    """The steps of tasks."""
+    flat = (ToolRegion(lower=(-2.0, -2.0, -2.0), tilt=0.1, name="flat"),)
+    pose, wait = ps.Pose(), MoveTo()
+    yield from (
+        _call(MoveTo, goal=[pose, "home"], frame="a", constraints=flat, name="m"),
+        _call(MoveLinear, goal=[pose, (0.0, 0.0, 0.1)], frame="a", zone=0.01, constraints=flat, name="m"),
+        _call(MoveCircular, via=pose, goal=(0.0, 0.0, 0.1), frame="a", constraints=flat, name="m"),
+        _call(Follow, waypoints=[[0.0, 0.0], [1.0, 0.0]], blend=0.1, constraints=flat, name="m"),
+        _call(Connect, name="m", constraints=flat),
+        _call(Approach, name="m", lengths=(0.1,), shorter=(0.02,), direction=(0.0, 0.0, 1.0)),
+        _call(Retreat, name="m", lengths=(0.1,), direction=(0.0, 0.0, 1.0)),
+        _call(Grasp, object="a", grasps=grasp, frame="b", open_width=0.05, support="b", support_gap=0.01, upright=0.1),
+        _call(Release, object="a", poses=[pose], frame="b", open_width=0.05, support="b", support_gap=0.01),
+        _call(Alternatives, branches=[wait, (wait,)]),
+        _call(Repeat, steps=(wait,), times=2),
+        _call(Task, steps=(wait,), name="n"),
     )
 
 

@@ -24,7 +24,8 @@ from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.records.http.sections import LineSections
 from planner_service.robot.model import joint_vector
-from planner_service.tasks.primitives import kept_upright, require_poses
+from planner_service.tasks.contacts import kept_upright
+from planner_service.tasks.primitives import require_poses
 from planner_service.tasks.tool_motions import Target
 from planner_service.timing.laws import Trapezoidal
 

@@ -33,6 +33,7 @@ __all__ = [
     "SAME_WIDTH",
     "Handling",
     "Segment",
+    "StepReport",
     "TaskReport",
     "TaskResult",
     "require_joined",
@@ -49,6 +50,9 @@ SAME_WIDTH = 1e-6
 
 JOIN = 1e-6
 """Radians (or metres) between the end of one motion and the start of the next: less than the margin of a proof."""
+
+SHOWN_REASONS = 3
+"""Of a step, in print."""
 
 SEARCH_STAGES = (
     Stage.ROADMAP,
@@ -178,8 +182,34 @@ def require_joined(segments: Sequence[Segment]) -> None:
 
 
 @dataclass(frozen=True, eq=False)
+class StepReport:
+    """How often one step of a task was tried, and what was in its way.
+
+    Attributes:
+        step: Which, by its number in the task, its kind and its name.
+        tried: Ways of it that were looked at, in whatever depth.
+        failed: How many of them are not possible.
+        reasons: Why, each with how often, the most frequent first; at most 20.
+        refused: The last motion that was planned for it in vain; its ``origin`` has the world and the request. None if
+            there was none.
+    """
+
+    step: str
+    tried: int = 0
+    failed: int = 0
+    reasons: tuple[tuple[str, int], ...] = ()
+    refused: PlanResult | None = None
+
+    def __str__(self) -> str:
+        why = "; ".join(
+            f"{reason} ({times})" if times > 1 else reason for reason, times in self.reasons[:SHOWN_REASONS]
+        )
+        return f"{self.step}: {self.failed} of {self.tried} failed" + (f": {why}" if why else "")
+
+
+@dataclass(frozen=True, eq=False)
 class TaskResult:
-    """What a pick, a place, or both came to.
+    """What a task came to.
 
     Attributes:
         segments: The motions, in order.
@@ -192,6 +222,7 @@ class TaskResult:
         request: The planner, timing law, scales and limits of all motions; its goal has no meaning.
         task: What was to be done, in words.
         seconds: Wall time of all of it.
+        steps: How each step of the task fared, in their order.
     """
 
     segments: tuple[Segment, ...]
@@ -203,9 +234,10 @@ class TaskResult:
     request: PlanRequest | None = None
     task: str = ""
     seconds: float = 0.0
+    steps: tuple[StepReport, ...] = ()
 
     def __post_init__(self) -> None:
-        copied_in(self, "segments", "q", "notes")
+        copied_in(self, "segments", "q", "notes", "steps")
 
     def __repr__(self) -> str:
         what = f"{self.duration:.2f} s of motion" if self.failure is None else f"no plan, {self.failure.reason.value}"

@@ -1,22 +1,53 @@
-"""What is made of several plans: pick, place, tool motions, and the best plan of several seeds."""
+"""What is made of several plans: tasks, pick, place, tool motions, and the best plan of several seeds."""
 
-from planner_service.planning.task_result import Handling, Segment, TaskResult
+from planner_service.planning.task_result import Handling, Segment, StepReport, TaskResult
 from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
-from planner_service.tasks.primitives import pick, place
+from planner_service.tasks.primitives import pick, pick_steps, place, place_steps
 from planner_service.tasks.seeds import best_of_seeds, plan_seeds
+from planner_service.tasks.solver import solve
+from planner_service.tasks.steps import (
+    Alternatives,
+    Approach,
+    Connect,
+    Follow,
+    Grasp,
+    MoveCircular,
+    MoveLinear,
+    MoveTo,
+    Release,
+    Repeat,
+    Retreat,
+    Task,
+)
 from planner_service.tasks.tool_motions import move_circular, move_linear
 
 __all__ = [
+    "Alternatives",
+    "Approach",
+    "Connect",
+    "Follow",
+    "Grasp",
     "Handling",
+    "MoveCircular",
+    "MoveLinear",
+    "MoveTo",
+    "Release",
+    "Repeat",
+    "Retreat",
     "Segment",
+    "StepReport",
+    "Task",
     "TaskResult",
     "best_of_seeds",
     "move_circular",
     "move_linear",
     "pick",
+    "pick_steps",
     "place",
+    "place_steps",
     "places_on",
     "plan_pick_place",
     "plan_seeds",
+    "solve",
     "standing_on",
 ]

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,10 +14,12 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
 from planner_service.grasping.grasps import middle_of, top_grasps
 from planner_service.planning.request import PlanRequest
-from planner_service.planning.task_result import Handling, Segment, TaskResult
+from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import LEAVE, picked, placed, require_poses
+from planner_service.tasks.primitives import pick_steps, place_steps, require_poses
+from planner_service.tasks.solver import solved
+from planner_service.tasks.steps import Connect, MoveTo, Task
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 
@@ -57,38 +57,19 @@ def plan_pick_place(
     """
     instance("service", service, PlannerService, "a PlannerService")
     instance("request", request, PlanRequest, "a PlanRequest")
-    began, scene = time.perf_counter(), service.scene
+    scene = service.scene
     obstacle, support = scene.obstacle(target), scene.obstacle(onto)
     if target == onto:
         raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
     if poses is not None:
         require_poses("poses", poses)
-    picking = Handling(support=standing_on(scene, target), request=request, upright=upright, cancel=cancel)
-    done, carrying = picked(service, request.start, target, top_grasps(service.robot, obstacle), picking)
-    notes, segments, choosing = [f"pick: {note}" for note in done.notes], list(done.segments), done.choosing
-    if done.ok:
-        first = 1 if segments[0].name == LEAVE else 0
-        segments[first] = replace(segments[first], name="home -> pregrasp")
-        back = segments[first].result.unwrap()[0].waypoints[0] if first else request.start
-        placing = Handling(support=onto, request=request, cancel=cancel)
-        places = places_on(obstacle, support) if poses is None else poses
-        done, after = placed(carrying, done.q, target, places, placing)
-        notes += [f"place: {note}" for note in done.notes]
-        segments += done.segments
-        choosing += done.choosing
-        if done.ok:
-            home = after.plan(replace(request, start=done.q, goal=back), cancel=cancel)
-            segments.append(Segment("retreat -> home", home, done.world.robot.gripper_width, done.world.scene))
-            done = replace(done, failure=home.failure, q=done.q if home.path is None else home.path.waypoints[-1])
-    return replace(
-        done,
-        segments=tuple(segments),
-        choosing=choosing,
-        notes=tuple(notes),
-        request=replace(request, goal=request.start),
-        task=f"pick {target} from {scene.name or 'the scene'}, place on {onto}",
-        seconds=time.perf_counter() - began,
-    )
+    places = places_on(obstacle, support) if poses is None else poses
+    picking = Handling(support=standing_on(scene, target), request=request, upright=upright)
+    _, *taken = pick_steps(target, top_grasps(service.robot, obstacle), picking)
+    steps = (Connect("home -> pregrasp"), *taken, *place_steps(target, places, Handling(support=onto)))
+    title = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
+    task = Task((*steps, MoveTo(name="retreat -> home")), title)
+    return solved(service, task, request.start, request, None, cancel)[0]
 
 
 def standing_on(scene: Scene, name: str) -> str | None:

@@ -1,0 +1,158 @@
+"""What was in the way of each step of a task, and of each visit to a stage of it."""
+
+from __future__ import annotations
+
+import enum
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.planning.result import Failure, PlanResult
+from planner_service.planning.task_result import StepReport
+from planner_service.service import PlannerService
+from planner_service.tasks.motions import NoMotion
+from planner_service.tasks.steps import ChoiceStage, ContactStage, MotionStage, Numbered, Stage
+
+__all__ = ["Inspector", "Rank", "Visit"]
+
+MAX_REASONS = 20
+"""Of a step, that are reported."""
+
+MAX_KINDS = 1_000
+"""Of a step, that are counted apart."""
+
+
+class Rank(enum.IntEnum):
+    """How far a way has come before it was refused."""
+
+    POSE = 0
+    """Out of reach, or something would touch at the contact."""
+    LINE = 1
+    """The arm cannot go the lines."""
+    GRIPPER = 2
+    """The gripper cannot move there."""
+    PROOF = 3
+    """The lines are not free."""
+    AHEAD = 4
+    """What is taken could not be set down again."""
+    SEARCH = 5
+    """There is no way there."""
+
+
+@dataclass(eq=False)
+class _Tally:
+    """What is known of one step."""
+
+    label: str
+    tried: int = 0
+    failed: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    refused: PlanResult | None = None
+
+    def report(self) -> StepReport:
+        return StepReport(
+            self.label, self.tried, self.failed, tuple(self.reasons.most_common(MAX_REASONS)), self.refused
+        )
+
+
+class Inspector:
+    """Counts for each step of a task how often it was tried, and why it failed."""
+
+    def __init__(self, stages: Sequence[Stage]) -> None:
+        self._tallies: dict[str, _Tally] = {}
+        for numbered in _every(stages):
+            self._tallies.setdefault(numbered.number, _Tally(numbered.label))
+
+    def reports(self) -> tuple[StepReport, ...]:
+        """Of all steps, in their order."""
+        return tuple(tally.report() for tally in self._tallies.values())
+
+    def tried(self, numbered: Numbered) -> None:
+        """A step is tried."""
+        self._tallies[numbered.number].tried += 1
+
+    def failed(self, numbered: Numbered, why: str, result: PlanResult | None) -> None:
+        """What was tried last of a step has failed."""
+        tally = self._tallies[numbered.number]
+        tally.failed += 1
+        tally.refused = result or tally.refused
+        if why in tally.reasons or len(tally.reasons) < MAX_KINDS:
+            tally.reasons[why] += 1
+
+
+def _every(stages: Sequence[Stage]) -> Iterator[Numbered]:
+    """The steps of stages in their order; of repeated ones each time."""
+    for stage in stages:
+        if isinstance(stage, ChoiceStage):
+            for branch in stage.branches:
+                yield from _every(branch)
+        else:
+            middle = (
+                (*stage.approaches, stage.act, *stage.retreats) if isinstance(stage, ContactStage) else (stage.motion,)
+            )
+            yield from (each for each in (stage.connect, *middle) if each is not None)
+
+
+@dataclass(eq=False)
+class Visit:
+    """What was tried of one stage from one state.
+
+    Attributes:
+        stage: Which.
+        service: What plans there.
+        q: Where the robot stands, (n,).
+        tried: What did not work, in words, in order.
+        unreached: Tool poses out of reach, by the number of their way.
+        ways: How many grasps or placements there are.
+        farthest: The step at which the way ended that had come farthest, and how far.
+        failure: Why nothing could begin there, or the one motion has no plan.
+        ahead: The visit of a later stage without which this one is in vain.
+    """
+
+    inspector: Inspector
+    stage: ContactStage | MotionStage
+    service: PlannerService
+    q: FloatArray
+    tried: list[str] = field(default_factory=list)
+    unreached: dict[int, Pose] = field(default_factory=dict)
+    ways: int = 0
+    farthest: tuple[Rank, Numbered] | None = None
+    failure: Failure | None = None
+    ahead: Visit | None = None
+
+    def refuse(
+        self, numbered: Numbered, why: str, told: str | None = None, rank: Rank = Rank.POSE, *, known: bool = False
+    ) -> None:
+        """Something of a step is not possible.
+
+        Args:
+            told: The same for the list of what was tried.
+            known: Whether an earlier visit has found that out.
+        """
+        if not known:
+            self.inspector.tried(numbered)
+            self.inspector.failed(numbered, why, None)
+        self._note(numbered, told or why, rank)
+
+    @contextmanager
+    def trying(self, numbered: Numbered, prefix: str, rank: Rank) -> Iterator[None]:
+        """A step is tried in the block, and has failed if that raises ``NoMotion``.
+
+        Args:
+            prefix: What the reason begins with in the list of what was tried.
+        """
+        self.inspector.tried(numbered)
+        try:
+            yield
+        except NoMotion as none:
+            self.inspector.failed(numbered, str(none), none.result)
+            self._note(numbered, f"{prefix}{none}", rank)
+            raise
+
+    def _note(self, numbered: Numbered, told: str, rank: Rank) -> None:
+        self.tried.append(told)
+        if self.farthest is None or rank > self.farthest[0]:
+            self.farthest = rank, numbered

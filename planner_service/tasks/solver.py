@@ -1,0 +1,614 @@
+"""Solve a task: choose grasps, inverse kinematics branches, lines and placements so that every motion has a plan.
+
+The stages of a task are solved one after the other, depth first: each yields the ways in which it can be done, and
+where what follows has no plan, the next of them is tried. A grasp or placement is tried like this, the cheapest first:
+
+1. its ways without a search, as ``contacts`` finds them, up to the proven lines to it and from it,
+2. of what is then carried, whether the release that follows has such a way, and the grasp after that, if there is one,
+3. the search of the motion that leads there.
+
+So a grasp whose object could not be set down costs no search. What was found out on the way is kept for when it is
+needed. All of this is deterministic: it depends on no clock, unless a time limit ends it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.certify import GripperMotion
+from planner_service.collision import CancelToken, CheckCounts
+from planner_service.constraints.values import KeepUpright
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import instance, whole
+from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.reachability import why_unreachable
+from planner_service.planning.request import PlanRequest, keeps_torques, require_timing
+from planner_service.planning.result import Failure, PlanResult, Reason
+from planner_service.planning.result import Stage as PlanStage
+from planner_service.planning.task_result import JOIN, Segment, TaskResult
+from planner_service.robot.model import Robot, joint_vector
+from planner_service.scene.scene import Scene
+from planner_service.service import PlannerService
+from planner_service.tasks.contacts import FINGER_ROOM, Lines, Way, Ways, frame_of, gripper_of
+from planner_service.tasks.inspector import Inspector, Rank, Visit
+from planner_service.tasks.motions import Ended, Motions, NoMotion
+from planner_service.tasks.steps import (
+    ChoiceStage,
+    ContactStage,
+    Follow,
+    Grasp,
+    MotionStage,
+    MoveCircular,
+    MoveLinear,
+    MoveTo,
+    Stage,
+    Task,
+)
+from planner_service.tasks.tool_motions import move_circular, move_linear
+from planner_service.timing.laws import Timing
+
+__all__ = ["BEAM", "LEAVE", "SEARCHES", "solve", "solved"]
+
+LEAVE = "leave"
+"""The name of the first motion where the robot touches something at its start."""
+
+STAND = "stand"
+"""The name of a motion that stays where it is, while the gripper moves."""
+
+BEAM = 4
+"""Ways of a stage that are carried forward."""
+
+SEARCHES = 1_000
+"""That a task may try."""
+
+LOOK_AHEAD = 3
+"""Contacts that follow each other with one object, and are looked at together: a release, a new grasp, its release."""
+
+MAX_WHYS = 8
+"""Poses out of reach that are looked at to tell what would bring the tool to the nearest of them."""
+
+SAME = 1e-3
+"""Radians (or metres): goals closer than this are one."""
+
+
+def solve(
+    service: PlannerService,
+    task: Task,
+    q: ArrayLike,
+    *,
+    request: PlanRequest | None = None,
+    line_timing: Timing | None = None,
+    beam: int = BEAM,
+    searches: int = SEARCHES,
+    cancel: CancelToken | None = None,
+) -> TaskResult:
+    """``PlannerService.solve``."""
+    instance("service", service, PlannerService, "a PlannerService")
+    instance("task", task, Task, "a Task")
+    _require_names(service, task.stages)
+    whole("beam", beam, 1, 1_000)
+    whole("searches", searches, 1, 1_000_000)
+    return solved(service, task, q, request, line_timing, cancel, beam=beam, searches=searches)[0]
+
+
+def solved(
+    service: PlannerService,
+    task: Task,
+    q: ArrayLike,
+    request: PlanRequest | None,
+    line_timing: Timing | None,
+    cancel: CancelToken | None,
+    *,
+    beam: int = BEAM,
+    searches: int = SEARCHES,
+) -> tuple[TaskResult, PlannerService]:
+    """The same, with the service that plans for what follows; names are known."""
+    start = joint_vector("q", q, service.robot)
+    instance("request", request, (PlanRequest, type(None)), "a PlanRequest, or None")
+    instance("cancel", cancel, (CancelToken, type(None)), "a CancelToken, or None")
+    template = replace(request or PlanRequest(start, start), start=start, goal=start)
+    if line_timing is not None:
+        require_timing(line_timing)
+        if keeps_torques(template.timing) and not keeps_torques(line_timing):
+            expected = "None, or ToppRa(torque=True): the request keeps torque limits"
+            raise InvalidRequest("line_timing", line_timing, expected)
+    for step in _grasps(task.stages):
+        if step.upright is not None:
+            template.require_keeping([KeepUpright((0.0, 0.0, 1.0), step.upright)])
+    motions = Motions(template, line_timing, cancel, turns=_turns(task.stages), searches=searches)
+    return _Search(motions, service, task, start, beam).result()
+
+
+def _grasps(stages: Sequence[Stage]) -> Iterator[Grasp]:
+    """The grasps in stages and in their alternatives."""
+    for stage in stages:
+        if isinstance(stage, ChoiceStage):
+            for branch in stage.branches:
+                yield from _grasps(branch)
+        elif isinstance(stage, ContactStage) and isinstance(stage.act.step, Grasp):
+            yield stage.act.step
+
+
+def _turns(stages: Sequence[Stage]) -> int:
+    """How many stages follow each other at most."""
+    return sum(
+        max(_turns(branch) for branch in stage.branches) if isinstance(stage, ChoiceStage) else 1 for stage in stages
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """How far a task has come.
+
+    Attributes:
+        q: Where the robot stands, (n,).
+        rest: The stages that are left.
+        done: How many stages are behind it.
+        began: Where the first motion began, (n,), once the robot had left what it touched; None before.
+        grip: What the gripper does before the next motion.
+    """
+
+    service: PlannerService
+    q: FloatArray
+    rest: tuple[Stage, ...]
+    done: int = 0
+    segments: tuple[Segment, ...] = ()
+    began: FloatArray | None = None
+    grip: GripperMotion | None = None
+    notes: tuple[str, ...] = ()
+
+    def after(self, *segments: Segment, **changes: Any) -> _State:
+        """The state once a stage is done, by these motions."""
+        q = _end(segments[-1].result) if segments else self.q
+        known = replace(self, segments=(*self.segments, *segments), q=q, rest=self.rest[1:], done=self.done + 1)
+        return replace(known, **{"grip": None, **changes})
+
+
+class _Search:
+    """One task while it is solved."""
+
+    def __init__(self, motions: Motions, service: PlannerService, task: Task, start: FloatArray, beam: int) -> None:
+        self._began = time.perf_counter()
+        self._motions, self._task, self._start, self._beam = motions, task, start, beam
+        self._service = motions.begin(service)
+        self._inspector = Inspector(task.stages)
+        self._ways: dict[tuple[int, PlannerService], Ways] = {}
+        self._ahead: dict[tuple[int, PlannerService], Visit | None] = {}
+        self._deepest = _State(self._service, start, task.stages)
+        self._stuck: Visit | None = None
+        self._visit: Visit | None = None
+
+    def result(self) -> tuple[TaskResult, PlannerService]:
+        """All motions of the task, or as far as there are plans; and the service for what follows."""
+        try:
+            last = self._last()
+        except Ended as ended:
+            tried = [] if self._visit is None else self._visit.tried[:6]
+            detail = "; ".join([ended.failure.detail, *tried])
+            late = ended.failure.reason is not Reason.PREEMPTED
+            return self._result(self._deepest, replace(ended.failure, detail=detail) if late else ended.failure)
+        if last is None:
+            assert self._stuck is not None
+            return self._result(self._deepest, self._why(self._stuck))
+        return self._result(last, None)
+
+    def _last(self) -> _State | None:
+        """The state in which the task is done; None if there is none."""
+        stack = [iter([self._deepest])]
+        while stack:
+            state = next(stack[-1], None)
+            if state is None:
+                stack.pop()
+                continue
+            if state.done > self._deepest.done:
+                self._deepest, self._stuck = state, None
+            if not state.rest:
+                return self._at_rest(state) if state.grip is not None else state
+            stack.append(self._next(state))
+        return None
+
+    def _next(self, state: _State) -> Iterator[_State]:
+        """The states to which the next stage leads."""
+        stage = state.rest[0]
+        if isinstance(stage, ChoiceStage):
+            for branch in stage.branches:
+                yield replace(state, rest=(*branch, *state.rest[1:]))
+            return
+        visit = self._visit = Visit(self._inspector, stage, state.service, self._standing(state))
+        make = self._contact if isinstance(stage, ContactStage) else self._motion
+        count = 0
+        for count, after in enumerate(islice(make(state, visit), self._beam), start=1):  # noqa: B007
+            yield after
+            self._visit = visit
+        if count == 0 and self._stuck is None and state.done == self._deepest.done:
+            self._stuck = visit
+
+    def _standing(self, state: _State) -> FloatArray:
+        """Where the robot stands, within its limits."""
+        limits = state.service.robot.around(state.q).limits
+        return np.clip(state.q, limits.lower, limits.upper)
+
+    # Contacts.
+
+    def _contact(self, state: _State, visit: Visit) -> Iterator[_State]:
+        """The states once the gripper has closed or opened."""
+        stage = visit.stage
+        assert isinstance(stage, ContactStage)
+        ways = self._ways_of(stage, state.service)
+        if stage.connect is None:
+            base: _State | None = state if state.grip is None else self._at_rest(state)
+            found = ways.here(state.q, visit)
+        else:
+            base = self._started(state, visit)
+            found = iter(()) if base is None else ways(visit.q, visit)
+        if base is None:
+            return
+        done = set[tuple[int, int]]()
+        for way in found:
+            if (way.number, way.solution) in done:
+                continue  # another length of the same
+            try:
+                after = self._through(base, ways, way, visit)
+            except NoMotion:
+                continue
+            done.add((way.number, way.solution))
+            yield after
+
+    def _ways_of(self, stage: ContactStage, service: PlannerService) -> Ways:
+        key = (id(stage), service)
+        if key not in self._ways:
+            self._ways[key] = Ways(self._motions, stage, service)
+        return self._ways[key]
+
+    def _started(self, state: _State, visit: Visit) -> _State | None:
+        """The state in which motions can begin; None, and told ``visit``, if they cannot where the robot stands."""
+        connect = visit.stage.connect
+        assert connect is not None
+        result, leaves = self._motions.leaving(state.service, state.q, visit.q)
+        if result.failure is not None:
+            visit.failure = result.failure
+            visit.refuse(connect, result.failure.detail, rank=Rank.SEARCH)
+            return None
+        if not leaves:
+            return state if state.began is not None else replace(state, began=state.q)
+        width, scene = state.service.robot.gripper_width, state.service.scene
+        leave = Segment(LEAVE, result, width, scene, state.grip)
+        q = _end(result)
+        visit.q = q
+        began = q if state.began is None else state.began
+        return replace(state, segments=(*state.segments, leave), q=q, began=began, grip=None)
+
+    def _through(self, base: _State, ways: Ways, way: Way, visit: Visit) -> _State:
+        """The state once a way was gone.
+
+        Raises:
+            NoMotion: One of its motions has no plan, or what follows has none.
+        """
+        stage = ways.stage
+        if stage.connect is None:
+            lines = ways.lines(way, visit)
+            self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
+            return self._gone(base, ways, way, lines, visit, ())
+        before = way.contact.before
+        with visit.trying(stage.connect, "", Rank.GRIPPER):
+            opening = self._motions.gripper(base.service, visit.q, way.contact.width)
+        way = way.turned(before.robot, visit.q)
+        lines = ways.lines(way, visit)
+        self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
+        connect = stage.connect.step
+        with visit.trying(stage.connect, f"{connect.name}: ", Rank.SEARCH):
+            to = self._motions.searched(before, base.q, way.begin, connect.constraints, one_of_many=True)
+        there = way.turned(before.robot, _end(to))
+        if there is not way:  # a joint has gone the other way round
+            way, lines = there, ways.lines(there, visit)
+        if base.grip is not None and opening is not None:
+            base = self._at_rest(base)
+        motion = Segment(connect.name, to, way.contact.width, before.scene, opening or base.grip)
+        return self._gone(base, ways, way, lines, visit, (motion,))
+
+    def _gone(self, base: _State, ways: Ways, way: Way, lines: Lines, visit: Visit, to: tuple[Segment, ...]) -> _State:
+        """The state after the motions of a way."""
+        inward, outward = ways.segments(way, lines)
+        length = f", {way.length(ways.service.robot) * 100:.0f} cm of straight line" if way.inward else ""
+        notes = (f"way {way.number} of {way.of}{length}", *visit.tried)
+        if len(self._task.stages) > 1:
+            notes = tuple(f"{ways.stage.act.step}: {note}" for note in notes)
+        grip = None if outward else lines.grip
+        return base.after(*to, *inward, *outward, service=way.contact.after, grip=grip, notes=(*base.notes, *notes))
+
+    def _at_rest(self, state: _State) -> _State:
+        """The state after a motion that stays where the robot is, while the gripper moves."""
+        stays = self._motions.followed(state.service, state.q[None])
+        width, scene = state.service.robot.gripper_width, state.service.scene
+        motion = Segment(STAND, stays, width, scene, state.grip, self._motions.law)
+        return replace(state, segments=(*state.segments, motion), grip=None)
+
+    def _look_ahead(self, rest: tuple[Stage, ...], way: Way, visit: Visit, depth: int) -> None:
+        """Refuse a way after which what is carried could not be set down, or what was set down not be taken again.
+
+        Raises:
+            NoMotion: The next contact with the object has no way without a search, and no alternative to it has.
+        """
+        act = visit.stage.act if isinstance(visit.stage, ContactStage) else None
+        assert act is not None
+        following = _following(rest, act.step.object) if depth else []
+        if not following:
+            return
+        seen: list[Visit] = []
+        for stage, later in following:
+            found = self._promising(stage, later, way.contact.after, way.end, depth - 1)
+            if found is None:
+                return
+            seen.append(found)
+        visit.ahead = seen[0]
+        why = "; ".join(seen[0].tried[:1])
+        raise _refused(visit, act, f"then {seen[0].stage.act.step} has no way: {why}")  # type: ignore[union-attr]
+
+    def _promising(
+        self, stage: ContactStage, rest: tuple[Stage, ...], service: PlannerService, q: FloatArray, depth: int
+    ) -> Visit | None:
+        """None if a contact has a way as far as can be told without a search, else the visit that found none."""
+        key = (id(stage), service)
+        if key not in self._ahead:
+            visit, ways = Visit(self._inspector, stage, service, q), self._ways_of(stage, service)
+            self._ahead[key] = visit
+            for way in ways(q, visit):
+                turned = way.turned(service.robot, q)
+                try:
+                    ways.lines(turned, visit)
+                    self._look_ahead(rest, turned, visit, depth)
+                except NoMotion:
+                    continue
+                self._ahead[key] = None
+                break
+        return self._ahead[key]
+
+    # Motions.
+
+    def _motion(self, state: _State, visit: Visit) -> Iterator[_State]:
+        """The states once a motion was made."""
+        stage = visit.stage
+        assert isinstance(stage, MotionStage)
+        if state.began is None:
+            state = replace(state, began=state.q)
+        step = stage.motion.step
+        if isinstance(step, MoveTo):
+            yield from self._moves(state, stage, visit)
+            return
+        try:
+            if isinstance(step, Follow):
+                yield self._follows(state, stage, visit)
+                return
+            with visit.trying(stage.motion, f"{step.name}: ", Rank.PROOF):
+                result = self._along(state, step)
+            yield state.after(self._segment(state, step.name, result, line=True))
+        except NoMotion as none:
+            visit.failure = None if none.result is None else none.result.failure
+
+    def _segment(self, state: _State, name: str, result: PlanResult, *, line: bool) -> Segment:
+        width, scene = state.service.robot.gripper_width, state.service.scene
+        return Segment(name, result, width, scene, state.grip, self._motions.law if line else None)
+
+    def _moves(self, state: _State, stage: MotionStage, visit: Visit) -> Iterator[_State]:
+        """To one of the goals first, then to each other one by itself."""
+        step: MoveTo = stage.motion.step
+        reached: list[FloatArray] = []
+
+        def moved(goal: Any) -> _State | None:
+            try:
+                with visit.trying(stage.motion, f"{step.name}: ", Rank.SEARCH):
+                    result = self._motions.searched(
+                        state.service, state.q, goal, step.constraints, one_of_many=bool(reached)
+                    )
+            except NoMotion as none:
+                visit.failure = visit.failure or (None if none.result is None else none.result.failure)
+                return None
+            reached.append(_end(result))
+            return state.after(self._segment(state, step.name, result, line=False))
+
+        try:
+            goals = self._goals(state, step)
+        except NoMotion as none:
+            visit.refuse(stage.motion, str(none))
+            return
+        first = moved(goals[0] if len(goals) == 1 else list(goals))
+        if first is None:
+            return
+        yield first
+        for goal in self._configurations(state, goals):
+            if all(np.abs(goal - other).max() > SAME for other in reached):
+                other = moved(goal)
+                if other is not None:
+                    yield other
+
+    def _goals(self, state: _State, step: MoveTo) -> list[Any]:
+        if step.goal is None:
+            return [state.began]
+        robot, frame = state.service.robot, frame_of(state.service, step.frame)
+
+        def placed(goal: Any) -> Any:
+            if isinstance(goal, str):
+                return robot.pose(goal)
+            if frame is None or not isinstance(goal, Pose | PoseGoal):
+                return goal
+            return frame @ goal if isinstance(goal, Pose) else replace(goal, pose=frame @ goal.pose)
+
+        return [placed(goal) for goal in step.goal]
+
+    def _configurations(self, state: _State, goals: Sequence[Any]) -> Iterator[FloatArray]:
+        """The goals as joint values."""
+        robot, still = state.service.robot, state.service.robot.unwound(self._standing(state))
+        for goal in goals:
+            if isinstance(goal, Pose | PoseGoal):
+                for pose in [goal] if isinstance(goal, Pose) else goal.poses():
+                    yield from self._motions.solutions(robot, pose, still)
+            else:
+                yield np.asarray(goal, dtype=np.float64)
+
+    def _along(self, state: _State, step: MoveLinear | MoveCircular) -> PlanResult:
+        """The motion of the tool along a line or an arc."""
+        service, frame = state.service, frame_of(state.service, step.frame)
+
+        def placed(target: Any) -> Any:
+            if frame is None:
+                return target
+            if isinstance(target, Pose):
+                return frame @ target
+            return tuple(float(row @ np.array(target)) for row in frame.rotation)
+
+        def move(**settings: Any) -> PlanResult:
+            if isinstance(step, MoveCircular):
+                return move_circular(service, state.q, placed(step.via), placed(step.goal), **settings)
+            goals = [placed(target) for target in step.goal]
+            return move_linear(service, state.q, goals[0] if len(goals) == 1 else goals, zone=step.zone, **settings)
+
+        return self._motions.along(move, step.constraints)
+
+    def _follows(self, state: _State, stage: MotionStage, visit: Visit) -> _State:
+        """Along given waypoints, after the motion to where they begin."""
+        step: Follow = stage.motion.step
+        rows = np.array(step.waypoints)
+        if rows.shape[1] != state.service.robot.n:
+            raise InvalidRequest("waypoints", rows.shape, f"rows of {state.service.robot.n} joint values")
+        if stage.connect is None and not np.all(np.abs(rows[0] - state.q) <= JOIN):
+            why = "it does not begin where the robot stands"
+            raise _refused(visit, stage.motion, why)
+        with visit.trying(stage.motion, f"{step.name}: ", Rank.PROOF):
+            line = self._motions.followed(state.service, rows, (), step.constraints, step.blend)
+        to: tuple[Segment, ...] = ()
+        if stage.connect is not None:
+            connect = stage.connect.step
+            with visit.trying(stage.connect, f"{connect.name}: ", Rank.SEARCH):
+                result = self._motions.searched(state.service, state.q, rows[0], connect.constraints)
+            to = (self._segment(state, connect.name, result, line=False),)
+            state = replace(state, grip=None)
+        return state.after(*to, self._segment(state, step.name, line, line=True))
+
+    # Results.
+
+    def _why(self, visit: Visit) -> Failure:
+        """Why the task ends at a stage."""
+        while visit.ahead is not None and visit.farthest is not None and visit.farthest[0] is Rank.AHEAD:
+            visit = visit.ahead
+        step = "" if visit.farthest is None or len(self._task.stages) == 1 else f"{visit.farthest[1].step}: "
+        if visit.failure is not None:
+            return replace(visit.failure, detail=f"{step}{visit.failure.detail}")
+        none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
+        detail = f"{step}{none}{'; '.join(visit.tried[:6])}{self._too_wide(visit)}"
+        return self._explained(visit, Failure(PlanStage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+
+    def _too_wide(self, visit: Visit) -> str:
+        """That a smaller opening may do, where open fingers were in the way and nobody said how wide they open."""
+        stage = visit.stage
+        if not isinstance(stage, ContactStage) or stage.act.step.open_width is not None:
+            return ""
+        robot = self._service.robot
+        if gripper_of(robot).kind == "vacuum" or not self._ways_of(stage, visit.service).tells_of_fingers(visit.tried):
+            return ""
+        return f"; fingers open {FINGER_ROOM * 1000:g} mm beyond the object on either side: a smaller open_width may do"
+
+    def _explained(self, visit: Visit, failure: Failure) -> Failure:
+        """The failure with why the tool cannot be brought to the nearest of the poses that are out of reach."""
+        robot, seed, still = self._service.robot, self._motions.request.seed, visit.service.robot.unwound(visit.q)
+        whys = [
+            (why.gap, why.turn, number, why)
+            for number, pose in list(visit.unreached.items())[:MAX_WHYS]
+            for why in [why_unreachable(robot, pose, seed=seed, still=still)]
+        ]
+        if not whys:
+            return failure
+        *_, number, why = min(whys, key=lambda each: each[:3])
+        return replace(failure, detail=f"{failure.detail}; way {number} comes nearest: {why}", unreachable=why)
+
+    def _result(self, state: _State, failure: Failure | None) -> tuple[TaskResult, PlannerService]:
+        counts = sum((segment.counts for segment in state.segments), CheckCounts())
+        notes = state.notes
+        if failure is not None and self._stuck is not None:
+            notes = (*notes, *self._stuck.tried)
+        result = TaskResult(
+            state.segments,
+            state.service.world,
+            state.q,
+            failure,
+            self._motions.spent - counts,
+            notes,
+            self._motions.request,
+            self._task.name,
+            time.perf_counter() - self._began,
+            self._inspector.reports(),
+        )
+        return result, state.service
+
+
+def _refused(visit: Visit, numbered: Any, why: str) -> NoMotion:
+    """What to raise once something of a step turned out to be impossible."""
+    rank = Rank.AHEAD if isinstance(visit.stage, ContactStage) else Rank.PROOF
+    visit.refuse(numbered, why, rank=rank)
+    return NoMotion(why)
+
+
+def _end(result: PlanResult) -> FloatArray:
+    end: FloatArray = result.unwrap()[0].waypoints[-1]
+    return end
+
+
+def _following(stages: tuple[Stage, ...], name: str) -> list[tuple[ContactStage, tuple[Stage, ...]]]:
+    """The next contact with an object, of each alternative, and what comes after it; none where it says no place."""
+    for k, stage in enumerate(stages):
+        if isinstance(stage, ChoiceStage):
+            return [each for branch in stage.branches for each in _following((*branch, *stages[k + 1 :]), name)]
+        if isinstance(stage, ContactStage) and stage.act.step.object == name:
+            return [] if stage.connect is None else [(stage, stages[k + 1 :])]
+    return []
+
+
+# Names.
+
+
+def _require_names(service: PlannerService, stages: Sequence[Stage]) -> None:
+    """Refuse what a task names and is not there when its turn comes.
+
+    Raises:
+        UnknownName: There is no such obstacle, carried object or pose.
+        InvalidRequest: The robot has no gripper; or alternatives do not end with the same objects carried.
+    """
+    _carried(service.robot, service.scene, stages, frozenset(held.name for held in service.scene.attached))
+
+
+def _carried(robot: Robot, scene: Scene, stages: Sequence[Stage], held: frozenset[str]) -> frozenset[str]:
+    """What is carried after stages, if ``held`` is before."""
+    for stage in stages:
+        if isinstance(stage, ChoiceStage):
+            after = [_carried(robot, scene, branch, held) for branch in stage.branches]
+            if any(other != after[0] for other in after):
+                raise InvalidRequest("steps", "alternatives", "ones that all end with the same objects carried")
+            held = after[0]
+            continue
+        standing = [name for name in scene.names if name not in held]
+        step = stage.act.step if isinstance(stage, ContactStage) else stage.motion.step
+        for name in filter(None, (getattr(step, "frame", ""), getattr(step, "support", None))):
+            if name not in standing:
+                raise UnknownName("obstacle", name, standing)
+        if isinstance(step, MoveTo):
+            for goal in step.goal or ():
+                if isinstance(goal, str):
+                    robot.pose(goal)
+        if not isinstance(stage, ContactStage):
+            continue
+        gripper_of(robot)
+        takes = isinstance(step, Grasp)
+        if takes and step.object not in standing:
+            raise UnknownName("obstacle", step.object, standing)
+        if not takes and step.object not in held:
+            raise UnknownName("carried object", step.object, sorted(held))
+        held = held | {step.object} if takes else held - {step.object}
+    return held
