@@ -374,6 +374,7 @@ class PlannerService:
         line_timing: Timing | None = None,
         beam: int = 4,
         searches: int = 1_000,
+        memory: Memory | None = None,
         cancel: CancelToken | None = None,
     ) -> TaskResult:
         """The motions of a ``planner_service.tasks.Task``, every one proven, or which step has no plan, and why.
@@ -388,6 +389,7 @@ class PlannerService:
             line_timing: The timing law along straight and given lines; the request's if None.
             beam: Ways of one stage that are tried with what follows, before the stage ahead of it has to offer another.
             searches: Motions that may be searched for in all.
+            memory: What is remembered of this cell, as for ``plan``; ``result.memory`` is what is after the task.
             cancel: Ends the task before its next check when cancelled from another thread.
 
         Raises:
@@ -395,8 +397,9 @@ class PlannerService:
             InvalidRequest: A value is of the wrong kind or out of its range, or the robot has no gripper.
         """
         self._require_own_process()
+        limits = {"beam": beam, "searches": searches}
         return solve_task(
-            self, task, q, request=request, line_timing=line_timing, beam=beam, searches=searches, cancel=cancel
+            self, task, q, request=request, line_timing=line_timing, memory=memory, cancel=cancel, **limits
         )
 
     def replan(

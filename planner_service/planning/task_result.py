@@ -18,6 +18,7 @@ from planner_service.constraints.values import MIN_ANGLE, KeepUpright
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, items, number
+from planner_service.memory import NOTHING, Memory
 from planner_service.planning.request import PlanRequest, World, keeps_torques, require_timing
 from planner_service.planning.result import Failure, PlanResult, Stage, allowed_lines, cost_row, save_plan, stage_row
 from planner_service.presentation.measures import numbers_text
@@ -223,6 +224,7 @@ class TaskResult:
         task: What was to be done, in words.
         seconds: Wall time of all of it.
         steps: How each step of the task fared, in their order.
+        memory: What was remembered, with these motions; pass it to the next task. Not kept in files.
     """
 
     segments: tuple[Segment, ...]
@@ -235,6 +237,7 @@ class TaskResult:
     task: str = ""
     seconds: float = 0.0
     steps: tuple[StepReport, ...] = ()
+    memory: Memory = field(default=NOTHING, repr=False)
 
     def __post_init__(self) -> None:
         copied_in(self, "segments", "q", "notes", "steps")

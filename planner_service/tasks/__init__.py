@@ -17,8 +17,8 @@ from planner_service.tasks.steps import (
     Release,
     Repeat,
     Retreat,
-    Task,
 )
+from planner_service.tasks.task import Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
 
 __all__ = [

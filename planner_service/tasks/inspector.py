@@ -14,7 +14,7 @@ from planner_service.planning.result import Failure, PlanResult
 from planner_service.planning.task_result import StepReport
 from planner_service.service import PlannerService
 from planner_service.tasks.motions import NoMotion
-from planner_service.tasks.steps import ChoiceStage, ContactStage, MotionStage, Numbered, Stage
+from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Numbered, Stage
 
 __all__ = ["Inspector", "Rank", "Visit"]
 

@@ -20,6 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.cartesian_waypoints import line_blends
 from planner_service.kinematics.inverse import ToolChain, inverse_kinematics
+from planner_service.memory import Memory
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
@@ -67,6 +68,7 @@ class Motions:
         request: Planner, timing, seed, padding, scales, constraints and limits of all motions; its start is where the
             task begins.
         law: The timing law along given lines; the request's if None.
+        memory: What is remembered where the task stands; None to go without.
         spent: The collision checks of everything so far.
     """
 
@@ -76,6 +78,7 @@ class Motions:
         """See the class; the time limit of the request holds ``turns`` times, and searches are tried at most so many
         times."""
         self.request, self.law, self.spent = request, law, CheckCounts()
+        self.memory: Memory | None = None
         self._cancel = cancel
         limit = request.time_limit
         self._deadline = None if limit is None else time.monotonic() + turns * limit
@@ -137,7 +140,7 @@ class Motions:
         asked = replace(
             self.request, start=q, goal=goal, time_limit=share, constraints=(*self.request.constraints, *constraints)
         )
-        return self._having_plan(service.plan(asked, cancel=self._cancel))
+        return self._having_plan(service.plan(asked, memory=self.memory, cancel=self._cancel))
 
     def leaving(self, service: PlannerService, q: FloatArray, standing: FloatArray) -> tuple[PlanResult, bool]:
         """The motion with which a task begins at q (n,), and whether it is one: what stays there if nothing is touched.
@@ -178,7 +181,9 @@ class Motions:
             blends = np.minimum(line_blends(service.robot, waypoints), self.request.blend)
         else:
             blends = np.full(len(waypoints), blend)
-        result = service.follow(waypoints, contacts=contacts, blends=blends, **self._line_settings(constraints))
+        result = service.follow(
+            waypoints, contacts=contacts, blends=blends, memory=self.memory, **self._line_settings(constraints)
+        )
         return self._having_plan(result)
 
     def along(self, move: Callable[..., PlanResult], constraints: Sequence[Constraint] = ()) -> PlanResult:

@@ -13,13 +13,15 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
 from planner_service.grasping.grasps import middle_of, top_grasps
+from planner_service.memory import Memory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import pick_steps, place_steps, require_poses
 from planner_service.tasks.solver import solved
-from planner_service.tasks.steps import Connect, MoveTo, Task
+from planner_service.tasks.steps import Connect, MoveTo
+from planner_service.tasks.task import Task
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 
@@ -37,6 +39,7 @@ def plan_pick_place(
     *,
     poses: Sequence[Pose] | None = None,
     upright: float | None = None,
+    memory: Memory | None = None,
     cancel: CancelToken | None = None,
 ) -> TaskResult:
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
@@ -49,6 +52,7 @@ def plan_pick_place(
             the way home, its ``max_checks`` for each motion. A start that overlaps by a little is left first, by a
             motion called "leave", and where that ends is where the robot returns to.
         upright: Radians by which the object may lean while it is carried, from how it stood; None for any.
+        memory: As for ``pick``.
         cancel: Ends the task before its next check when cancelled from another thread.
 
     Raises:
@@ -69,7 +73,7 @@ def plan_pick_place(
     steps = (Connect("home -> pregrasp"), *taken, *place_steps(target, places, Handling(support=onto)))
     title = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
     task = Task((*steps, MoveTo(name="retreat -> home")), title)
-    return solved(service, task, request.start, request, None, cancel)[0]
+    return solved(service, task, request.start, request, None, memory, cancel)
 
 
 def standing_on(scene: Scene, name: str) -> str | None:

@@ -16,17 +16,26 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, text
 from planner_service.grasping.grasps import width_across
+from planner_service.grasping.openings import openings
+from planner_service.memory import Memory
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.service import PlannerService
-from planner_service.tasks.contacts import gripper_of, opening
+from planner_service.tasks.contacts import gripper_of
 from planner_service.tasks.solver import solved
-from planner_service.tasks.steps import Approach, Connect, Grasp, GraspSource, Release, Retreat, Step, Task
+from planner_service.tasks.steps import Approach, Connect, Grasp, GraspSource, Release, Retreat, Step
+from planner_service.tasks.task import Task
 
 __all__ = ["pick", "pick_steps", "place", "place_steps", "require_poses"]
 
 
 def pick(
-    service: PlannerService, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None = None
+    service: PlannerService,
+    q: ArrayLike,
+    target: str,
+    grasps: Sequence[Pose],
+    handling: Handling | None = None,
+    *,
+    memory: Memory | None = None,
 ) -> TaskResult:
     """Take hold of an object: to the pregrasp, straight in, close, straight out.
 
@@ -37,6 +46,7 @@ def pick(
         q: Where the robot stands, shape (n,).
         target: The obstacle to take.
         grasps: Tool poses, best first (``top_grasps`` suggests some).
+        memory: What is remembered of this cell, as for ``PlannerService.plan``; ``result.memory`` is what is then.
 
     Raises:
         UnknownName: There is no such obstacle or support.
@@ -47,14 +57,20 @@ def pick(
     obstacle, gripper = service.scene.obstacle(target), gripper_of(service.robot)
     require_poses("grasps", grasps)
     for grasp in grasps:
-        opening(gripper, width_across(obstacle, grasp, gripper), handling.open_width)
+        openings(gripper, width_across(obstacle, grasp, gripper), handling.open_width)
     if handling.support is not None:
         service.scene.obstacle(handling.support)
-    return _handled(service, q, pick_steps(target, grasps, handling), handling, f"pick {target}")
+    return _handled(service, q, pick_steps(target, grasps, handling), handling, f"pick {target}", memory)
 
 
 def place(
-    service: PlannerService, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None = None
+    service: PlannerService,
+    q: ArrayLike,
+    carried: str,
+    poses: Sequence[Pose],
+    handling: Handling | None = None,
+    *,
+    memory: Memory | None = None,
 ) -> TaskResult:
     """Set a carried object down: to above its place, straight in, open, straight out.
 
@@ -62,6 +78,7 @@ def place(
         q: Where the robot stands, shape (n,).
         carried: The attached object.
         poses: Where the object may be set down, in the base frame, best first.
+        memory: As for ``pick``.
 
     Raises:
         UnknownName: There is no such carried object or support.
@@ -73,17 +90,22 @@ def place(
     if text("carried", carried) not in names:
         raise UnknownName("carried object", carried, names)
     require_poses("poses", poses)
-    opening(gripper_of(service.robot), service.robot.gripper_width, handling.open_width)
+    openings(gripper_of(service.robot), service.robot.gripper_width, handling.open_width)
     if handling.support is not None:
         service.scene.obstacle(handling.support)
-    return _handled(service, q, place_steps(carried, poses, handling), handling, f"place {carried}")
+    return _handled(service, q, place_steps(carried, poses, handling), handling, f"place {carried}", memory)
 
 
 def _handled(
-    service: PlannerService, q: ArrayLike, steps: tuple[Step, ...], handling: Handling, name: str
+    service: PlannerService,
+    q: ArrayLike,
+    steps: tuple[Step, ...],
+    handling: Handling,
+    name: str,
+    memory: Memory | None,
 ) -> TaskResult:
     task = Task(steps, name)
-    return solved(service, task, q, handling.request, handling.line_timing, handling.cancel)[0]
+    return solved(service, task, q, handling.request, handling.line_timing, memory, handling.cancel)
 
 
 def pick_steps(
@@ -103,7 +125,7 @@ def pick_steps(
     """
     how = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     given = tuple(grasps) if isinstance(grasps, list) else grasps
-    act = Grasp(object, given, "", how.open_width, how.support, how.support_gap, how.upright)  # type: ignore[arg-type]
+    act = Grasp(object, given, "", how.open_width, how.support, how.support_gap, how.upright)
     return Connect("to pregrasp"), Approach("descend"), act, Retreat("lift")
 
 

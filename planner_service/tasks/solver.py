@@ -31,6 +31,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
+from planner_service.memory.memory import NOTHING, Memory, checked_memory
 from planner_service.planning.request import PlanRequest, keeps_torques, require_timing
 from planner_service.planning.result import Failure, PlanResult, Reason
 from planner_service.planning.result import Stage as PlanStage
@@ -38,22 +39,13 @@ from planner_service.planning.task_result import JOIN, Segment, TaskResult
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.contacts import FINGER_ROOM, Lines, Way, Ways, frame_of, gripper_of
+from planner_service.tasks.contacts import Contact, frame_of, gripper_of
 from planner_service.tasks.inspector import Inspector, Rank, Visit
 from planner_service.tasks.motions import Ended, Motions, NoMotion
-from planner_service.tasks.steps import (
-    ChoiceStage,
-    ContactStage,
-    Follow,
-    Grasp,
-    MotionStage,
-    MoveCircular,
-    MoveLinear,
-    MoveTo,
-    Stage,
-    Task,
-)
+from planner_service.tasks.steps import Follow, Grasp, MoveCircular, MoveLinear, MoveTo
+from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Stage, Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
+from planner_service.tasks.ways import Lines, Way, Ways
 from planner_service.timing.laws import Timing
 
 __all__ = ["BEAM", "LEAVE", "SEARCHES", "solve", "solved"]
@@ -89,6 +81,7 @@ def solve(
     line_timing: Timing | None = None,
     beam: int = BEAM,
     searches: int = SEARCHES,
+    memory: Memory | None = None,
     cancel: CancelToken | None = None,
 ) -> TaskResult:
     """``PlannerService.solve``."""
@@ -97,7 +90,7 @@ def solve(
     _require_names(service, task.stages)
     whole("beam", beam, 1, 1_000)
     whole("searches", searches, 1, 1_000_000)
-    return solved(service, task, q, request, line_timing, cancel, beam=beam, searches=searches)[0]
+    return solved(service, task, q, request, line_timing, memory, cancel, beam=beam, searches=searches)
 
 
 def solved(
@@ -106,12 +99,13 @@ def solved(
     q: ArrayLike,
     request: PlanRequest | None,
     line_timing: Timing | None,
+    memory: Memory | None,
     cancel: CancelToken | None,
     *,
     beam: int = BEAM,
     searches: int = SEARCHES,
-) -> tuple[TaskResult, PlannerService]:
-    """The same, with the service that plans for what follows; names are known."""
+) -> TaskResult:
+    """The same, of names that are known to be there."""
     start = joint_vector("q", q, service.robot)
     instance("request", request, (PlanRequest, type(None)), "a PlanRequest, or None")
     instance("cancel", cancel, (CancelToken, type(None)), "a CancelToken, or None")
@@ -125,7 +119,9 @@ def solved(
         if step.upright is not None:
             template.require_keeping([KeepUpright((0.0, 0.0, 1.0), step.upright)])
     motions = Motions(template, line_timing, cancel, turns=_turns(task.stages), searches=searches)
-    return _Search(motions, service, task, start, beam).result()
+    if memory is not None:
+        checked_memory(memory, service.robot)
+    return _Search(motions, service, task, start, memory, beam).result()
 
 
 def _grasps(stages: Sequence[Stage]) -> Iterator[Grasp]:
@@ -155,6 +151,7 @@ class _State:
         done: How many stages are behind it.
         began: Where the first motion began, (n,), once the robot had left what it touched; None before.
         grip: What the gripper does before the next motion.
+        memory: What is remembered once its motions were made.
     """
 
     service: PlannerService
@@ -165,30 +162,47 @@ class _State:
     began: FloatArray | None = None
     grip: GripperMotion | None = None
     notes: tuple[str, ...] = ()
+    memory: Memory = NOTHING
 
     def after(self, *segments: Segment, **changes: Any) -> _State:
         """The state once a stage is done, by these motions."""
         q = _end(segments[-1].result) if segments else self.q
-        known = replace(self, segments=(*self.segments, *segments), q=q, rest=self.rest[1:], done=self.done + 1)
+        memory = self.memory
+        for segment in segments:
+            for motion in segment.result.memory.motions[-1:]:
+                memory = memory.with_motion(motion, self.service.robot.joint_names)
+        known = replace(
+            self, memory=memory, segments=(*self.segments, *segments), q=q, rest=self.rest[1:], done=self.done + 1
+        )
         return replace(known, **{"grip": None, **changes})
 
 
 class _Search:
     """One task while it is solved."""
 
-    def __init__(self, motions: Motions, service: PlannerService, task: Task, start: FloatArray, beam: int) -> None:
+    def __init__(
+        self,
+        motions: Motions,
+        service: PlannerService,
+        task: Task,
+        start: FloatArray,
+        memory: Memory | None,
+        beam: int,
+    ) -> None:
         self._began = time.perf_counter()
         self._motions, self._task, self._start, self._beam = motions, task, start, beam
         self._service = motions.begin(service)
         self._inspector = Inspector(task.stages)
         self._ways: dict[tuple[int, PlannerService], Ways] = {}
         self._ahead: dict[tuple[int, PlannerService], Visit | None] = {}
-        self._deepest = _State(self._service, start, task.stages)
+        self._dead_ends: dict[Contact, tuple[Visit, str]] = {}
+        self._remembers = memory is not None
+        self._deepest = _State(self._service, start, task.stages, memory=memory or NOTHING)
         self._stuck: Visit | None = None
         self._visit: Visit | None = None
 
-    def result(self) -> tuple[TaskResult, PlannerService]:
-        """All motions of the task, or as far as there are plans; and the service for what follows."""
+    def result(self) -> TaskResult:
+        """All motions of the task, or as far as there are plans."""
         try:
             last = self._last()
         except Ended as ended:
@@ -223,12 +237,13 @@ class _Search:
             for branch in stage.branches:
                 yield replace(state, rest=(*branch, *state.rest[1:]))
             return
+        self._motions.memory = state.memory if self._remembers else None
         visit = self._visit = Visit(self._inspector, stage, state.service, self._standing(state))
         make = self._contact if isinstance(stage, ContactStage) else self._motion
         count = 0
         for count, after in enumerate(islice(make(state, visit), self._beam), start=1):  # noqa: B007
             yield after
-            self._visit = visit
+            self._visit, self._motions.memory = visit, state.memory if self._remembers else None
         if count == 0 and self._stuck is None and state.done == self._deepest.done:
             self._stuck = visit
 
@@ -258,7 +273,9 @@ class _Search:
                 continue  # another length of the same
             try:
                 after = self._through(base, ways, way, visit)
-            except NoMotion:
+            except NoMotion as none:
+                if way.contact.takes:  # on the way there the gripper is open already
+                    ways.told(way.contact, str(none))
                 continue
             done.add((way.number, way.solution))
             yield after
@@ -294,13 +311,19 @@ class _Search:
             NoMotion: One of its motions has no plan, or what follows has none.
         """
         stage = ways.stage
+        if way.contact in self._dead_ends:
+            visit.ahead, why = self._dead_ends[way.contact]
+            raise _refused(visit, stage.act, why)
         if stage.connect is None:
             lines = ways.lines(way, visit)
             self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
             return self._gone(base, ways, way, lines, visit, ())
         before = way.contact.before
-        with visit.trying(stage.connect, "", Rank.GRIPPER):
+        try:
             opening = self._motions.gripper(base.service, visit.q, way.contact.width)
+        except NoMotion as none:
+            visit.refuse(stage.connect, str(none), rank=Rank.GRIPPER)
+            raise
         way = way.turned(before.robot, visit.q)
         lines = ways.lines(way, visit)
         self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
@@ -350,8 +373,9 @@ class _Search:
                 return
             seen.append(found)
         visit.ahead = seen[0]
-        why = "; ".join(seen[0].tried[:1])
-        raise _refused(visit, act, f"then {seen[0].stage.act.step} has no way: {why}")  # type: ignore[union-attr]
+        why = f"then {following[0][0].act.step} has no way: {'; '.join(seen[0].tried[:1])}"
+        self._dead_ends[way.contact] = seen[0], why
+        raise _refused(visit, act, why)
 
     def _promising(
         self, stage: ContactStage, rest: tuple[Stage, ...], service: PlannerService, q: FloatArray, depth: int
@@ -503,18 +527,8 @@ class _Search:
         if visit.failure is not None:
             return replace(visit.failure, detail=f"{step}{visit.failure.detail}")
         none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
-        detail = f"{step}{none}{'; '.join(visit.tried[:6])}{self._too_wide(visit)}"
+        detail = f"{step}{none}{'; '.join(visit.tried[:6])}"
         return self._explained(visit, Failure(PlanStage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
-
-    def _too_wide(self, visit: Visit) -> str:
-        """That a smaller opening may do, where open fingers were in the way and nobody said how wide they open."""
-        stage = visit.stage
-        if not isinstance(stage, ContactStage) or stage.act.step.open_width is not None:
-            return ""
-        robot = self._service.robot
-        if gripper_of(robot).kind == "vacuum" or not self._ways_of(stage, visit.service).tells_of_fingers(visit.tried):
-            return ""
-        return f"; fingers open {FINGER_ROOM * 1000:g} mm beyond the object on either side: a smaller open_width may do"
 
     def _explained(self, visit: Visit, failure: Failure) -> Failure:
         """The failure with why the tool cannot be brought to the nearest of the poses that are out of reach."""
@@ -529,12 +543,12 @@ class _Search:
         *_, number, why = min(whys, key=lambda each: each[:3])
         return replace(failure, detail=f"{failure.detail}; way {number} comes nearest: {why}", unreachable=why)
 
-    def _result(self, state: _State, failure: Failure | None) -> tuple[TaskResult, PlannerService]:
+    def _result(self, state: _State, failure: Failure | None) -> TaskResult:
         counts = sum((segment.counts for segment in state.segments), CheckCounts())
         notes = state.notes
         if failure is not None and self._stuck is not None:
             notes = (*notes, *self._stuck.tried)
-        result = TaskResult(
+        return TaskResult(
             state.segments,
             state.service.world,
             state.q,
@@ -545,8 +559,8 @@ class _Search:
             self._task.name,
             time.perf_counter() - self._began,
             self._inspector.reports(),
+            state.memory,
         )
-        return result, state.service
 
 
 def _refused(visit: Visit, numbered: Any, why: str) -> NoMotion:

@@ -1,4 +1,4 @@
-"""The steps of a task as values, and the task that they make.
+"""The steps of a task as values.
 
 ::
 
@@ -14,10 +14,8 @@ each so that what follows has a plan. What is carried and what stands where foll
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -34,13 +32,11 @@ from planner_service.geometry.validation import (
     number,
     numbers,
     text,
-    unusable_text,
     whole,
 )
 from planner_service.grasping.guards import LONGEST_APPROACH
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.task_result import MAX_SUPPORT_GAP
-from planner_service.provided import Provided
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
 from planner_service.tasks.tool_motions import MAX_ZONE
@@ -48,24 +44,19 @@ from planner_service.tasks.tool_motions import MAX_ZONE
 __all__ = [
     "Alternatives",
     "Approach",
-    "ChoiceStage",
     "Connect",
-    "ContactStage",
     "Follow",
     "Grasp",
     "GraspSource",
-    "MotionStage",
     "MoveCircular",
     "MoveLinear",
     "MoveTo",
-    "Numbered",
     "Release",
     "Repeat",
     "Retreat",
-    "Stage",
     "Step",
-    "Task",
     "Wait",
+    "flat_steps",
 ]
 
 USUAL_LENGTHS = (LONGEST_APPROACH, 0.09, 0.08)
@@ -83,16 +74,8 @@ MAX_STEPS = 1_000
 MAX_DEPTH = 8
 """Of alternatives and repetitions within each other."""
 
-MAX_TITLE = 1_000
-
 MAX_WAIT = 3_600.0
 """Seconds. More is a mistake in the unit."""
-
-save_steps: Provided[..., None] = Provided()
-"""Writes a task to a file."""
-
-load_steps: Provided[..., Any] = Provided()
-"""Reads it."""
 
 Vector = tuple[float, float, float]
 
@@ -154,7 +137,7 @@ class MoveTo(Step):
 
     goal: Any = None
     frame: str = ""
-    constraints: tuple[Constraint, ...] = ()
+    constraints: Sequence[Constraint] = ()
     name: str = "move"
 
     def __post_init__(self) -> None:
@@ -212,7 +195,7 @@ class MoveLinear(Step):
     goal: Any
     frame: str = ""
     zone: float = 0.0
-    constraints: tuple[Constraint, ...] = ()
+    constraints: Sequence[Constraint] = ()
     name: str = "line"
 
     def __post_init__(self) -> None:
@@ -253,7 +236,7 @@ class MoveCircular(Step):
     via: Pose | Vector
     goal: Pose | Vector
     frame: str = ""
-    constraints: tuple[Constraint, ...] = ()
+    constraints: Sequence[Constraint] = ()
     name: str = "arc"
 
     def __post_init__(self) -> None:
@@ -276,7 +259,7 @@ class Follow(Step):
 
     waypoints: Any
     blend: float = 0.0
-    constraints: tuple[Constraint, ...] = ()
+    constraints: Sequence[Constraint] = ()
     name: str = "follow"
 
     def __post_init__(self) -> None:
@@ -302,7 +285,7 @@ class Connect(Step):
     kind = "Connect"
 
     name: str = "transfer"
-    constraints: tuple[Constraint, ...] = ()
+    constraints: Sequence[Constraint] = ()
 
     def __post_init__(self) -> None:
         _checked(self)
@@ -322,8 +305,8 @@ class Approach(Step):
     kind = "Approach"
 
     name: str = "approach"
-    lengths: tuple[float, ...] = USUAL_LENGTHS
-    shorter: tuple[float, ...] = SHORT_LENGTHS
+    lengths: Sequence[float] = USUAL_LENGTHS
+    shorter: Sequence[float] = SHORT_LENGTHS
     direction: Vector | None = None
 
     def __post_init__(self) -> None:
@@ -370,7 +353,7 @@ class Retreat(Step):
     kind = "Retreat"
 
     name: str = "retreat"
-    lengths: tuple[float, ...] | None = None
+    lengths: Sequence[float] | None = None
     direction: Vector | None = None
 
     def __post_init__(self) -> None:
@@ -400,7 +383,7 @@ class Grasp(Step):
     kind = "Grasp"
 
     object: str
-    grasps: tuple[Pose, ...] | GraspSource | None = None
+    grasps: Sequence[Pose] | GraspSource | None = None
     frame: str = ""
     open_width: float | None = None
     support: str | None = None
@@ -432,7 +415,7 @@ class Release(Step):
     kind = "Release"
 
     object: str
-    poses: tuple[Pose, ...] | None = None
+    poses: Sequence[Pose] | None = None
     frame: str = ""
     open_width: float | None = None
     support: str | None = None
@@ -493,14 +476,14 @@ class Alternatives(Step):
 
     kind = "Alternatives"
 
-    branches: tuple[tuple[Step, ...], ...]
+    branches: Sequence[Any]
 
     def __post_init__(self) -> None:
         expected = "steps, or sequences of steps"
         given = items("branches", self.branches, object, expected, MAX_BRANCHES)
         if not given:
             raise InvalidRequest("branches", self.branches, "at least one step, or sequence of steps")
-        set_fields(self, branches=tuple(_steps(f"branches[{k}]", each) for k, each in enumerate(given)))
+        set_fields(self, branches=tuple(flat_steps(f"branches[{k}]", each) for k, each in enumerate(given)))
 
 
 @dataclass(frozen=True)
@@ -514,14 +497,14 @@ class Repeat(Step):
 
     kind = "Repeat"
 
-    steps: tuple[Step, ...]
+    steps: Sequence[Any]
     times: int
 
     def __post_init__(self) -> None:
-        set_fields(self, steps=_steps("steps", self.steps), times=whole("times", self.times, 1, MAX_STEPS))
+        set_fields(self, steps=flat_steps("steps", self.steps), times=whole("times", self.times, 1, MAX_STEPS))
 
 
-def _steps(field: str, given: Any, depth: int = MAX_DEPTH) -> tuple[Step, ...]:
+def flat_steps(field: str, given: Any, depth: int = MAX_DEPTH) -> tuple[Step, ...]:
     """Steps, and sequences of steps, as one sequence.
 
     Raises:
@@ -534,197 +517,7 @@ def _steps(field: str, given: Any, depth: int = MAX_DEPTH) -> tuple[Step, ...]:
         raise InvalidRequest(field, given, expected)
     steps: list[Step] = []
     for k, each in enumerate(items(field, given, object, expected, MAX_STEPS)):
-        steps += _steps(f"{field}[{k}]", each, depth - 1)
+        steps += flat_steps(f"{field}[{k}]", each, depth - 1)
         if len(steps) > MAX_STEPS:
             raise InvalidRequest(field, f"{len(steps):,} steps", expected)
     return tuple(steps)
-
-
-@dataclass(frozen=True)
-class Task:
-    """Steps in their order, as one value that is checked when it is made, kept in a file, and solved.
-
-    Attributes:
-        steps: Steps; sequences of steps among them are made one with the others.
-        name: What is to be done, in words.
-
-    Raises:
-        InvalidRequest: A step stands where it has no meaning, or there are none, or too many; the message names it.
-    """
-
-    steps: tuple[Step, ...]
-    name: str = ""
-
-    def __post_init__(self) -> None:
-        set_fields(self, steps=_steps("steps", self.steps))
-        if not self.steps:
-            raise InvalidRequest("steps", self.steps, "at least one step")
-        if len(text("name", self.name)) > MAX_TITLE or not self.name.isprintable():
-            raise unusable_text("name", self.name, f"at most {MAX_TITLE:,} printable characters")
-        self.stages  # noqa: B018 - refuses what has no order
-
-    @cached_property
-    def stages(self) -> tuple[Stage, ...]:
-        """What is solved one after the other: each contact with the motions to and from it, and each other motion."""
-        return _stages(self.steps, "", Room(MAX_STEPS))
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a JSON file.
-
-        Raises:
-            InvalidRequest: A step has no place in a file, such as a source of grasps of your own.
-            InvalidFile: The file cannot be written.
-        """
-        save_steps(self, path)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Task:
-        """The task in a file.
-
-        Raises:
-            InvalidFile: The file cannot be used; it lists all problems found, not the first.
-        """
-        task: Task = load_steps(path)
-        return task
-
-
-# The order of steps.
-
-
-@dataclass(frozen=True)
-class Numbered:
-    """A step with where it stands in its task, such as ``3`` or ``4.2.1``, by which reports name it."""
-
-    number: str
-    step: Any
-
-    @property
-    def label(self) -> str:
-        """Number and step, in words."""
-        return f"{self.number} {self.step}"
-
-
-@dataclass(frozen=True)
-class ContactStage:
-    """The gripper closes or opens, with the motions to there and away.
-
-    Attributes:
-        connect: To where the first approach begins; None if there is no approach.
-        approaches: One after the other.
-        act: ``Grasp`` or ``Release``.
-        retreats: One after the other.
-    """
-
-    connect: Numbered | None
-    approaches: tuple[Numbered, ...]
-    act: Numbered
-    retreats: tuple[Numbered, ...]
-
-
-@dataclass(frozen=True)
-class MotionStage:
-    """A motion, and how to get to where it begins."""
-
-    connect: Numbered | None
-    motion: Numbered
-
-
-@dataclass(frozen=True)
-class ChoiceStage:
-    """Ways to go on."""
-
-    branches: tuple[tuple[Stage, ...], ...]
-
-
-Stage = ContactStage | MotionStage | ChoiceStage
-
-
-class Room:
-    """How many steps a task may still have, repetitions and alternatives included."""
-
-    def __init__(self, steps: int) -> None:
-        self.left = steps
-
-    def take(self) -> None:
-        """One more step.
-
-        Raises:
-            InvalidRequest: There is no room for it.
-        """
-        self.left -= 1
-        if self.left < 0:
-            raise InvalidRequest("steps", "more", f"at most {MAX_STEPS:,} steps, repetitions and alternatives included")
-
-
-def _stages(steps: Sequence[Step], where: str, room: Room) -> tuple[Stage, ...]:
-    """The stages of a sequence of steps.
-
-    Args:
-        where: What the numbers of its steps begin with.
-
-    Raises:
-        InvalidRequest: A step stands where it has no meaning.
-    """
-    numbered = [Numbered(f"{where}{k}", step) for k, step in enumerate(steps, start=1)]
-    stages: list[Stage] = []
-    k = 0
-    while k < len(numbered):
-        each, step = numbered[k], numbered[k].step
-        room.take()
-        if isinstance(step, Alternatives):
-            inner = [_stages(branch, f"{each.number}.{n}.", room) for n, branch in enumerate(step.branches, start=1)]
-            stages.append(ChoiceStage(tuple(inner)))
-            k += 1
-        elif isinstance(step, Repeat):
-            for _ in range(step.times):
-                stages += _stages(step.steps, f"{each.number}.", room)
-            k += 1
-        else:
-            stage, taken = _stage(numbered[k:])
-            stages.append(stage)
-            k += taken
-    return tuple(stages)
-
-
-def _stage(steps: Sequence[Numbered]) -> tuple[ContactStage | MotionStage, int]:
-    """The first stage of steps, and how many of them it takes."""
-    k = 0
-    connect = steps[0] if isinstance(steps[0].step, Connect) else None
-    k += connect is not None
-    approaches = _run(steps[k:], Approach)
-    k += len(approaches)
-    act = steps[k] if k < len(steps) else None
-    if approaches and connect is None:
-        raise _misplaced(steps[0], "a Connect before it")
-    if connect is not None and not approaches and not (act and isinstance(act.step, Follow)):
-        raise _misplaced(connect, "an Approach or a Follow after it; MoveTo goes to a place of its own")
-    if approaches and not (act and isinstance(act.step, Grasp | Release)):
-        raise _misplaced(approaches[-1], "a Grasp or a Release after it")
-    assert act is not None
-    if isinstance(act.step, Retreat):
-        raise _misplaced(act, "a Grasp or a Release before it")
-    if not isinstance(act.step, Grasp | Release):
-        return MotionStage(connect, act), k + 1
-    _require_places(act, approaches)
-    retreats = _run(steps[k + 1 :], Retreat)
-    return ContactStage(connect, approaches, act, retreats), k + 1 + len(retreats)
-
-
-def _run(steps: Sequence[Numbered], kind: type[Step]) -> tuple[Numbered, ...]:
-    """The steps of one kind that come first."""
-    count = next((k for k, each in enumerate(steps) if not isinstance(each.step, kind)), len(steps))
-    return tuple(steps[:count])
-
-
-def _require_places(act: Numbered, approaches: Sequence[Numbered]) -> None:
-    """Refuse a release whose place is not said, and places that nothing goes to."""
-    step, field = act.step, "grasps" if isinstance(act.step, Grasp) else "poses"
-    given = getattr(step, field)
-    if approaches and given is None and isinstance(step, Release):
-        raise InvalidRequest(f"steps: {act.label}: poses", None, "at least one Pose, as there is an approach")
-    if not approaches and given is not None:
-        raise _misplaced(act, "an Approach before it, as it says where")
-
-
-def _misplaced(step: Numbered, expected: str) -> InvalidRequest:
-    return InvalidRequest("steps", step.label, expected, message=f"steps: {step.label}: expected {expected}")

@@ -155,28 +155,45 @@ def among_others(gap: float) -> ps.Scene:
     return scene
 
 
-def test_a_pick_among_others_says_that_a_smaller_opening_may_do_and_it_does() -> None:
-    service = ps.PlannerService("wxai", among_others(0.02))
+def picked_among(gap: float, open_width: float | None) -> ps.TaskResult:
+    service = ps.PlannerService("wxai", among_others(gap))
     grasps = ps.top_grasps(service.robot, service.scene.obstacle("block"))
-    failed = ps.pick(service, service.robot.home, "block", grasps, ps.Handling(support="table"))
-    assert "a smaller open_width may do" in present(failed.failure).detail
-    assert ps.pick(service, service.robot.home, "block", grasps, ps.Handling(support="table", open_width=0.05)).ok
+    return ps.pick(service, service.robot.home, "block", grasps, ps.Handling(support="table", open_width=open_width))
 
 
-@pytest.mark.parametrize(("gap", "open_width", "told"), [(0.02, None, True), (0.02, 0.069, False), (0.01, None, False)])
-def test_a_place_beside_another_speaks_of_the_opening_only_where_it_is_what_fails(
-    gap: float, open_width: float | None, told: bool
-) -> None:
+def test_a_pick_among_others_opens_the_gripper_as_far_as_there_is_room() -> None:
+    task = picked_among(0.02, None)
+    assert task.ok
+    assert task.segments[1].width == pytest.approx(0.051)
+    assert any("finger_left x other" in note for note in task.notes), "why not 69 mm"
+    assert any("gripper 57.0 mm open: finger_left x other" in note for note in task.notes), "why not 57 mm"
+
+
+def test_an_opening_that_was_asked_for_is_the_only_one_tried() -> None:
+    task = picked_among(0.02, 0.069)
+    assert "finger_" in present(task.failure).detail
+    assert not any("mm open" in note for note in task.notes)
+
+
+def test_a_pick_that_has_no_room_for_any_opening_names_what_was_tried() -> None:
+    notes = picked_among(0.002, None).notes
+    assert any("gripper 57.0 mm open: finger_" in note for note in notes)
+    assert any("gripper 51.0 mm open: finger_" in note for note in notes)
+
+
+@pytest.mark.parametrize(("gap", "width"), [(0.03, 0.069), (0.02, 0.051)])
+def test_a_place_beside_another_opens_as_far_as_there_is_room(gap: float, width: float) -> None:
     block, stands = ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.33, 0.0, 0.0235))
     beside = ps.Obstacle("other", block, ps.Pose((0.2, 0.28, 0.0235)))
     scene = ps.load_scene("table").with_obstacle(ps.Obstacle("block", block, stands)).with_obstacle(beside)
     service = ps.PlannerService("wxai", scene)
     grasps = ps.top_grasps(service.robot, scene.obstacle("block"))
-    handling = ps.Handling(support="table", open_width=open_width)
+    handling = ps.Handling(support="table")
     taken = ps.pick(service, service.robot.home, "block", grasps, handling)
     there = ps.Pose((0.2, 0.235 - gap, 0.0235))
     put = ps.place(ps.PlannerService.of(taken.world), taken.q, "block", [there], handling)
-    assert ("open_width" in present(put.failure).detail) is told
+    assert put.ok
+    assert put.segments[-1].width == pytest.approx(width)
 
 
 # --- what the request says holds on the straight lines too

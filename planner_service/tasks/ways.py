@@ -1,0 +1,391 @@
+"""Ways to a contact and on: straight lines to where the gripper closes or opens, and from there.
+
+The cheapest to refuse comes first: whether the arm reaches the pose, what touches there, whether the arm can go the
+lines, and only then whether these, and the gripper's own motion, are proven free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from planner_service.certify import GripperMotion
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.grasping.openings import FINGER_ROOMS, tells_of_fingers
+from planner_service.kinematics.cartesian_waypoints import thinned
+from planner_service.kinematics.tool_line import straight_tool_line
+from planner_service.planning.follow import AllowedStretch
+from planner_service.planning.result import PlanResult
+from planner_service.planning.task_result import Segment
+from planner_service.robot.model import Robot
+from planner_service.scene.names import Names
+from planner_service.service import PlannerService
+from planner_service.tasks.contacts import Contact, contact_here, contacts_of, fingers_of, gripper_of
+from planner_service.tasks.inspector import Rank, Visit
+from planner_service.tasks.motions import Motions, NoMotion, Touch
+from planner_service.tasks.steps import USUAL_LENGTHS, Approach, Retreat
+from planner_service.tasks.task import ContactStage, Numbered
+
+__all__ = ["Lines", "Way", "Ways"]
+
+Vector = tuple[float, float, float]
+
+OUT_OF_REACH = "out of reach"
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One way to a contact and on, not yet proven.
+
+    Attributes:
+        number: Of its grasp or placement, from 1.
+        of: How many grasps or placements there are.
+        solution: Of its inverse kinematics solutions, which.
+        q: At the contact, (n,).
+        inward: Each approach as a line outwards, the last approach first: waypoints (N, n).
+        outward: Each retreat: waypoints (N, n).
+    """
+
+    number: int
+    of: int
+    solution: int
+    contact: Contact
+    q: FloatArray
+    inward: tuple[FloatArray, ...]
+    outward: tuple[FloatArray, ...]
+
+    @property
+    def begin(self) -> FloatArray:
+        """Where the first approach begins, (n,)."""
+        return self.inward[-1][-1] if self.inward else self.q
+
+    @property
+    def end(self) -> FloatArray:
+        """Where the last retreat ends, (n,)."""
+        return self.outward[-1][-1] if self.outward else self.q
+
+    def length(self, robot: Robot) -> float:
+        """Metres of the approach next to the contact."""
+        return _travel(robot, self.inward[0])[-1]
+
+    def turned(self, robot: Robot, q: FloatArray) -> Way:
+        """The same with continuous joints moved by whole turns, its beginning as near to q as that goes; itself if it
+        is."""
+        turns = robot.nearest_turns(np.concatenate([*self.outward, self.q[None], *self.inward]), q)
+        if not turns.any():
+            return self
+        moved = (tuple(line + turns for line in lines) for lines in (self.inward, self.outward))
+        return Way(self.number, self.of, self.solution, self.contact, self.q + turns, *moved)
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """The proven motions of a way: the lines to its contact, what the gripper does there, and the lines on."""
+
+    inward: tuple[PlanResult, ...]
+    grip: GripperMotion | None
+    outward: tuple[PlanResult, ...]
+
+
+@dataclass(eq=False)
+class Ways:
+    """All ways of one contact in one world, and which of them are proven.
+
+    Attributes:
+        stage: The contact.
+        service: What plans in the world before it.
+    """
+
+    motions: Motions
+    stage: ContactStage
+    service: PlannerService
+    _told: dict[Contact, list[str]] = field(default_factory=dict)
+    _narrower: dict[tuple[Contact, int], Contact | None] = field(default_factory=dict)
+    _fitting: dict[tuple[Contact, bytes], tuple[list[FloatArray], list[str]]] = field(default_factory=dict)
+    _walked: dict[tuple[Contact, bytes, Vector | None, float], FloatArray | str] = field(default_factory=dict)
+    _lines: dict[tuple[Contact, bytes], Lines | NoMotion] = field(default_factory=dict)
+
+    @cached_property
+    def contacts(self) -> list[Contact]:
+        """The grasps or placements, best first, the gripper opened as wide as usual.
+
+        Raises:
+            NoMotion: There are none.
+        """
+        return contacts_of(self.motions, self.service, self.stage.act.step)
+
+    def __call__(self, q: FloatArray, visit: Visit) -> Iterator[Way]:
+        """The ways in the order of preference, for a robot that stands at q (n,); ``visit`` is told what is refused.
+
+        Where open fingers meet something, the gripper is opened less, once all has been tried with the usual opening.
+        """
+        try:
+            contacts = self.contacts
+        except NoMotion as none:
+            visit.refuse(self.stage.act, str(none))
+            return
+        visit.ways = len(contacts)
+        still = self.service.robot.unwound(q)
+        numbered = list(enumerate(contacts, start=1))
+        for rank in range(1, len(FINGER_ROOMS) + 1):
+            for short in (False, True):
+                for number, contact in numbered:
+                    for solution, at in enumerate(self._solutions(number, contact, still, visit, again=short)):
+                        yield from self._lined(number, solution, contact, at, visit, short=short)
+            numbered = [(number, less) for number, each in numbered for less in self._less(each, rank)]
+
+    def _less(self, contact: Contact, rank: int) -> Iterator[Contact]:
+        """A contact at which fingers met something, with a smaller opening, if there is one."""
+        key = contact, rank
+        if key not in self._narrower:
+            names, fingers = Names(self.service.robot, self.service.scene), fingers_of(self.service)
+            made = None
+            if any(tells_of_fingers(reason, fingers, names) for reason in self._told.get(contact, ())):
+                made = contact.less(rank)
+            self._narrower[key] = made
+        made = self._narrower[key]
+        if made is not None:
+            yield made
+
+    def told(self, contact: Contact, why: str) -> None:
+        """Something is in the way of the open gripper at a contact, or of its motion."""
+        self._told.setdefault(contact, []).append(why)
+
+    def here(self, q: FloatArray, visit: Visit) -> Iterator[Way]:
+        """The ways where the gripper closes or opens at q (n,), where the robot stands."""
+        try:
+            contact = contact_here(self.motions, self.service, self.stage.act.step, q)
+        except NoMotion as none:
+            visit.refuse(self.stage.act, str(none))
+            return
+        visit.ways = 1
+        if objection := self._objection(contact, q):
+            visit.refuse(self.stage.act, objection)
+            return
+        for outward in self._outward(contact, q, (), visit, 1):
+            yield Way(1, 1, 0, contact, q, (), outward)
+
+    def _solutions(
+        self, number: int, contact: Contact, still: FloatArray, visit: Visit, *, again: bool
+    ) -> list[FloatArray]:
+        """Configurations that would do at a contact; why there are none is told unless it was before."""
+        key = (contact, still.tobytes())
+        known = key in self._fitting
+        if not known:
+            fitting, refused = [], []
+            solutions = self.motions.solutions(self.service.robot, contact.tool, still)
+            for q in solutions:
+                objection = self._objection(contact, q)
+                if objection:
+                    refused.append(f"{contact.note}{objection}")
+                    if contact.takes:
+                        self.told(contact, objection)
+                else:
+                    fitting.append(q)
+            self._fitting[key] = fitting, refused if len(solutions) else [OUT_OF_REACH]
+        fitting, refused = self._fitting[key]
+        if not again:
+            for reason in refused:
+                visit.refuse(self.stage.act, reason, f"way {number}: {reason}", known=known)
+            if refused == [OUT_OF_REACH]:
+                visit.unreached[number] = contact.tool
+        return fitting
+
+    def _objection(self, contact: Contact, q: FloatArray) -> str:
+        checker = contact.before.checker
+        tally = checker.ledger.own
+        before = tally.counts
+        objection = contact.objection(checker, q)
+        self.motions.spent += tally.counts - before
+        return objection
+
+    def _lined(
+        self, number: int, solution: int, contact: Contact, q: FloatArray, visit: Visit, *, short: bool
+    ) -> Iterator[Way]:
+        """The ways through one configuration at a contact."""
+        for inward in self._inward(contact, q, visit, number, short=short):
+            for outward in self._outward(contact, q, inward, visit, number):
+                yield Way(number, len(self.contacts), solution, contact, q, inward, outward)
+
+    def _inward(
+        self, contact: Contact, q: FloatArray, visit: Visit, number: int, *, short: bool
+    ) -> Iterator[tuple[FloatArray, ...]]:
+        """The lines of the approaches outwards, last approach first, with usual lengths or with short ones."""
+        steps = [numbered.step for numbered in reversed(self.stage.approaches)]
+        if short and not any(step.shorter for step in steps):
+            return
+        choices = [step.shorter if short and step.shorter else step.lengths for step in steps]
+
+        def extended(lines: tuple[FloatArray, ...]) -> Iterator[tuple[FloatArray, ...]]:
+            k = len(lines)
+            if k == len(steps):
+                yield lines
+                return
+            begin = lines[-1][-1] if lines else q
+            for length in choices[k]:
+                line, known = self._line(contact, begin, steps[k].direction, -length, first=k == 0)
+                if isinstance(line, str):
+                    told = f"way {number} with {length * 100:.0f} cm: {line}"
+                    visit.refuse(self.stage.approaches[-1 - k], line, told, Rank.LINE, known=known)
+                else:
+                    yield from extended((*lines, line))
+
+        yield from extended(())
+
+    def _outward(
+        self, contact: Contact, q: FloatArray, inward: tuple[FloatArray, ...], visit: Visit, number: int
+    ) -> Iterator[tuple[FloatArray, ...]]:
+        """The lines of the retreats, if the arm can go them."""
+        lines: list[FloatArray] = []
+        back = True
+        for k, numbered in enumerate(self.stage.retreats):
+            step: Retreat = numbered.step
+            back = back and step.lengths is None and step.direction is None and k < len(inward)
+            if back:
+                lines.append(inward[k])
+                continue
+            begin, why, known = lines[-1][-1] if lines else q, "", False
+            for length in step.lengths or USUAL_LENGTHS:
+                outwards = length if step.direction else -length
+                line, known = self._line(contact, begin, step.direction, outwards, first=k == 0)
+                if not isinstance(line, str):
+                    lines.append(line)
+                    break
+                why = why or line
+            else:
+                visit.refuse(numbered, why, f"way {number}: {why}", Rank.LINE, known=known)
+                return
+        yield tuple(lines)
+
+    def _line(
+        self, contact: Contact, q: FloatArray, direction: Vector | None, length: float, *, first: bool
+    ) -> tuple[FloatArray | str, bool]:
+        """The straight line (N, n) of the tool from q, thinned, or why the arm cannot go it; and if that was known.
+
+        Args:
+            direction: In the base frame; None for the gripper's axis of approach.
+            length: Metres along it, negative for against it.
+            first: Whether it begins at the contact: the last waypoint where object and support may touch is kept.
+        """
+        key = (contact, q.tobytes(), direction, length)
+        if known := key in self._walked:
+            return self._walked[key], known
+        self._walked[key] = self._walk(contact, q, direction, length, first=first)
+        return self._walked[key], known
+
+    def _walk(
+        self, contact: Contact, q: FloatArray, direction: Vector | None, length: float, *, first: bool
+    ) -> FloatArray | str:
+        """See ``_line``."""
+        robot = self.service.robot
+        begin = contact.tool if first else Pose.from_matrix(robot.tool_pose(q))
+        if direction is None:
+            x, y, z = gripper_of(robot).approach
+            end = begin @ Pose((length * x, length * y, length * z))
+        else:
+            (x, y, z), (u, v, w) = begin.position, direction
+            end = Pose((x + length * u, y + length * v, z + length * w), begin.quaternion)
+        line = straight_tool_line(robot, q, end)
+        if line.stopped is not None:
+            return str(line.stopped)
+        away = _travel(robot, line.waypoints) if first else []
+        keep = [max(k for k, metres in enumerate(away) if metres <= contact.gap)] if first else []
+        return thinned(robot, line.waypoints, keep=keep)
+
+    def lines(self, way: Way, visit: Visit) -> Lines:
+        """The proven lines of a way; proven once and remembered.
+
+        Raises:
+            NoMotion: One of them is not free; ``visit`` was told.
+        """
+        key = way.contact, b"".join(line.tobytes() for line in (*way.inward, way.q, *way.outward))
+        if key not in self._lines:
+            try:
+                self._lines[key] = self._proven(way, visit)
+            except NoMotion as none:
+                self._lines[key] = none
+        known = self._lines[key]
+        if isinstance(known, NoMotion):
+            raise known
+        return known
+
+    def _proven(self, way: Way, visit: Visit) -> Lines:
+        contact = way.contact
+        with visit.trying(self.stage.act, contact.note, Rank.GRIPPER), self._telling(contact, wanted=True):
+            grip = self.motions.gripper(contact.before, way.q, contact.then, contact.fingers)
+        inward: list[PlanResult] = []
+        for k, line in enumerate(way.inward):
+            step = self.stage.approaches[-1 - k]
+            inward.insert(0, self._followed(step, way, contact.before, line, visit, first=k == 0, inward=True))
+        outward = [
+            self._followed(step, way, contact.after, line, visit, first=k == 0, inward=False)
+            for k, (step, line) in enumerate(zip(self.stage.retreats, way.outward, strict=True))
+        ]
+        return Lines(tuple(inward), grip, tuple(outward))
+
+    def _followed(
+        self,
+        numbered: Numbered,
+        way: Way,
+        service: PlannerService,
+        line: FloatArray,
+        visit: Visit,
+        *,
+        first: bool,
+        inward: bool,
+    ) -> PlanResult:
+        """The proven motion along a line that begins at a contact, or farther out."""
+        step: Approach | Retreat = numbered.step
+        touches = way.contact.touches(inward=inward, along_axis=step.direction is None) if first else ()
+        away = _travel(service.robot, line) if touches else []
+        waypoints = line[::-1] if inward else line
+        opened = inward == way.contact.takes
+        prefix = f"{step.name}: {way.contact.note if opened else ''}"
+        with visit.trying(numbered, prefix, Rank.PROOF), self._telling(way.contact, wanted=opened):
+            return self.motions.followed(service, waypoints, _stretches(touches, away, inward=inward))
+
+    def segments(self, way: Way, lines: Lines) -> tuple[tuple[Segment, ...], tuple[Segment, ...]]:
+        """The motions to a contact, and those from it, the first of which has the gripper's."""
+        contact, law = way.contact, self.motions.law
+        inward = [
+            Segment(numbered.step.name, line, contact.width, contact.before.scene, timing=law)
+            for numbered, line in zip(self.stage.approaches, lines.inward, strict=True)
+        ]
+        outward = [
+            Segment(numbered.step.name, line, contact.then, contact.after.scene, lines.grip if k == 0 else None, law)
+            for k, (numbered, line) in enumerate(zip(self.stage.retreats, lines.outward, strict=True))
+        ]
+        return tuple(inward), tuple(outward)
+
+    @contextmanager
+    def _telling(self, contact: Contact, *, wanted: bool) -> Iterator[None]:
+        """Keep in mind, if ``wanted``, what is in the way of the open gripper in the block."""
+        try:
+            yield
+        except NoMotion as none:
+            if wanted:
+                self.told(contact, str(none))
+            raise
+
+
+def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:
+    """Metres between the tool's origin at the first waypoint and at each."""
+    places = [[row[3] for row in robot.tool_rows(q)] for q in waypoints]
+    return [math.dist(places[0], place) for place in places]
+
+
+def _stretches(touches: tuple[Touch, ...], away: Sequence[float], *, inward: bool) -> tuple[AllowedStretch, ...]:
+    """Where on the line pairs may touch, given how many metres ``away`` from the contact each waypoint is."""
+    last = len(away) - 1
+    stretches = []
+    for touch in touches:
+        reach = last if touch.within is None else max(k for k, metres in enumerate(away) if metres <= touch.within)
+        first, end = (last - reach, last) if inward else (0, reach)
+        stretches.append(AllowedStretch(first, end, touch.pairs, touch.reason))
+    return tuple(stretches)

@@ -1,0 +1,223 @@
+"""Tasks as values: what comes before a step is chosen so that what follows has a plan."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import planner_service as ps
+from planner_service.planning.result import Reason
+from planner_service.records.recertify import recertify
+from planner_service.tasks import (
+    Alternatives,
+    Approach,
+    Connect,
+    Follow,
+    Grasp,
+    MoveCircular,
+    MoveLinear,
+    MoveTo,
+    Release,
+    Repeat,
+    Retreat,
+    Task,
+    pick_steps,
+    place_steps,
+)
+from tests.support.optional import present
+
+HALF = 0.0225
+ON_TABLE = ps.Handling(support="table")
+
+
+@pytest.fixture(scope="module")
+def cell() -> ps.PlannerService:
+    scene = ps.load_scene("table")
+    block = ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.28, 0.10, HALF - 0.001)))
+    return ps.PlannerService("wxai", scene.with_obstacle(block))
+
+
+def turned(x: float, y: float, z: float, yaw: float = 0.0) -> ps.Pose:
+    return ps.Pose((x, y, z), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+
+
+THERE = turned(0.28, -0.10, HALF - 0.001)
+
+
+def moved(cell: ps.PlannerService, *poses: ps.Pose, grasps: tuple[ps.Pose, ...] | None = None) -> Task:
+    """From where it stands to one of some poses, and home."""
+    found = grasps or ps.top_grasps(cell.robot, cell.scene.obstacle("block"))
+    return Task((pick_steps("block", found, ON_TABLE), place_steps("block", poses, ON_TABLE), MoveTo("home")))
+
+
+def bits(segments: tuple[object, ...]) -> list[bytes]:
+    return [present(segment.result.path).waypoints.tobytes() for segment in segments]  # type: ignore[attr-defined]
+
+
+def test_a_task_is_the_pick_the_place_and_the_motion_that_a_person_would_write(cell: ps.PlannerService) -> None:
+    task = cell.solve(moved(cell, THERE), cell.robot.home)
+    grasps = ps.top_grasps(cell.robot, cell.scene.obstacle("block"))
+    taken = ps.pick(cell, cell.robot.home, "block", grasps, ON_TABLE)
+    put = ps.place(ps.PlannerService.of(taken.world), taken.q, "block", [THERE], ON_TABLE)
+    home = ps.PlannerService.of(put.world).plan(ps.PlanRequest(put.q, cell.robot.home))
+    assert task.ok
+    assert bits(task.segments[:-1]) == bits((*taken.segments, *put.segments))
+    assert present(task.segments[-1].result.path).waypoints.tobytes() == present(home.path).waypoints.tobytes()
+    assert task.counts == taken.counts + put.counts + home.counts
+    assert task.world.scene == put.world.scene
+    assert recertify(task).certified
+
+
+def test_the_same_task_has_the_same_bits_and_counts_each_time(cell: ps.PlannerService) -> None:
+    again = ps.PlannerService(cell.robot, cell.scene)
+    one, two = (each.solve(moved(each, THERE), each.robot.home) for each in (cell, again))
+    assert bits(one.segments) == bits(two.segments)
+    assert (one.counts, one.notes) == (two.counts, two.notes)
+    assert [(step.tried, step.failed, step.reasons) for step in one.steps] == [
+        (step.tried, step.failed, step.reasons) for step in two.steps
+    ]
+
+
+def beside_a_wall(cell: ps.PlannerService) -> ps.PlannerService:
+    """Beside the place a wall stands so near that the fingers have to be along it."""
+    wall = ps.Obstacle("wall", ps.Box((0.2, 0.01, 0.06)), ps.Pose((0.28, -0.10 - HALF - 0.008, 0.03)))
+    return cell.with_scene(cell.scene.with_obstacle(wall))
+
+
+def test_a_grasp_whose_object_could_not_be_set_down_is_skipped_without_a_search(cell: ps.PlannerService) -> None:
+    walled = beside_a_wall(cell)
+    grasps = ps.top_grasps(cell.robot, cell.scene.obstacle("block"))
+    taken = ps.pick(walled, cell.robot.home, "block", grasps, ON_TABLE)
+    put = ps.place(ps.PlannerService.of(taken.world), taken.q, "block", [THERE], ON_TABLE)
+    assert taken.ok
+    assert not put.ok, "the grasp that is best by itself is a dead end"
+    task = walled.solve(moved(walled, THERE), cell.robot.home)
+    assert task.ok
+    assert recertify(task).certified
+    connects = [step for step in task.steps if "Connect" in step.step]
+    assert [(step.tried, step.failed) for step in connects] == [(1, 0), (1, 0)]
+    assert any("then Release block has no way" in note for note in task.notes)
+
+
+def test_a_failure_names_the_step_its_cause_and_how_often(cell: ps.PlannerService) -> None:
+    far = turned(0.9, 0.0, HALF)
+    task = cell.solve(moved(cell, far), cell.robot.home)
+    failure = present(task.failure)
+    assert failure.detail.startswith("Release block: none of 1 ways has a plan: way 1: out of reach")
+    assert present(failure.unreachable).gap > 0.1
+    release = next(step for step in task.steps if step.step == "7 Release block")
+    assert release.tried == release.failed > 0
+    assert release.reasons == (("out of reach", release.failed),)
+    assert [step.tried for step in task.steps[-2:]] == [0, 0], "nothing was tried after it"
+
+
+def test_a_motion_in_vain_is_told_with_what_explain_takes(cell: ps.PlannerService) -> None:
+    goal = np.array([0.8, 1.3, 1.0, -0.8, 0.0, 0.0])
+    ball = ps.Obstacle("ball", ps.Sphere(0.05), ps.Pose.from_matrix(cell.robot.tool_pose(goal)))
+    cage = cell.with_scene(cell.scene.with_obstacle(ball))
+    task = cage.solve(Task((MoveTo(goal, name="into the ball"),)), cell.robot.home)
+    assert present(task.failure).reason is Reason.GOAL_IN_COLLISION
+    refused = present(task.steps[0].refused)
+    assert present(refused.origin).world is cage.world
+    assert np.array_equal(np.asarray(present(present(refused.origin).request).goal), goal)
+
+
+def test_the_next_pose_of_the_goal_is_tried_where_what_follows_has_no_plan(cell: ps.PlannerService) -> None:
+    down = (0.7071067811865476, 0.0, 0.7071067811865476, 0.0)
+    near, blocked = ps.Pose((0.25, -0.12, 0.13), down), ps.Pose((0.25, 0.0, 0.09), down)
+    steps = (MoveTo([blocked, near]), MoveLinear((0.0, 0.0, -0.10)))
+    task = cell.solve(Task(steps), cell.robot.home)
+    assert task.ok
+    assert [(step.tried, step.failed) for step in task.steps] == [(2, 0), (2, 1)]
+    alone = cell.solve(Task((MoveTo([blocked]), steps[1])), cell.robot.home)
+    assert present(alone.failure).detail.startswith("MoveLinear line: ")
+
+
+def test_alternatives_are_tried_in_their_order(cell: ps.PlannerService) -> None:
+    far, near = place_steps("block", [turned(0.9, 0.0, HALF)], ON_TABLE), place_steps("block", [THERE], ON_TABLE)
+    grasps = ps.top_grasps(cell.robot, cell.scene.obstacle("block"))
+    task = cell.solve(Task((pick_steps("block", grasps, ON_TABLE), Alternatives((far, near)))), cell.robot.home)
+    assert task.ok
+    assert task.world.scene.obstacle("block").pose == THERE
+
+
+def test_what_is_repeated_is_done_so_often(cell: ps.PlannerService) -> None:
+    up, down = MoveLinear((0.0, 0.0, 0.02), name="up"), MoveLinear((0.0, 0.0, -0.02), name="down")
+    task = cell.solve(Task((Repeat((up, down), 3),)), cell.robot.home)
+    assert [segment.name for segment in task.segments] == ["up", "down"] * 3
+    assert [step.tried for step in task.steps] == [3, 3]
+
+
+def test_an_object_is_grasped_anew_where_it_was_set_down_so_that_it_can_go_on(cell: ps.PlannerService) -> None:
+    between = turned(0.30, 0.0, HALF - 0.001)
+    first = Grasp("block", support="table")
+    again = replace(first, frame="")
+    steps = (
+        *(Connect("to it"), Approach(), first, Retreat()),
+        *(Connect("aside"), Approach(), Release("block", [between], support="table"), Retreat()),
+        *(Connect("to it again"), Approach(), again, Retreat()),
+        *(Connect("on"), Approach(), Release("block", [THERE], support="table"), Retreat()),
+    )
+    task = cell.solve(Task(steps), cell.robot.home)
+    assert task.ok
+    assert task.world.scene.obstacle("block").pose == THERE
+    assert recertify(task).certified
+
+
+def test_a_place_relative_to_an_obstacle_moves_with_it(cell: ps.PlannerService) -> None:
+    mat = ps.Obstacle("mat", ps.Box((0.1, 0.1, 0.001)), ps.Pose((0.28, -0.10, -0.0005)))
+    on_mat = ps.Pose((0.0, 0.0, HALF))
+    service = cell.with_scene(cell.scene.with_obstacle(mat))
+    release = Release("block", [on_mat], frame="mat", support="mat")
+    grasps = ps.top_grasps(cell.robot, cell.scene.obstacle("block"))
+    task = service.solve(
+        Task((pick_steps("block", grasps, ON_TABLE), Connect(), Approach(), release, Retreat())), cell.robot.home
+    )
+    assert task.ok
+    assert task.world.scene.obstacle("block").pose.position == pytest.approx((0.28, -0.10, HALF - 0.0005))
+
+
+def test_lines_arcs_and_given_waypoints_follow_each_other(cell: ps.PlannerService) -> None:
+    home = cell.robot.home
+    there = home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    steps = (
+        MoveLinear((0.0, 0.05, 0.0)),
+        MoveCircular((0.0, 0.02, -0.02), (0.0, 0.04, 0.0)),
+        Connect("back"),
+        Follow([home, there]),
+        MoveTo(),
+    )
+    task = cell.solve(Task(steps), home)
+    assert [segment.name for segment in task.segments] == ["line", "arc", "back", "follow", "move"]
+    assert np.array_equal(task.q, home)
+    assert recertify(task).certified
+
+
+def test_searches_are_limited_by_their_number(cell: ps.PlannerService) -> None:
+    task = cell.solve(moved(cell, THERE), cell.robot.home, searches=2)
+    assert "all 2 searches were tried" in present(task.failure).detail
+    assert len(task.segments) == 6, "as far as there are plans"
+
+
+@pytest.mark.parametrize(
+    ("steps", "error", "message"),
+    [
+        ((Grasp("blok"),), ps.UnknownName, "unknown obstacle 'blok'; did you mean 'block'"),
+        ((MoveTo("hom"),), ps.UnknownName, "unknown pose 'hom'; did you mean 'home'"),
+        (place_steps("block", [THERE]), ps.UnknownName, "unknown carried object 'block'"),
+        ((MoveLinear(THERE, frame="tabel"),), ps.UnknownName, "unknown obstacle 'tabel'; did you mean 'table'"),
+        (
+            (Alternatives((pick_steps("block"), MoveTo())), MoveTo()),
+            ps.InvalidRequest,
+            "ones that all end with the same objects carried",
+        ),
+    ],
+)
+def test_what_is_not_there_is_named_before_anything_is_planned(
+    cell: ps.PlannerService, steps: tuple[object, ...], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        cell.solve(Task(steps), cell.robot.home)
