@@ -150,20 +150,17 @@ def _goals(goal: Any) -> tuple[Any, ...]:
     expected = "joint values, the name of a pose, a Pose, a PoseGoal, or a sequence of these"
     if isinstance(goal, str | Pose | PoseGoal):
         return (_goal("goal", goal, expected),)
-    if isinstance(goal, list | tuple) and any(
-        isinstance(each, str | Pose | PoseGoal) or np.ndim(each) for each in goal
-    ):
+    if _several(goal, (str, Pose, PoseGoal)):
         several = items("goal", goal, object, expected, MAX_GOALS)
         return tuple(_goal(f"goal[{k}]", each, expected) for k, each in enumerate(several))
     array = numbers("goal", goal, expected)
     return tuple(_goal("goal", row, expected) for row in (array if array.ndim == 2 and len(array) else [array]))
 
 
-def _several(given: Any, kinds: Any) -> bool:
+def _several(given: Any, kinds: tuple[type, ...]) -> bool:
     """Whether something is a sequence of goals, and not one goal of numbers."""
-    return isinstance(given, list | tuple) and any(
-        isinstance(each, kinds | list | tuple | np.ndarray) for each in given
-    )
+    nested = (*kinds, list, tuple, np.ndarray)
+    return isinstance(given, list | tuple) and any(isinstance(each, nested) for each in given)
 
 
 def _goal(field: str, goal: Any, expected: str) -> Any:
@@ -200,10 +197,7 @@ class MoveLinear(Step):
 
     def __post_init__(self) -> None:
         _checked(self)
-        several = isinstance(self.goal, list | tuple) and any(
-            isinstance(each, Pose) or np.ndim(each) for each in self.goal
-        )
-        goals = items("goal", self.goal, object, "targets", MAX_STEPS) if several else (self.goal,)
+        goals = items("goal", self.goal, object, "targets", MAX_STEPS) if _several(self.goal, (Pose,)) else (self.goal,)
         set_fields(self, goal=tuple(_target("goal", each) for each in goals))
         set_fields(self, zone=number("zone", self.zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE))
 
