@@ -190,7 +190,7 @@ def bin_to_tray(
 
 def shelf(
     chance: random.Random, *, floor: float, size_item: Point, carts: Sequence[Sequence[float]], at_shelf: Point,
-    boards: Sequence[float], pitch: float, depth: float,
+    boards: Sequence[float], pitch: float, depth: float, margin: float,
 ) -> tuple[ps.Scene, list[Job]]:  # fmt: skip
     """Ten items from two carts beside the robot into a shelf of two boards before it, open to its front.
 
@@ -200,10 +200,11 @@ def shelf(
         boards: Heights of the two boards' tops.
         pitch: Between items.
         depth: Of the boards; items stand in the middle of it.
+        margin: Of a board beyond its items' share, on either side.
     """
     _, width, height = size_item
     x, y, _ = at_shelf
-    wide, thick = 5 * pitch + 0.02, 0.012
+    wide, thick = 5 * pitch + 2 * margin, 0.012
     top = boards[-1] + (boards[1] - boards[0])
     things = [*_ground(floor)]
     for k, board in enumerate((*boards, top)):
@@ -222,10 +223,10 @@ def shelf(
         for i in range(5):
             at = ps.Pose((u + (i - 2) * pitch, v + chance.uniform(-0.003, 0.003), w + GAP + height / 2))
             side = 1 if v > y else -1
-            place = ps.Pose((x, y + side * (2 - i) * pitch, boards[k] + GAP + height / 2))
-            turned = ps.Pose(place.position, _turned((0.0, 0.0, 0.0), side * 0.5 * math.pi).quaternion)
+            place = (x, y + side * (2 - i) * pitch, boards[k] + GAP + height / 2)
+            places = tuple(_turned(place, -side * quarters * 0.5 * math.pi) for quarters in (1, 2, 0, 3))
             name = f"item_{len(jobs)}"
-            jobs.append(Job(name, ps.Box(size_item), at, f"cart_{k}", (turned, place), f"board_{k}", side=True))
+            jobs.append(Job(name, ps.Box(size_item), at, f"cart_{k}", places, f"board_{k}", side=True))
     things += [job.obstacle for job in jobs]
     return ps.Scene(tuple(things)), jobs
 
@@ -423,20 +424,20 @@ _SIZES: dict[str, dict[str, dict[str, Any]]] = {
     "shelf": {
         "wxai": {
             "floor": 0.0, "size_item": (0.03, 0.03, 0.06), "carts": ((0.05, 0.38, 0.14), (0.05, -0.38, 0.14)),
-            "at_shelf": (0.46, 0.0, 0.0), "boards": (0.14, 0.28), "pitch": 0.075, "depth": 0.1,
+            "at_shelf": (0.46, 0.0, 0.0), "boards": (0.14, 0.28), "pitch": 0.075, "depth": 0.1, "margin": 0.02,
         },
         "panda": {
             "floor": 0.0, "size_item": (0.04, 0.04, 0.09), "carts": ((0.1, 0.55, 0.15), (0.1, -0.55, 0.15)),
-            "at_shelf": (0.66, 0.0, 0.0), "boards": (0.12, 0.42), "pitch": 0.1, "depth": 0.14,
+            "at_shelf": (0.66, 0.0, 0.0), "boards": (0.12, 0.42), "pitch": 0.1, "depth": 0.12, "margin": 0.07,
         },
         "ur5_vacuum": {
             "floor": -0.3, "size_item": (0.07, 0.07, 0.11), "carts": ((0.1, 0.6, 0.0), (0.1, -0.6, 0.0)),
-            "at_shelf": (0.72, 0.0, 0.0), "boards": (0.05, 0.35), "pitch": 0.12, "depth": 0.16,
+            "at_shelf": (0.72, 0.0, 0.0), "boards": (0.05, 0.35), "pitch": 0.12, "depth": 0.16, "margin": 0.02,
         },
     },
     "kitting": {
         "wxai": {
-            "floor": 0.0, "size_pin": (0.08, 0.022, 0.022), "at_tray": (0.3, -0.16, 0.02),
+            "floor": 0.0, "size_pin": (0.08, 0.022, 0.022), "at_tray": (0.27, -0.17, 0.02),
             "at_station": (0.4, 0.0, 0.12), "foot": (0.05, 0.05), "at_kit": (0.28, 0.17, 0.01), "room": 0.004,
             "pitch": 0.055,
         },

@@ -9,10 +9,10 @@ import planner_service as ps
 
 __all__ = ["arm_text"]
 
-SPEED = 25.0
+SPEED = 60.0
 """Rad/s at which a joint follows its command, critically damped: such arms reach it."""
 
-REFLECTED = 0.3
+REFLECTED = 1.0
 """Of a motor, seen through its gear, in kg m^2."""
 
 FINGER = {"kp": 2000.0, "kv": 80.0, "force": 60.0}
