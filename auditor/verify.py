@@ -271,7 +271,8 @@ def ruled(
         thing = world.label("standing", name)
         if kind != wanted or thing not in pair or not pair - {thing} <= others:
             continue
-        samples = tool_line(world, curve, near, min(far, curve.length), APPROACH if others is fingers else SUPPORT)
+        end, longest = min(far, curve.length), APPROACH if others is fingers else SUPPORT
+        samples = tool_line(world, curve, near, end, longest, along_approach=others is fingers)
         (other,), places = pair - {thing}, samples[:1] if others is fingers else samples
         depths = [overlap(world, curve, s, thing, other) for s in places]
         most = depths[0] if wanted == "taken" and others is standing else 0.0
@@ -282,20 +283,22 @@ def ruled(
     raise Invalid("no rule allows that")
 
 
-def tool_line(world: World, curve: Curve, near: float, far: float, longest: float) -> Array:
-    """Places from a contact to the other end of a stretch; Invalid if the tool does not go straight there along its
-    approach, at most so far and never back."""
+def tool_line(world: World, curve: Curve, near: float, far: float, longest: float, *, along_approach: bool) -> Array:
+    """Places from a contact to the other end of a stretch; Invalid if the tool does not go straight there, along its
+    approach where that is asked, at most so far and never back."""
     count = math.ceil(abs(far - near) / SPACING)
     require(count <= MOST_SAMPLES, f"{abs(far - near):.3g} rad are no straight line of a tool")
     samples, (body, at) = near + (far - near) * np.arange(count + 1) / max(count, 1), world.tool
     T = placed(world.bodies, curve.at(samples))[body] @ at
     moved, turns = T[:, :3, 3] - T[0, :3, 3], T[:, :3, :3]
     approach = turns[0] @ np.array(world.grip["approach"], float)
+    if not along_approach:
+        approach = -moved[-1] / max(float(np.linalg.norm(moved[-1])), 1e-300)
     travel = -(moved @ approach)
     aside = np.linalg.norm(moved + travel[:, None] * approach, axis=1).max()
     turned = np.sqrt(((turns - turns[0]) ** 2).sum((1, 2)) / 2).max()
     straight = aside <= OFF and turned <= TURNED and np.diff(travel).min(initial=0.0) >= -OFF / 10
-    require(straight, "the tool leaves the straight line along its approach there")
+    require(straight, f"the tool leaves the straight line{' along its approach' * along_approach} there")
     require(travel.max() <= longest + OFF, f"the tool is {1e3 * travel.max():.0f} mm away there")
     return samples
 

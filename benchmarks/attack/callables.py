@@ -65,12 +65,14 @@ from planner_service.tasks import (
     Retreat,
     Task,
     best_of_seeds,
+    explain_task,
     move_circular,
     pick_steps,
     place_steps,
     places_on,
     plan_pick_place,
     plan_seeds,
+    proven_ways,
     solve,
     standing_on,
 )
@@ -154,7 +156,7 @@ SKIPPED: Mapping[str, str] = {
         (
             *("Certificate", "CheckCounts", "Contact", "EdgeProof", "Failure", "GripperMotion", "MotionReport"),
             *("PlanResult", "PolishReport", "Refusal", "Replanned", "RoadmapUpdate", "Segment", "StageReport"),
-            *("StepReport", "TaskResult", "Trace"),
+            *("ProvenWay", "StepReport", "TaskResult", "Trace"),
         ),
         "an answer; nobody makes one",
     ),
@@ -404,6 +406,14 @@ def _tasks(folder: Path) -> Calls:
     yield from (
         _call(service.solve, task=nearby, q=robot.home, request=request),
         _call(solve, service=service, task=nearby, q=robot.home, request=request, cancel=ps.CancelToken()),
+        _call(explain_task, task=service.solve(nearby, robot.home)),
+        (
+            "proven_ways",
+            Call(
+                lambda **given: next(proven_ways(**given)),
+                {"service": service, "steps": pick_steps("blue_block", grasp), "q": robot.home},
+            ),
+        ),
         _call(pick_steps, object="blue_block", grasps=grasp, handling=handling),
         _call(place_steps, object="held", poses=[tray.pose], handling=handling),
         _call(ps.top_grasps, robot=robot, target=block, tilts=(0.0,)),

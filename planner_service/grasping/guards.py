@@ -91,10 +91,13 @@ def unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) 
     return ""
 
 
-def tool_line(robot: Robot, path: JointPath, near: float, far: float, longest: float) -> tuple[FloatArray, str]:
+def tool_line(
+    robot: Robot, path: JointPath, near: float, far: float, longest: float, *, any_direction: bool = False
+) -> tuple[FloatArray, str]:
     """Configurations (m, n) of a path from a contact at s = ``near`` to ``far``, and what is wrong there, or "".
 
-    The tool has to stay on the straight line along its approach, go at most ``longest`` metres away, and never back.
+    The tool has to stay on the straight line along its approach, or in ``any_direction``, go at most ``longest`` metres
+    away, and never back.
     """
     count = math.ceil(abs(far - near) / SPACING)
     if count > MAX_SAMPLES:
@@ -103,12 +106,16 @@ def tool_line(robot: Robot, path: JointPath, near: float, far: float, longest: f
     places, turns = tool_frames(robot, samples)
     moved = places - places[0]
     approach = np.zeros(3) if robot.gripper is None else turns[0] @ np.array(robot.gripper.approach)
+    if any_direction:
+        away = math.sqrt(float((moved[-1] ** 2).sum()))
+        approach = moved[-1] / -away if away > 0.0 else np.zeros(3)
     travel = -(moved * approach).sum(axis=1)
     aside = np.sqrt(((moved + travel[:, None] * approach) ** 2).sum(axis=1))
     turned = np.sqrt(((turns - turns[0]) ** 2).sum(axis=(1, 2)) / 2.0)
     backwards = float(np.diff(travel).min(initial=0.0))
     if aside.max() > SLACK * LINE_METRES or turned.max() > SLACK * LINE_RADIANS or backwards < -LINE_METRES / 10.0:
-        return samples, "the tool leaves the straight line along its approach there"
+        line = "its straight line" if any_direction else "the straight line along its approach"
+        return samples, f"the tool leaves {line} there"
     if travel.max() > longest + SLACK * LINE_METRES:
         return (
             samples,

@@ -23,7 +23,7 @@ from planner_service.planning.request import PlanRequest, World, keeps_torques, 
 from planner_service.planning.result import Failure, PlanResult, Stage, allowed_lines, cost_row, save_plan, stage_row
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.page import OpenPage, show_page
-from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
+from planner_service.presentation.tables import Block, CostTable, Row, Table, render_html, render_text
 from planner_service.robot.model import length_unit
 from planner_service.scene.scene import Scene
 from planner_service.timing.laws import Timing
@@ -38,6 +38,7 @@ __all__ = [
     "TaskReport",
     "TaskResult",
     "require_joined",
+    "step_table",
     "task_blocks",
     "task_lines",
     "task_rows",
@@ -201,11 +202,14 @@ class StepReport:
     reasons: tuple[tuple[str, int], ...] = ()
     refused: PlanResult | None = None
 
+    @property
+    def why(self) -> str:
+        """The most frequent reasons in one line."""
+        shown = self.reasons[:SHOWN_REASONS]
+        return "; ".join(f"{reason} ({times})" if times > 1 else reason for reason, times in shown)
+
     def __str__(self) -> str:
-        why = "; ".join(
-            f"{reason} ({times})" if times > 1 else reason for reason, times in self.reasons[:SHOWN_REASONS]
-        )
-        return f"{self.step}: {self.failed} of {self.tried} failed" + (f": {why}" if why else "")
+        return f"{self.step}: {self.failed} of {self.tried} failed{': ' if self.reasons else ''}{self.why}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,10 +251,15 @@ class TaskResult:
         return f"<TaskResult: {len(self.segments)} motions, {what}, {self.counts}>"
 
     def __str__(self) -> str:
-        return render_text(task_blocks(self, length_unit(self.world.robot)))
+        return render_text(self._blocks())
 
     def _repr_html_(self) -> str:
-        return render_html(task_blocks(self, length_unit(self.world.robot)))
+        return render_html(self._blocks())
+
+    def _blocks(self) -> list[Block]:
+        """What is printed: of a task without a plan also how its steps fared."""
+        blocks = task_blocks(self, length_unit(self.world.robot))
+        return blocks if self.failure is None or not self.steps else [*blocks, "", step_table(self.steps)]
 
     @property
     def begin(self) -> World:
@@ -318,6 +327,12 @@ def task_blocks(task: TaskReport, unit: str) -> list[Block]:
     title = ": ".join(filter(None, ("planned" if task.failure is None else "no plan", task.task)))
     ending = [] if task.failure is None else [f"no plan: {task.failure}"]
     return [CostTable(title, task_rows(task), unit), *task_lines(task), *ending]
+
+
+def step_table(steps: Sequence[StepReport]) -> Table:
+    """How often each step of a task was tried, how often it failed, and why."""
+    rows = [(step.step, f"{step.tried:,}", f"{step.failed:,}", step.why if step.failed else "") for step in steps]
+    return Table(["step", "tried", "failed", "most frequent reasons"], rows)
 
 
 def task_rows(task: TaskReport) -> list[Row]:

@@ -5,7 +5,8 @@ There are four rules; nothing else is exempt:
 - The robot's own way out of a named pose, and back into it: the pairs of that retreat, on that one straight piece.
 - Fingers and what they take or leave: on the straight approach to where the gripper closes or opens.
 - What touches where the first motion begins: until it has come apart, and never deeper than before.
-- A carried object and what it stood or will stand on: near that place on the same line, and no deeper in it than there.
+- A carried object and what it stood or will stand on: near that place on a straight line, and no deeper in it than
+  there.
 """
 
 from __future__ import annotations
@@ -149,7 +150,7 @@ def _touching(motion: TaskMotion, stretch: ExemptInterval, pair: Pair, reason: s
 
 def _standing(motion: TaskMotion, stretch: ExemptInterval, pair: Pair, reason: str, *, at_end: bool) -> Ruling:
     """The rule for a carried object and what it stood or will stand on."""
-    samples, objection = _line(motion, stretch, MAX_SUPPORT_GAP, at_end=at_end)
+    samples, objection = _line(motion, stretch, MAX_SUPPORT_GAP, at_end=at_end, any_direction=True)
     if not objection:
         depths = _depths(motion, samples, pair)
         deepest = MEANT_OVERLAP if at_end else max(MEANT_OVERLAP, depths[0])  # as deep as it stood it may be lifted
@@ -164,8 +165,10 @@ def _depths(motion: TaskMotion, samples: FloatArray, pair: Pair) -> list[float]:
     return [max((c.depth for c in checker.contacts(q) if {c.a, c.b} == set(pair)), default=0.0) for q in samples]
 
 
-def _line(motion: TaskMotion, stretch: ExemptInterval, longest: float, *, at_end: bool) -> tuple[FloatArray, str]:
+def _line(
+    motion: TaskMotion, stretch: ExemptInterval, longest: float, *, at_end: bool, any_direction: bool = False
+) -> tuple[FloatArray, str]:
     """As ``tool_line`` says, from where the gripper closes or opens to the other end of a stretch."""
     path = motion.trajectory.path
     near, far = (path.length, stretch.s_start) if at_end else (0.0, min(stretch.s_end, path.length))
-    return tool_line(motion.robot, path, near, far, longest)
+    return tool_line(motion.robot, path, near, far, longest, any_direction=any_direction)

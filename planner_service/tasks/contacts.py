@@ -1,8 +1,9 @@
 """Where the gripper closes or opens: grasps and placements, each with what it changes in the world.
 
-Contact is meant there and nowhere else. On the last approach and the first retreat, where they go along the gripper's
-own axis, the fingers may touch the object that they take or leave; so they may while they close or open. What is
-carried may touch its support within ``support_gap`` of where it stood, or will stand.
+Contact is meant there and nowhere else. On the last approach to what is taken, and on the first retreat from what is
+left, the fingers may touch it if that motion goes along the gripper's own axis; so they may while they close or open.
+What is carried may touch its support on the first retreat, and on the last approach, within ``support_gap`` of where it
+stood or will stand.
 """
 
 from __future__ import annotations
@@ -27,7 +28,16 @@ from planner_service.service import PlannerService
 from planner_service.tasks.motions import Motions, NoMotion, Touch
 from planner_service.tasks.steps import Grasp, GraspSource, Release
 
-__all__ = ["Contact", "contact_here", "contacts_of", "fingers_of", "frame_of", "gripper_of", "kept_upright"]
+__all__ = [
+    "Contact",
+    "contact_here",
+    "contacts_of",
+    "fingers_of",
+    "frame_of",
+    "gripper_of",
+    "kept_upright",
+    "placed_poses",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +83,7 @@ class Contact:
     def touches(self, *, inward: bool, along_axis: bool) -> tuple[Touch, ...]:
         """What may touch on the line to the contact, or from it."""
         fingers = (self.fingers,) if inward == self.takes and along_axis else ()
-        standing = self.standing if inward != self.takes and along_axis else ()
+        standing = self.standing if inward != self.takes else ()
         return (*fingers, *standing)
 
 
@@ -182,10 +192,18 @@ def kept_upright(grasp: Pose, tolerance: float) -> Constraint:
 
 
 def _placings(motions: Motions, service: PlannerService, step: Release) -> list[Contact]:
-    held, frame = _held(service, step.object), frame_of(service, step.frame)
-    assert step.poses is not None
-    poses = step.poses if frame is None else [frame @ pose for pose in step.poses]
-    return [_placing(motions, service, held, pose, step) for pose in poses]
+    held = _held(service, step.object)
+    return [_placing(motions, service, held, pose, step) for pose in placed_poses(service, step)]
+
+
+def placed_poses(service: PlannerService, step: Release) -> Sequence[Pose]:
+    """Where the object of a release may be set down, in the base frame.
+
+    Raises:
+        NoMotion: The frame in which the poses are given does not stand anywhere.
+    """
+    frame, poses = frame_of(service, step.frame), step.poses or ()
+    return poses if frame is None else [frame @ pose for pose in poses]
 
 
 def _placing(

@@ -3,9 +3,10 @@
 The stages of a task are solved one after the other, depth first: each yields the ways in which it can be done, and
 where what follows has no plan, the next of them is tried. A grasp or placement is tried like this, the cheapest first:
 
-1. its ways without a search, as ``contacts`` finds them, up to the proven lines to it and from it,
-2. of what is then carried, whether the release that follows has such a way, and the grasp after that, if there is one,
-3. the search of the motion that leads there.
+1. whether the arm reaches it, and a place where what is then carried may be set down,
+2. its ways without a search, up to the proven lines to it and from it,
+3. of what is then carried, whether the release that follows has such a way, and the grasp after that, if there is one,
+4. the search of the motion that leads there.
 
 So a grasp whose object could not be set down costs no search. What was found out on the way is kept for when it is
 needed. All of this is deterministic: it depends on no clock, unless a time limit ends it.
@@ -25,7 +26,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.constraints.values import KeepUpright
-from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, whole
@@ -36,16 +37,16 @@ from planner_service.planning.request import PlanRequest, keeps_torques, require
 from planner_service.planning.result import Failure, PlanResult, Reason
 from planner_service.planning.result import Stage as PlanStage
 from planner_service.planning.task_result import JOIN, Segment, TaskResult
-from planner_service.robot.model import Robot, joint_vector
-from planner_service.scene.scene import Scene
+from planner_service.robot.model import joint_vector
 from planner_service.service import PlannerService
-from planner_service.tasks.contacts import Contact, frame_of, gripper_of
+from planner_service.tasks.contacts import Contact, frame_of, placed_poses
 from planner_service.tasks.inspector import Inspector, Rank, Visit
 from planner_service.tasks.motions import Ended, Motions, NoMotion
+from planner_service.tasks.names import require_names
 from planner_service.tasks.steps import Follow, Grasp, MoveCircular, MoveLinear, MoveTo
 from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Stage, Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
-from planner_service.tasks.ways import Lines, Way, Ways
+from planner_service.tasks.ways import OUT_OF_REACH, Lines, Way, Ways
 from planner_service.timing.laws import Timing
 
 __all__ = ["BEAM", "LEAVE", "SEARCHES", "solve", "solved"]
@@ -87,7 +88,7 @@ def solve(
     """``PlannerService.solve``."""
     instance("service", service, PlannerService, "a PlannerService")
     instance("task", task, Task, "a Task")
-    _require_names(service, task.stages)
+    require_names(service, task.stages)
     whole("beam", beam, 1, 1_000)
     whole("searches", searches, 1, 1_000_000)
     return solved(service, task, q, request, line_timing, memory, cancel, beam=beam, searches=searches)
@@ -195,6 +196,7 @@ class _Search:
         self._inspector = Inspector(task.stages)
         self._ways: dict[tuple[int, PlannerService], Ways] = {}
         self._ahead: dict[tuple[int, PlannerService], Visit | None] = {}
+        self._reaching: set[Contact] = set()
         self._dead_ends: dict[Contact, tuple[Visit, str]] = {}
         self._remembers = memory is not None
         self._deepest = _State(self._service, start, task.stages, memory=memory or NOTHING)
@@ -311,9 +313,15 @@ class _Search:
             NoMotion: One of its motions has no plan, or what follows has none.
         """
         stage = ways.stage
+        if way.contact not in self._reaching:
+            self._reaching.add(way.contact)
+            self._reach_ahead(base, way, visit)
         if way.contact in self._dead_ends:
             visit.ahead, why = self._dead_ends[way.contact]
-            raise _refused(visit, stage.act, why)
+            told = f"way {way.number}: {why}"
+            if told not in visit.tried:
+                visit.refuse(stage.act, why, told, Rank.AHEAD)
+            raise NoMotion(why)
         if stage.connect is None:
             lines = ways.lines(way, visit)
             self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
@@ -355,6 +363,29 @@ class _Search:
         motion = Segment(STAND, stays, width, scene, state.grip, self._motions.law)
         return replace(state, segments=(*state.segments, motion), grip=None)
 
+    def _reach_ahead(self, base: _State, way: Way, visit: Visit) -> None:
+        """Note that a grasp is a dead end if the arm could not reach any place of its object: that costs no check."""
+        act = visit.stage.act.step if isinstance(visit.stage, ContactStage) else None
+        if not isinstance(act, Grasp):
+            return
+        following = _following(base.rest[1:], act.object)
+        if not following:
+            return
+        robot, still = base.service.robot, base.service.robot.unwound(visit.q)
+        held = way.contact.tool.inverse() @ base.service.scene.obstacle(act.object).pose
+        seen: list[Visit] = []
+        for stage, _ in following:
+            places = placed_poses(base.service, stage.act.step)
+            tools = [pose @ held.inverse() for pose in places]
+            if any(len(self._motions.solutions(robot, tool, still)) for tool in tools):
+                return
+            ahead = Visit(self._inspector, stage, base.service, visit.q, ways=len(tools))
+            ahead.unreached |= dict(enumerate(tools, start=1))
+            for number in ahead.unreached:
+                ahead.refuse(stage.act, OUT_OF_REACH, f"way {number}: {OUT_OF_REACH}")
+            seen.append(ahead)
+        self._dead_ends[way.contact] = seen[0], _dead_end(following[0][0], seen[0])
+
     def _look_ahead(self, rest: tuple[Stage, ...], way: Way, visit: Visit, depth: int) -> None:
         """Refuse a way after which what is carried could not be set down, or what was set down not be taken again.
 
@@ -373,9 +404,10 @@ class _Search:
                 return
             seen.append(found)
         visit.ahead = seen[0]
-        why = f"then {following[0][0].act.step} has no way: {'; '.join(seen[0].tried[:1])}"
+        why = _dead_end(following[0][0], seen[0])
         self._dead_ends[way.contact] = seen[0], why
-        raise _refused(visit, act, why)
+        visit.refuse(act, why, f"way {way.number}: {why}", Rank.AHEAD)
+        raise NoMotion(why)
 
     def _promising(
         self, stage: ContactStage, rest: tuple[Stage, ...], service: PlannerService, q: FloatArray, depth: int
@@ -410,7 +442,9 @@ class _Search:
             return
         try:
             if isinstance(step, Follow):
-                yield self._follows(state, stage, visit)
+                followed = self._follows(state, stage, visit)
+                if followed is not None:
+                    yield followed
                 return
             with visit.trying(stage.motion, f"{step.name}: ", Rank.PROOF):
                 result = self._along(state, step)
@@ -497,15 +531,15 @@ class _Search:
 
         return self._motions.along(move, step.constraints)
 
-    def _follows(self, state: _State, stage: MotionStage, visit: Visit) -> _State:
-        """Along given waypoints, after the motion to where they begin."""
+    def _follows(self, state: _State, stage: MotionStage, visit: Visit) -> _State | None:
+        """Along given waypoints, after the motion to where they begin; None if the robot stands elsewhere."""
         step: Follow = stage.motion.step
         rows = np.array(step.waypoints)
         if rows.shape[1] != state.service.robot.n:
             raise InvalidRequest("waypoints", rows.shape, f"rows of {state.service.robot.n} joint values")
         if stage.connect is None and not np.all(np.abs(rows[0] - state.q) <= JOIN):
-            why = "it does not begin where the robot stands"
-            raise _refused(visit, stage.motion, why)
+            visit.refuse(stage.motion, "it does not begin where the robot stands")
+            return None
         with visit.trying(stage.motion, f"{step.name}: ", Rank.PROOF):
             line = self._motions.followed(state.service, rows, (), step.constraints, step.blend)
         to: tuple[Segment, ...] = ()
@@ -563,11 +597,9 @@ class _Search:
         )
 
 
-def _refused(visit: Visit, numbered: Any, why: str) -> NoMotion:
-    """What to raise once something of a step turned out to be impossible."""
-    rank = Rank.AHEAD if isinstance(visit.stage, ContactStage) else Rank.PROOF
-    visit.refuse(numbered, why, rank=rank)
-    return NoMotion(why)
+def _dead_end(stage: ContactStage, ahead: Visit) -> str:
+    """Why what follows has no plan, in words."""
+    return f"then {stage.act.step} has no way: {'; '.join(ahead.tried[:1])}"
 
 
 def _end(result: PlanResult) -> FloatArray:
@@ -583,46 +615,3 @@ def _following(stages: tuple[Stage, ...], name: str) -> list[tuple[ContactStage,
         if isinstance(stage, ContactStage) and stage.act.step.object == name:
             return [] if stage.connect is None else [(stage, stages[k + 1 :])]
     return []
-
-
-# Names.
-
-
-def _require_names(service: PlannerService, stages: Sequence[Stage]) -> None:
-    """Refuse what a task names and is not there when its turn comes.
-
-    Raises:
-        UnknownName: There is no such obstacle, carried object or pose.
-        InvalidRequest: The robot has no gripper; or alternatives do not end with the same objects carried.
-    """
-    _carried(service.robot, service.scene, stages, frozenset(held.name for held in service.scene.attached))
-
-
-def _carried(robot: Robot, scene: Scene, stages: Sequence[Stage], held: frozenset[str]) -> frozenset[str]:
-    """What is carried after stages, if ``held`` is before."""
-    for stage in stages:
-        if isinstance(stage, ChoiceStage):
-            after = [_carried(robot, scene, branch, held) for branch in stage.branches]
-            if any(other != after[0] for other in after):
-                raise InvalidRequest("steps", "alternatives", "ones that all end with the same objects carried")
-            held = after[0]
-            continue
-        standing = [name for name in scene.names if name not in held]
-        step = stage.act.step if isinstance(stage, ContactStage) else stage.motion.step
-        for name in filter(None, (getattr(step, "frame", ""), getattr(step, "support", None))):
-            if name not in standing:
-                raise UnknownName("obstacle", name, standing)
-        if isinstance(step, MoveTo):
-            for goal in step.goal or ():
-                if isinstance(goal, str):
-                    robot.pose(goal)
-        if not isinstance(stage, ContactStage):
-            continue
-        gripper_of(robot)
-        takes = isinstance(step, Grasp)
-        if takes and step.object not in standing:
-            raise UnknownName("obstacle", step.object, standing)
-        if not takes and step.object not in held:
-            raise UnknownName("carried object", step.object, sorted(held))
-        held = held | {step.object} if takes else held - {step.object}
-    return held

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import planner_service as ps
+from auditor.verify import verify
 from planner_service.planning.result import Reason
+from planner_service.records.evidence import with_evidence
+from planner_service.records.plan_file import SavedTask, load_task
 from planner_service.records.recertify import recertify
 from planner_service.tasks import (
     Alternatives,
@@ -20,12 +26,15 @@ from planner_service.tasks import (
     MoveCircular,
     MoveLinear,
     MoveTo,
+    ProvenWay,
     Release,
     Repeat,
     Retreat,
     Task,
+    explain_task,
     pick_steps,
     place_steps,
+    proven_ways,
 )
 from tests.support.optional import present
 
@@ -221,3 +230,69 @@ def test_what_is_not_there_is_named_before_anything_is_planned(
 ) -> None:
     with pytest.raises(error, match=message):
         cell.solve(Task(steps), cell.robot.home)
+
+
+def test_a_chain_of_approaches_and_retreats_ends_at_the_contact_and_is_proven_from_its_file(
+    cell: ps.PlannerService, tmp_path: Path
+) -> None:
+    grasps = ps.top_grasps(cell.robot, cell.scene.obstacle("block"), tilts=(0.26,))  # up is not along the gripper
+    down, back = Approach("down", (0.01,), direction=(0.0, 0.0, -1.0)), Retreat("up", (0.01,), (0.0, 0.0, 1.0))
+    steps = (
+        *(
+            Connect(),
+            Approach("in"),
+            Grasp("block", grasps, support="table"),
+            replace(back, name="off"),
+            Retreat("out"),
+        ),
+        *(Connect(), Approach("sideways", (0.05,), direction=(0.0, -1.0, 0.0)), down),
+        *(Release("block", [THERE], support="table"), back, Retreat("away", (0.05,))),
+    )
+    task = cell.solve(Task(steps), cell.robot.home)
+    assert task.ok
+    names = ["transfer", "in", "off", "out", "transfer", "sideways", "down", "up", "away"]
+    assert [segment.name for segment in task.segments] == names
+    ends = [cell.robot.tool_pose(present(s.result.path).waypoints[-1])[:3, 3] for s in task.segments[4:8]]
+    steps_between = [after - before for before, after in pairwise(ends)]
+    assert steps_between[0] == pytest.approx([0.0, -0.05, 0.0], abs=1e-6)
+    assert steps_between[1] == pytest.approx([0.0, 0.0, -0.01], abs=1e-6)
+    assert steps_between[2] == pytest.approx([0.0, 0.0, 0.01], abs=1e-6)
+    task.save(tmp_path / "task.json")
+    assert recertify(load_task(tmp_path / "task.json")).certified
+    document = json.loads(with_evidence(SavedTask.of(task)).file_text())
+    said = [*verify(document)]
+    assert sum("a thing and what it stands on" in each for each in said) == 2
+
+
+def test_a_failed_task_prints_how_its_steps_fared(cell: ps.PlannerService) -> None:
+    task = cell.solve(moved(cell, turned(0.9, 0.0, HALF)), cell.robot.home)
+    lines = str(task).splitlines()
+    table = lines[lines.index("") + 1 :]
+    assert table[0].split() == ["step", "tried", "failed", "most", "frequent", "reasons"]
+    assert any(line.split()[:3] == ["7", "Release", "block"] and line.endswith("out of reach (18)") for line in table)
+    assert "most frequent reasons" not in str(cell.solve(moved(cell, THERE), cell.robot.home))
+
+
+def test_proven_ways_are_those_of_a_pick_without_the_motion_that_leads_there(cell: ps.PlannerService) -> None:
+    steps = pick_steps("block", None, ON_TABLE)
+    ways = [*proven_ways(cell, steps, cell.robot.home)]
+    task = cell.solve(Task(steps), cell.robot.home)
+    assert bits(ways[0].segments) == bits(task.segments[1:])
+    assert np.array_equal(ways[0].q_in, present(task.segments[0].result.path).waypoints[-1])
+    assert np.array_equal(ways[0].q_out, task.q)
+    assert len({way.number for way in ways}) > 4
+    assert all(recertify_ends(way) for way in ways)
+
+
+def recertify_ends(way: ProvenWay) -> bool:
+    """Whether it begins where its first motion does, and ends where the last does."""
+    first, last = (present(segment.result.path).waypoints for segment in (way.segments[0], way.segments[-1]))
+    return np.array_equal(first[0], way.q_in) and np.array_equal(last[-1], way.q_out)
+
+
+def test_what_would_help_is_told_of_the_motion_that_was_searched_in_vain(cell: ps.PlannerService) -> None:
+    goal = np.array([0.8, 1.3, 1.0, -0.8, 0.0, 0.0])
+    ball = ps.Obstacle("ball", ps.Sphere(0.05), ps.Pose.from_matrix(cell.robot.tool_pose(goal)))
+    task = cell.with_scene(cell.scene.with_obstacle(ball)).solve(Task((MoveTo(goal),)), cell.robot.home)
+    assert present(explain_task(task, plans=20, remedies=1)).remedies
+    assert explain_task(cell.solve(Task((MoveTo(),)), cell.robot.home)) is None
