@@ -13,17 +13,26 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, cross, cross_of
-from planner_service.geometry.shapes import Box, Cylinder, Pose
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.geometry.validation import instance, items, number
+from planner_service.grasping.faces import flat_faces
+from planner_service.grasping.held import held_by, middle_of, require_fingers
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
 
-__all__ = ["middle_of", "offset_from", "top_grasps", "width_across"]
+__all__ = ["cup_poses", "middle_of", "offset_from", "side_grasps", "tool_rotation", "top_grasps", "width_across"]
 
 TILTS = (0.0, math.radians(15.0), math.radians(-15.0), math.radians(30.0), math.radians(-30.0))
 """How far the approach leans from straight down, in the order tried: the arm cannot rise far with a vertical gripper,
 and a lean gives it room."""
+
+LEANS = (0.0, math.radians(15.0), math.radians(30.0))
+"""How far the approach of a grasp from the side comes from above, in the order tried: a palm wider than the fingers
+needs room over a table."""
+
+CENTRED = 1e-6
+"""Metres that the middle of what fingers hold may be beside the middle between them: that is rounding."""
 
 MAX_TILTS = 1_000
 
@@ -34,11 +43,11 @@ _YAWS_OF_A_ROUND_OBJECT = 8
 
 
 def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS) -> tuple[Pose, ...]:
-    """Grasps of an object from above, its centre between the fingertips: upright first, then leaning ones.
+    """Grasps of an object from above, its middle between the fingertips: upright first, then leaning ones.
 
     A box is taken across its faces, a round object from several sides. Grasps that are wider than the gripper opens are
-    left out. A vacuum gripper takes a box or cylinder by the flat face that looks up most, in its middle, turned to any
-    of several sides; it has no use for ``tilts``.
+    left out. A vacuum gripper takes an object by the flat face that looks up most, in its middle, turned to any of
+    several sides; it has no use for ``tilts``.
 
     Args:
         tilts: Leans in radians about the axis through the fingers, in the order of preference.
@@ -48,31 +57,63 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
             for its cup.
     """
     instance("target", target, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
-    leans = items("tilts", tilts, (int, float), "angles in radians", MAX_TILTS)
-    if not leans:
-        raise InvalidRequest("tilts", tilts, "at least one angle in radians")
-    for k, lean in enumerate(leans):
-        number(f"tilts[{k}]", lean, "an angle in [-pi, pi]", -math.pi, math.pi)
+    leans = _angles("tilts", tilts)
     gripper = instance("robot", robot, Robot, "a Robot").gripper
     if gripper is None:
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
     if gripper.kind == "vacuum":
         return tuple(_by_face(gripper, target))
+    return _around(robot, gripper, target, leans)
+
+
+def side_grasps(robot: Robot, target: Obstacle, *, leans: Sequence[float] = LEANS) -> tuple[Pose, ...]:
+    """Grasps of an object from the side, its middle between the fingertips, which close level: level ones first.
+
+    A box is taken across its faces, a round object from several sides. Grasps that are wider than the gripper opens are
+    left out.
+
+    Args:
+        leans: Angles in radians by which the approach comes from above the level, in the order of preference.
+
+    Raises:
+        InvalidRequest: The robot has no fingers, or the object is too wide for them from every side.
+    """
+    instance("target", target, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
+    tilts = [math.pi / 2.0 - lean for lean in _angles("leans", leans)]
+    return _around(robot, require_fingers(robot), target, tilts)
+
+
+def _angles(field: str, angles: Sequence[float]) -> tuple[float, ...]:
+    given = items(field, angles, (int, float), "angles in radians", MAX_TILTS)
+    if not given:
+        raise InvalidRequest(field, angles, "at least one angle in radians")
+    return tuple(
+        number(f"{field}[{k}]", angle, "an angle in [-pi, pi]", -math.pi, math.pi) for k, angle in enumerate(given)
+    )
+
+
+def _around(robot: Robot, gripper: Gripper, target: Obstacle, tilts: Sequence[float]) -> tuple[Pose, ...]:
+    """Grasps through an object's middle whose fingers close level, from several sides for each of ``tilts``."""
     R = target.pose.rotation
     heading = math.atan2(R[1, 0], R[0, 0])
     middle = middle_of(target)
     count = 4 if isinstance(target.shape, Box) else _YAWS_OF_A_ROUND_OBJECT
     grasps = [
         Pose.from_matrix(_from_above(gripper, middle, heading + 2 * math.pi * k / count, tilt))
-        for tilt in leans
+        for tilt in tilts
         for k in range(count)
     ]
-    fitting = tuple(pose for pose in grasps if width_across(target, pose, gripper) <= gripper.upper)
-    if not fitting:
-        width = min(width_across(target, pose, gripper) for pose in grasps)
+    held = [held_by(target, pose, robot) for pose in grasps]
+    if not any(each.width <= gripper.upper for each in held):
+        width = min(each.width for each in held)
         expected = f"an object at most {gripper.upper:.3f} m wide; this one is {width:.3f} m"
         raise InvalidRequest("target", target.name, expected)
-    return fitting
+    x, y, z = gripper.closing
+    return tuple(
+        pose if each.aside < CENTRED else pose @ Pose((-each.shift * x, -each.shift * y, -each.shift * z))
+        for pose, each in zip(grasps, held, strict=True)
+        if each.width <= gripper.upper
+    )
 
 
 def _from_above(gripper: Gripper, position: Sequence[float], yaw: float, tilt: float) -> FloatArray:
@@ -83,18 +124,22 @@ def _from_above(gripper: Gripper, position: Sequence[float], yaw: float, tilt: f
     outward = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     approach = outward * math.sin(tilt) + np.array([0.0, 0.0, -math.cos(tilt)])
     T = np.eye(4)
-    T[:3, :3] = _taking(gripper, approach, fingers)
+    T[:3, :3] = tool_rotation(gripper, approach, fingers)
     T[:3, 3] = position
     return T
 
 
 def _by_face(gripper: Gripper, target: Obstacle) -> Iterator[Pose]:
     """The tool poses that bring a cup to the flat face that looks up most, one for each of several turns."""
-    faces = sorted(_faces(target), key=lambda face: float(face[0][2]))
-    if not faces or faces[-1][0][2] < FACING_UP or faces[-1][2] < gripper.radius:
-        room = f"at least {2.0 * gripper.radius:.3f} m wide"
-        raise InvalidRequest("target", target.name, f"a box or cylinder with a flat face that looks up, {room}")
-    outward, middle, _ = faces[-1]
+    faces = sorted(flat_faces(target, gripper.radius), key=lambda face: float(face.outward[2]))
+    if not faces or faces[-1].outward[2] < FACING_UP or faces[-1].room(faces[-1].middle[None])[0] < gripper.radius:
+        expected = f"an object with a flat face that looks up, at least {2.0 * gripper.radius:.3f} m wide"
+        raise InvalidRequest("target", target.name, expected)
+    yield from cup_poses(gripper, faces[-1].middle, faces[-1].outward)
+
+
+def cup_poses(gripper: Gripper, place: FloatArray, outward: FloatArray) -> Iterator[Pose]:
+    """The tool poses that bring a cup to a place on a face, one for each of several turns about the face's normal."""
     least = int(np.argmin(np.abs(outward)))
     side = np.eye(3)[least] - outward[least] * outward
     side /= math.sqrt(float((side * side).sum()))
@@ -102,24 +147,12 @@ def _by_face(gripper: Gripper, target: Obstacle) -> Iterator[Pose]:
     for k in range(_YAWS_OF_A_ROUND_OBJECT):
         angle = 2.0 * math.pi * k / _YAWS_OF_A_ROUND_OBJECT
         T = np.eye(4)
-        T[:3, :3] = _taking(gripper, -outward, side * math.cos(angle) + other * math.sin(angle))
-        T[:3, 3] = middle
+        T[:3, :3] = tool_rotation(gripper, -outward, side * math.cos(angle) + other * math.sin(angle))
+        T[:3, 3] = place
         yield Pose.from_matrix(T)
 
 
-def _faces(target: Obstacle) -> Iterator[tuple[FloatArray, FloatArray, float]]:
-    """The flat faces of a box or cylinder: unit vector outwards, middle, and metres from there to the nearest rim."""
-    shape, R, place = target.shape, target.pose.rotation, np.array(target.pose.position)
-    if isinstance(shape, Box):
-        for k, size in enumerate(shape.size):
-            room = min(other for j, other in enumerate(shape.size) if j != k) / 2.0
-            yield from ((sign * R[:, k], place + sign * size / 2.0 * R[:, k], room) for sign in (1.0, -1.0))
-    if isinstance(shape, Cylinder):
-        half = shape.length / 2.0
-        yield from ((sign * R[:, 2], place + sign * half * R[:, 2], shape.radius) for sign in (1.0, -1.0))
-
-
-def _taking(gripper: Gripper, approach: FloatArray, closing: FloatArray) -> FloatArray:
+def tool_rotation(gripper: Gripper, approach: FloatArray, closing: FloatArray) -> FloatArray:
     """The rotation (3, 3) of the tool whose axes of approach and closing point so in the world."""
     x, y = np.array(gripper.approach), np.array(gripper.closing)
     third = (
@@ -130,40 +163,16 @@ def _taking(gripper: Gripper, approach: FloatArray, closing: FloatArray) -> Floa
     return np.asarray(sum(world[:, None] * tool for world, tool in axes))  # what each axis of the tool becomes
 
 
-def middle_of(target: Obstacle) -> tuple[float, float, float]:
-    """The middle of an object's extents along its own axes, in the base frame: its position, unless it is lopsided."""
-    axes = np.eye(3)
-    aside = 0.5 * (target.shape.support(axes) + target.shape.support(-axes)).diagonal()
-    if not aside.any():
-        return target.pose.position
-    return (target.pose @ Pose((float(aside[0]), float(aside[1]), float(aside[2])))).position
+def width_across(target: Obstacle, grasp: Pose, robot: Robot) -> float:
+    """Metres that an object has between the fingers of a grasp, where they meet it; 0 for a cup."""
+    return 0.0 if _has_cup(robot) else held_by(target, grasp, robot).width
 
 
-def width_across(target: Obstacle, grasp: Pose, gripper: Gripper) -> float:
-    """The extent of an object in metres along the axis on which the fingers of a grasp close; 0 for a cup."""
-    if gripper.kind == "vacuum":
-        return 0.0
-    axis = _seen_from(target.pose, _closing(grasp, gripper))
-    return _product(axis, target.shape.support(axis) - target.shape.support(-axis))
+def offset_from(target: Obstacle, grasp: Pose, robot: Robot) -> tuple[float, float]:
+    """Metres between the middle of what fingers hold and the middle between them, and between fingertips and object."""
+    held = held_by(target, grasp, robot)
+    return held.aside, held.beyond
 
 
-def offset_from(target: Obstacle, grasp: Pose, gripper: Gripper) -> tuple[float, float]:
-    """Metres between an object's centre and the middle between the fingers, and between fingertips and object."""
-    fingers = _closing(grasp, gripper)
-    aside = abs(_product(fingers, np.array(middle_of(target)) - np.array(grasp.position)))
-    tips = _seen_from(target.pose, np.array(grasp.position) - np.array(target.pose.position))
-    return aside, float(target.shape.distance(tips))
-
-
-def _closing(grasp: Pose, gripper: Gripper) -> list[float]:
-    """The direction in which the fingers of a grasp close, in the base frame."""
-    return [_product(row, gripper.closing) for row in grasp.rotation_rows]
-
-
-def _seen_from(pose: Pose, direction: Sequence[float] | FloatArray) -> FloatArray:
-    """A direction in the axes of a pose, shape (3,): summed in a fixed order, which BLAS does not promise."""
-    return np.array([_product(column, direction) for column in zip(*pose.rotation_rows, strict=True)])
-
-
-def _product(a: Sequence[float] | FloatArray, b: Sequence[float] | FloatArray) -> float:
-    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+def _has_cup(robot: Robot) -> bool:
+    return robot.gripper is not None and robot.gripper.kind == "vacuum"

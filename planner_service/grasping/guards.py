@@ -9,7 +9,9 @@ import numpy as np
 from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray, cross
 from planner_service.geometry.shapes import Pose
-from planner_service.grasping.grasps import offset_from, width_across
+from planner_service.grasping.grasps import width_across
+from planner_service.grasping.hand import HandCheck
+from planner_service.grasping.held import Held, held_by
 from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.gripper import Gripper
@@ -23,6 +25,7 @@ __all__ = [
     "PUSHED_ASIDE",
     "grasp_objection",
     "reach_objection",
+    "rim_gaps",
     "tool_frames",
     "tool_line",
     "unwanted",
@@ -57,20 +60,44 @@ MAX_SAMPLES = 4000
 Pair = tuple[str, str]
 
 
-def grasp_objection(target: Obstacle, grasp: Pose, gripper: Gripper) -> str:
+def grasp_objection(target: Obstacle, grasp: Pose, robot: Robot) -> str:
     """Why fingers that close at a grasp, or its cup, would not hold an object where it stands; empty if they would."""
+    gripper = robot.gripper
+    if gripper is None:
+        return f"{robot.name} has no gripper"
     if gripper.kind == "vacuum":
-        away = max(_rim_gaps(target, grasp, gripper))
+        away = max(rim_gaps(target, grasp, gripper))
         return f"the cup is up to {away * 1000:.1f} mm away from {target.name}" if away > LOOSE_CUP else ""
-    aside, beyond = offset_from(target, grasp, gripper)
-    if beyond > LOOSE_GRASP:
-        return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
-    if aside > PUSHED_ASIDE:
-        return f"closing would push {target.name} {aside * 1000:.0f} mm aside"
+    held = held_by(target, grasp, robot)
+    if held.beyond > LOOSE_GRASP:
+        return f"the fingertips are {held.beyond * 1000:.0f} mm away from {target.name}"
+    if held.width > gripper.upper:
+        wide, most = held.width * 1000, gripper.upper * 1000
+        return f"{target.name} is {wide:.1f} mm wide between fingers that open {most:.1f} mm"
+    if held.aside > PUSHED_ASIDE:
+        return f"closing would push {target.name} {held.aside * 1000:.0f} mm aside"
+    if not held.reached:
+        return f"the fingers would not reach both sides of {target.name}"
+    return "" if held.whole else _closed_objection(target, grasp, robot, held)
+
+
+def _closed_objection(target: Obstacle, grasp: Pose, robot: Robot, held: Held) -> str:
+    """Why fingers would not stop where they are said to meet a part of an object; FCL decides."""
+    gripper = robot.gripper
+    assert gripper is not None
+    x, y, z = (held.shift * axis for axis in gripper.closing)  # by which they push the object
+    seen, hand = Pose((x, y, z)) @ grasp.inverse() @ target.pose, HandCheck(robot, target.shape)
+    inside = hand.touching(seen, held.width + 2.0 * MEANT_OVERLAP)
+    if inside:
+        links = ", ".join(sorted(inside))
+        return f"closed to {held.width * 1000:.1f} mm, the gripper would stand inside {target.name}: {links}"
+    meeting = hand.touching(seen, max(gripper.lower, held.width - 2.0 * MEANT_OVERLAP))
+    if len(hand.sides(meeting)) < 2:
+        return f"the fingers would not reach both sides of {target.name}"
     return ""
 
 
-def _rim_gaps(target: Obstacle, grasp: Pose, gripper: Gripper) -> list[float]:
+def rim_gaps(target: Obstacle, grasp: Pose, gripper: Gripper) -> list[float]:
     """Metres between an object and points of a cup at a grasp: its middle, and some of its rim."""
     x, y = np.array(gripper.closing), cross(np.array(gripper.approach), np.array(gripper.closing))
     angles = np.arange(RIM_POINTS)[:, None] * (2.0 * math.pi / RIM_POINTS)
@@ -153,11 +180,11 @@ def reach_objection(
     if robot.gripper is None:
         return f"{robot.name} has no gripper"
     tool = Pose.from_matrix(robot.tool_pose(path.waypoints[-1]))
-    width, planned_width = (width_across(item, tool, robot.gripper) for item in (target, before))
+    width, planned_width = (width_across(item, tool, robot) for item in (target, before))
     if abs(width - planned_width) > MEANT_OVERLAP:
         return f"{target.name} is {width * 1000:.1f} mm wide between the fingers, not {planned_width * 1000:.1f} mm"
     samples, objection = tool_line(robot, path, path.length, begin, LONGEST_APPROACH)
-    objection = grasp_objection(target, tool, robot.gripper) or objection
+    objection = grasp_objection(target, tool, robot) or objection
     if objection:
         return objection
     inside = np.clip(samples, *robot.bounds)

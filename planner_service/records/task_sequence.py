@@ -16,6 +16,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
 from planner_service.grasping.guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE, grasp_objection
+from planner_service.grasping.held import held_by
 from planner_service.kinematics.tool_line import rotation_distance
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -220,21 +221,27 @@ def _require_grasp(motion: TaskMotion, taken: Obstacle, after: ClaimedMotion) ->
         raise _unsound(
             after, claimed, f"what is taken to touch the fingers alone: {', '.join(fingers_of(motion.robot))}"
         )
-    width = width_across(taken, tool, gripper)
-    if abs(after.width - width) > MEANT_OVERLAP:
+    width = width_across(taken, tool, motion.robot)
+    if abs(after.width - width) > MEANT_OVERLAP and not _as_before(taken, tool, motion.robot, after.width):
         claimed = f"a gripper {after.width:.4f} m open around {taken.name}"
         raise _unsound(after, claimed, f"{width:.4f} m, as wide as that is between the fingers")
     if gripper.kind == "vacuum":
-        if objection := grasp_objection(taken, tool, gripper):
+        if objection := grasp_objection(taken, tool, motion.robot):
             raise _unsound(after, objection, "a cup whose rim lies on what is taken")
         return
-    aside, beyond = offset_from(taken, tool, gripper)
+    aside, beyond = offset_from(taken, tool, motion.robot)
     if beyond > LOOSE_GRASP or aside > PUSHED_ASIDE:
         claimed = (
             f"fingertips {beyond * 1000:.0f} mm away from {taken.name}, and its middle {aside * 1000:.0f} mm aside"
         )
         expected = f"at most {LOOSE_GRASP * 1000:.0f} mm and {PUSHED_ASIDE * 1000:.0f} mm"
         raise _unsound(after, claimed, expected)
+
+
+def _as_before(taken: Obstacle, tool: Pose, robot: Robot, width: float) -> bool:
+    """Whether a gripper is as open as all of an object is wide, as in files from before it closed on parts of one."""
+    moves = robot.gripper is not None and robot.gripper.kind != "vacuum"
+    return moves and abs(width - held_by(taken, tool, robot).extent) <= MEANT_OVERLAP
 
 
 def _same_place(a: Pose, b: Pose) -> bool:

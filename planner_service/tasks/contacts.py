@@ -128,7 +128,7 @@ def _grasping(
 ) -> Contact:
     """A grasp, with the opening of a rank, the widest first."""
     gripper = gripper_of(service.robot)
-    width = width_across(target, grasp, gripper)
+    width = width_across(target, grasp, service.robot)
     widths = _openings(gripper, width, step.open_width)
 
     def before() -> PlannerService:
@@ -144,7 +144,7 @@ def _grasping(
     touch = Touch(_touching(service, target.name), None, gripper.touching(target.name, "take"))
 
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
-        return grasp_objection(target, grasp, gripper) or unwanted(checker, q, touch.pairs)
+        return grasp_objection(target, grasp, service.robot) or unwanted(checker, q, touch.pairs)
 
     return Contact(
         tool=grasp,

@@ -57,7 +57,7 @@ def pick(
     obstacle, gripper = service.scene.obstacle(target), gripper_of(service.robot)
     require_poses("grasps", grasps)
     for grasp in grasps:
-        openings(gripper, width_across(obstacle, grasp, gripper), handling.open_width)
+        openings(gripper, width_across(obstacle, grasp, service.robot), handling.open_width)
     if handling.support is not None:
         service.scene.obstacle(handling.support)
     return _handled(service, q, pick_steps(target, grasps, handling), handling, f"pick {target}", memory)

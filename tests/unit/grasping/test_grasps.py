@@ -27,7 +27,7 @@ def test_a_mesh_beside_its_own_frame_is_grasped_in_its_middle() -> None:
     target = Obstacle("cup", LOPSIDED, Pose.from_rpy((0.1, 0.3, 0.0), (0.0, 0.0, 0.5)))
     assert middle_of(target) == pytest.approx((target.pose @ Pose((0.12, -0.195, 0.03))).position, abs=1e-12)
     for grasp in top_grasps(robot, target):
-        aside, beyond = offset_from(target, grasp, robot.gripper)
+        aside, beyond = offset_from(target, grasp, robot)
         assert aside < 1e-9
         assert beyond == 0.0
 
