@@ -16,7 +16,7 @@ from planner_service.service import PlannerService
 from planner_service.tasks.motions import NoMotion
 from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Numbered, Stage
 
-__all__ = ["Inspector", "Rank", "Visit"]
+__all__ = ["Inspector", "Rank", "Visit", "steps_of"]
 
 MAX_REASONS = 20
 """Of a step, that are reported."""
@@ -63,12 +63,20 @@ class Inspector:
 
     def __init__(self, stages: Sequence[Stage]) -> None:
         self._tallies: dict[str, _Tally] = {}
-        for numbered in _every(stages):
-            self._tallies.setdefault(numbered.number, _Tally(numbered.label))
+        self._steps = {numbered.number: numbered for stage in stages for numbered in steps_of(stage)}
+        for number, numbered in self._steps.items():
+            self._tallies[number] = _Tally(numbered.label)
 
     def reports(self) -> tuple[StepReport, ...]:
         """Of all steps, in their order."""
         return tuple(tally.report() for tally in self._tallies.values())
+
+    def blocked(self) -> tuple[Numbered, StepReport] | None:
+        """The last of the steps that failed whenever they were tried; None if each had a way once."""
+        for number, tally in reversed(self._tallies.items()):
+            if 0 < tally.failed == tally.tried:
+                return self._steps[number], tally.report()
+        return None
 
     def tried(self, numbered: Numbered) -> None:
         """A step is tried."""
@@ -83,17 +91,15 @@ class Inspector:
             tally.reasons[why] += 1
 
 
-def _every(stages: Sequence[Stage]) -> Iterator[Numbered]:
-    """The steps of stages in their order; of repeated ones each time."""
-    for stage in stages:
-        if isinstance(stage, ChoiceStage):
-            for branch in stage.branches:
-                yield from _every(branch)
-        else:
-            middle = (
-                (*stage.approaches, stage.act, *stage.retreats) if isinstance(stage, ContactStage) else (stage.motion,)
-            )
-            yield from (each for each in (stage.connect, *middle) if each is not None)
+def steps_of(stage: Stage) -> Iterator[Numbered]:
+    """The steps of a stage in their order, of all alternatives."""
+    if isinstance(stage, ChoiceStage):
+        for branch in stage.branches:
+            for inner in branch:
+                yield from steps_of(inner)
+        return
+    middle = (*stage.approaches, stage.act, *stage.retreats) if isinstance(stage, ContactStage) else (stage.motion,)
+    yield from (each for each in (stage.connect, *middle) if each is not None)
 
 
 @dataclass(eq=False)

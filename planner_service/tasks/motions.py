@@ -8,12 +8,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from planner_service.certify import GripperMotion
-from planner_service.collision import CancelToken, CheckCounts
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled
 from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray
@@ -22,7 +22,7 @@ from planner_service.kinematics.cartesian_waypoints import line_blends
 from planner_service.kinematics.inverse import ToolChain, inverse_kinematics
 from planner_service.memory import Memory
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.request import Pace, PlanRequest, keeps_torques
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
@@ -32,6 +32,11 @@ from planner_service.timing.laws import Timing
 __all__ = ["Ended", "Motions", "NoMotion", "Touch"]
 
 Pair = tuple[str, str]
+
+T = TypeVar("T")
+
+LOOKS = 3
+"""Ways whose lines may be proven for each search that a task may try."""
 
 
 class NoMotion(Exception):
@@ -82,10 +87,21 @@ class Motions:
         self._cancel = cancel
         limit = request.time_limit
         self._deadline = None if limit is None else time.monotonic() + turns * limit
-        self._searches, self._left = searches, searches
+        self._searches, self._left, self._looks = searches, searches, LOOKS * searches
         self._grips: dict[tuple[Any, ...], GripperMotion] = {}
         self._services: dict[tuple[float, Scene], PlannerService] = {}
         self._solutions: dict[tuple[Any, ...], FloatArray] = {}
+
+    def look(self) -> None:
+        """The lines of one more way are looked at.
+
+        Raises:
+            Ended: Too many were.
+        """
+        self._looks -= 1
+        if self._looks < 0:
+            detail = f"the lines of {LOOKS * self._searches:,} ways were looked at, {LOOKS} for each search"
+            raise Ended(Failure(Stage.STRAIGHT_LINE, Reason.PLANNING_FAILED, detail))
 
     # Worlds.
 
@@ -141,6 +157,27 @@ class Motions:
             self.request, start=q, goal=goal, time_limit=share, constraints=(*self.request.constraints, *constraints)
         )
         return self._having_plan(service.plan(asked, memory=self.memory, cancel=self._cancel))
+
+    def stands_free(self, service: PlannerService, q: FloatArray, standing: FloatArray) -> bool:
+        """Whether motions can begin at q (n,), as far as one state tells; if not, ``leaving`` says why.
+
+        Args:
+            standing: q within the limits.
+        """
+        request = self.request
+        if np.abs(q - standing).max() > request.start_tolerance or request.constraints or service.scene.constraints:
+            return False
+        if keeps_torques(request.timing):
+            return False
+        return self.counted(service.checker, lambda checker: checker.state_is_free(standing))
+
+    def counted(self, checker: CollisionChecker, ask: Callable[[CollisionChecker], T]) -> T:
+        """What a checker answers, its cost counted."""
+        tally = checker.ledger.own
+        before = tally.counts
+        answer = ask(checker)
+        self.spent += tally.counts - before
+        return answer
 
     def leaving(self, service: PlannerService, q: FloatArray, standing: FloatArray) -> tuple[PlanResult, bool]:
         """The motion with which a task begins at q (n,), and whether it is one: what stays there if nothing is touched.

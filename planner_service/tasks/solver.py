@@ -39,14 +39,15 @@ from planner_service.planning.result import Stage as PlanStage
 from planner_service.planning.task_result import JOIN, Segment, TaskResult
 from planner_service.robot.model import joint_vector
 from planner_service.service import PlannerService
-from planner_service.tasks.contacts import Contact, frame_of, placed_poses
-from planner_service.tasks.inspector import Inspector, Rank, Visit
+from planner_service.tasks.contacts import frame_of
+from planner_service.tasks.inspector import Inspector, Rank, Visit, steps_of
+from planner_service.tasks.look_ahead import LookAhead
 from planner_service.tasks.motions import Ended, Motions, NoMotion
 from planner_service.tasks.names import require_names
 from planner_service.tasks.steps import Follow, Grasp, MoveCircular, MoveLinear, MoveTo
-from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Stage, Task
+from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Numbered, Stage, Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
-from planner_service.tasks.ways import OUT_OF_REACH, Lines, Way, Ways
+from planner_service.tasks.ways import Lines, Way, Ways
 from planner_service.timing.laws import Timing
 
 __all__ = ["BEAM", "LEAVE", "SEARCHES", "solve", "solved"]
@@ -62,9 +63,6 @@ BEAM = 4
 
 SEARCHES = 1_000
 """That a task may try."""
-
-LOOK_AHEAD = 3
-"""Contacts that follow each other with one object, and are looked at together: a release, a new grasp, its release."""
 
 MAX_WHYS = 8
 """Poses out of reach that are looked at to tell what would bring the tool to the nearest of them."""
@@ -194,10 +192,7 @@ class _Search:
         self._motions, self._task, self._start, self._beam = motions, task, start, beam
         self._service = motions.begin(service)
         self._inspector = Inspector(task.stages)
-        self._ways: dict[tuple[int, PlannerService], Ways] = {}
-        self._ahead: dict[tuple[int, PlannerService], Visit | None] = {}
-        self._reaching: set[Contact] = set()
-        self._dead_ends: dict[Contact, tuple[Visit, str]] = {}
+        self._ahead = LookAhead(motions, self._inspector)
         self._remembers = memory is not None
         self._deepest = _State(self._service, start, task.stages, memory=memory or NOTHING)
         self._stuck: Visit | None = None
@@ -260,7 +255,7 @@ class _Search:
         """The states once the gripper has closed or opened."""
         stage = visit.stage
         assert isinstance(stage, ContactStage)
-        ways = self._ways_of(stage, state.service)
+        ways = self._ahead.ways_of(stage, state.service)
         if stage.connect is None:
             base: _State | None = state if state.grip is None else self._at_rest(state)
             found = ways.here(state.q, visit)
@@ -269,7 +264,7 @@ class _Search:
             found = iter(()) if base is None else ways(visit.q, visit)
         if base is None:
             return
-        done = set[tuple[int, int]]()
+        done, unsure = set[tuple[int, int]](), True
         for way in found:
             if (way.number, way.solution) in done:
                 continue  # another length of the same
@@ -278,20 +273,28 @@ class _Search:
             except NoMotion as none:
                 if way.contact.takes:  # on the way there the gripper is open already
                     ways.told(way.contact, str(none))
+                searched = none.result is not None and none.result.origin is not None and none.result.origin.request
+                if unsure and searched and stage.connect is not None:
+                    unsure = False
+                    if self._left(base, visit, stage.connect) is None:
+                        return
                 continue
             done.add((way.number, way.solution))
             yield after
-
-    def _ways_of(self, stage: ContactStage, service: PlannerService) -> Ways:
-        key = (id(stage), service)
-        if key not in self._ways:
-            self._ways[key] = Ways(self._motions, stage, service)
-        return self._ways[key]
 
     def _started(self, state: _State, visit: Visit) -> _State | None:
         """The state in which motions can begin; None, and told ``visit``, if they cannot where the robot stands."""
         connect = visit.stage.connect
         assert connect is not None
+        last = state.segments[-1].result.origin if state.segments else None
+        proven = last is not None and last.world is state.service.world
+        if proven or self._motions.stands_free(state.service, state.q, visit.q):
+            return state if state.began is not None else replace(state, began=state.q)
+        return self._left(state, visit, connect)
+
+    def _left(self, state: _State, visit: Visit, connect: Numbered) -> _State | None:
+        """The state once the robot has left what it touches; None, and told ``visit``, if it stands where no motion can
+        begin."""
         result, leaves = self._motions.leaving(state.service, state.q, visit.q)
         if result.failure is not None:
             visit.failure = result.failure
@@ -313,18 +316,11 @@ class _Search:
             NoMotion: One of its motions has no plan, or what follows has none.
         """
         stage = ways.stage
-        if way.contact not in self._reaching:
-            self._reaching.add(way.contact)
-            self._reach_ahead(base, way, visit)
-        if way.contact in self._dead_ends:
-            visit.ahead, why = self._dead_ends[way.contact]
-            told = f"way {way.number}: {why}"
-            if told not in visit.tried:
-                visit.refuse(stage.act, why, told, Rank.AHEAD)
-            raise NoMotion(why)
+        rest = base.rest[1:]
+        self._ahead.require(rest, way, visit)
         if stage.connect is None:
             lines = ways.lines(way, visit)
-            self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
+            self._ahead.look(rest, way, visit)
             return self._gone(base, ways, way, lines, visit, ())
         before = way.contact.before
         try:
@@ -334,7 +330,7 @@ class _Search:
             raise
         way = way.turned(before.robot, visit.q)
         lines = ways.lines(way, visit)
-        self._look_ahead(base.rest[1:], way, visit, LOOK_AHEAD)
+        self._ahead.look(rest, way, visit)
         connect = stage.connect.step
         with visit.trying(stage.connect, f"{connect.name}: ", Rank.SEARCH):
             to = self._motions.searched(before, base.q, way.begin, connect.constraints, one_of_many=True)
@@ -362,71 +358,6 @@ class _Search:
         width, scene = state.service.robot.gripper_width, state.service.scene
         motion = Segment(STAND, stays, width, scene, state.grip, self._motions.law)
         return replace(state, segments=(*state.segments, motion), grip=None)
-
-    def _reach_ahead(self, base: _State, way: Way, visit: Visit) -> None:
-        """Note that a grasp is a dead end if the arm could not reach any place of its object: that costs no check."""
-        act = visit.stage.act.step if isinstance(visit.stage, ContactStage) else None
-        if not isinstance(act, Grasp):
-            return
-        following = _following(base.rest[1:], act.object)
-        if not following:
-            return
-        robot, still = base.service.robot, base.service.robot.unwound(visit.q)
-        held = way.contact.tool.inverse() @ base.service.scene.obstacle(act.object).pose
-        seen: list[Visit] = []
-        for stage, _ in following:
-            places = placed_poses(base.service, stage.act.step)
-            tools = [pose @ held.inverse() for pose in places]
-            if any(len(self._motions.solutions(robot, tool, still)) for tool in tools):
-                return
-            ahead = Visit(self._inspector, stage, base.service, visit.q, ways=len(tools))
-            ahead.unreached |= dict(enumerate(tools, start=1))
-            for number in ahead.unreached:
-                ahead.refuse(stage.act, OUT_OF_REACH, f"way {number}: {OUT_OF_REACH}")
-            seen.append(ahead)
-        self._dead_ends[way.contact] = seen[0], _dead_end(following[0][0], seen[0])
-
-    def _look_ahead(self, rest: tuple[Stage, ...], way: Way, visit: Visit, depth: int) -> None:
-        """Refuse a way after which what is carried could not be set down, or what was set down not be taken again.
-
-        Raises:
-            NoMotion: The next contact with the object has no way without a search, and no alternative to it has.
-        """
-        act = visit.stage.act if isinstance(visit.stage, ContactStage) else None
-        assert act is not None
-        following = _following(rest, act.step.object) if depth else []
-        if not following:
-            return
-        seen: list[Visit] = []
-        for stage, later in following:
-            found = self._promising(stage, later, way.contact.after, way.end, depth - 1)
-            if found is None:
-                return
-            seen.append(found)
-        visit.ahead = seen[0]
-        why = _dead_end(following[0][0], seen[0])
-        self._dead_ends[way.contact] = seen[0], why
-        visit.refuse(act, why, f"way {way.number}: {why}", Rank.AHEAD)
-        raise NoMotion(why)
-
-    def _promising(
-        self, stage: ContactStage, rest: tuple[Stage, ...], service: PlannerService, q: FloatArray, depth: int
-    ) -> Visit | None:
-        """None if a contact has a way as far as can be told without a search, else the visit that found none."""
-        key = (id(stage), service)
-        if key not in self._ahead:
-            visit, ways = Visit(self._inspector, stage, service, q), self._ways_of(stage, service)
-            self._ahead[key] = visit
-            for way in ways(q, visit):
-                turned = way.turned(service.robot, q)
-                try:
-                    ways.lines(turned, visit)
-                    self._look_ahead(rest, turned, visit, depth)
-                except NoMotion:
-                    continue
-                self._ahead[key] = None
-                break
-        return self._ahead[key]
 
     # Motions.
 
@@ -554,14 +485,21 @@ class _Search:
     # Results.
 
     def _why(self, visit: Visit) -> Failure:
-        """Why the task ends at a stage."""
+        """Why the task ends at a stage: the last of the steps that failed whenever they were tried, and the cause."""
         while visit.ahead is not None and visit.farthest is not None and visit.farthest[0] is Rank.AHEAD:
             visit = visit.ahead
-        step = "" if visit.farthest is None or len(self._task.stages) == 1 else f"{visit.farthest[1].step}: "
+        blocked = self._inspector.blocked()
+        own = [each.number for each in steps_of(visit.stage)]
+        last = blocked[0] if blocked is not None else visit.farthest[1] if visit.farthest is not None else None
+        step = "" if last is None or len(self._task.stages) == 1 else f"{last.step}: "
         if visit.failure is not None:
             return replace(visit.failure, detail=f"{step}{visit.failure.detail}")
-        none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
-        detail = f"{step}{none}{'; '.join(visit.tried[:6])}"
+        if blocked is not None and blocked[0].number not in own:
+            report = blocked[1]
+            detail = f"{step}{report.failed} of {report.tried} tries failed: {report.why}"
+        else:
+            none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
+            detail = f"{step}{none}{'; '.join(visit.tried[:6])}"
         return self._explained(visit, Failure(PlanStage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
     def _explained(self, visit: Visit, failure: Failure) -> Failure:
@@ -597,21 +535,6 @@ class _Search:
         )
 
 
-def _dead_end(stage: ContactStage, ahead: Visit) -> str:
-    """Why what follows has no plan, in words."""
-    return f"then {stage.act.step} has no way: {'; '.join(ahead.tried[:1])}"
-
-
 def _end(result: PlanResult) -> FloatArray:
     end: FloatArray = result.unwrap()[0].waypoints[-1]
     return end
-
-
-def _following(stages: tuple[Stage, ...], name: str) -> list[tuple[ContactStage, tuple[Stage, ...]]]:
-    """The next contact with an object, of each alternative, and what comes after it; none where it says no place."""
-    for k, stage in enumerate(stages):
-        if isinstance(stage, ChoiceStage):
-            return [each for branch in stage.branches for each in _following((*branch, *stages[k + 1 :]), name)]
-        if isinstance(stage, ContactStage) and stage.act.step.object == name:
-            return [] if stage.connect is None else [(stage, stages[k + 1 :])]
-    return []

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify import GripperMotion
-from planner_service.collision import CancelToken
+from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
@@ -104,7 +104,7 @@ def proven_ways(
     require_names(service, task.stages)
     start = joint_vector("q", q, service.robot)
     template = replace(request or PlanRequest(start, start), start=start, goal=start)
-    motions = Motions(template, line_timing, cancel, turns=1, searches=1)
+    motions = Motions(template, line_timing, cancel, turns=1, searches=1_000)
     ways, visit = Ways(motions, stage, motions.begin(service)), Visit(Inspector([stage]), stage, service, start)
     done = set[tuple[int, int]]()
     for found in ways(start, visit):
@@ -282,12 +282,7 @@ class Ways:
         return fitting
 
     def _objection(self, contact: Contact, q: FloatArray) -> str:
-        checker = contact.before.checker
-        tally = checker.ledger.own
-        before = tally.counts
-        objection = contact.objection(checker, q)
-        self.motions.spent += tally.counts - before
-        return objection
+        return self.motions.counted(contact.before.checker, lambda checker: contact.objection(checker, q))
 
     def _lined(
         self, number: int, solution: int, contact: Contact, q: FloatArray, visit: Visit, *, short: bool
@@ -330,7 +325,8 @@ class Ways:
         back = True
         for k, numbered in enumerate(self.stage.retreats):
             step: Retreat = numbered.step
-            back = back and step.lengths is None and step.direction is None and k < len(inward)
+            axis = k < len(inward) and self.stage.approaches[-1 - k].step.direction is None
+            back = back and axis and step.lengths is None and step.direction is None
             if back:
                 lines.append(inward[k])
                 continue
@@ -390,6 +386,7 @@ class Ways:
         """
         key = way.contact, b"".join(line.tobytes() for line in (*way.inward, way.q, *way.outward))
         if key not in self._lines:
+            self.motions.look()
             try:
                 self._lines[key] = self._proven(way, visit)
             except NoMotion as none:
@@ -413,6 +410,16 @@ class Ways:
         ]
         return Lines(tuple(inward), grip, tuple(outward))
 
+    def _require_apart(self, checker: CollisionChecker, q: FloatArray) -> None:
+        """Refuse a retreat at whose end the fingers still touch what they have left.
+
+        Raises:
+            NoMotion: They do.
+        """
+        if not self.motions.counted(checker, lambda asked: asked.state_is_free(q)):
+            (first, *_) = self.motions.counted(checker, lambda asked: asked.contacts(q))
+            raise NoMotion(f"it ends where {first.a} x {first.b} still touch")
+
     def _followed(
         self,
         numbered: Numbered,
@@ -432,7 +439,10 @@ class Ways:
         opened = inward == way.contact.takes
         prefix = f"{step.name}: {way.contact.note if opened else ''}"
         with visit.trying(numbered, prefix, Rank.PROOF), self._telling(way.contact, wanted=opened):
-            return self.motions.followed(service, waypoints, _stretches(touches, away, inward=inward))
+            result = self.motions.followed(service, waypoints, _stretches(touches, away, inward=inward))
+            if result.exempt and not inward and not way.contact.takes and len(way.outward) == 1:
+                self._require_apart(service.checker, way.end)
+        return result
 
     def segments(self, way: Way, lines: Lines) -> tuple[tuple[Segment, ...], tuple[Segment, ...]]:
         """The motions to a contact, and those from it, the first of which has the gripper's."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -75,7 +76,8 @@ def test_a_task_is_the_pick_the_place_and_the_motion_that_a_person_would_write(c
     assert task.ok
     assert bits(task.segments[:-1]) == bits((*taken.segments, *put.segments))
     assert present(task.segments[-1].result.path).waypoints.tobytes() == present(home.path).waypoints.tobytes()
-    assert task.counts == taken.counts + put.counts + home.counts
+    apart = taken.counts + put.counts + home.counts
+    assert task.counts == replace(apart, states=apart.states - 1), "that the place begins where the pick ends is known"
     assert task.world.scene == put.world.scene
     assert recertify(task).certified
 
@@ -203,6 +205,19 @@ def test_lines_arcs_and_given_waypoints_follow_each_other(cell: ps.PlannerServic
     assert [segment.name for segment in task.segments] == ["line", "arc", "back", "follow", "move"]
     assert np.array_equal(task.q, home)
     assert recertify(task).certified
+
+
+def test_a_retreat_ends_where_the_fingers_have_left_the_object(cell: ps.PlannerService) -> None:
+    grasps = ps.top_grasps(cell.robot, cell.scene.obstacle("block"))
+    near = Approach("lower"), Release("block", [THERE], open_width=0.0451, support="table"), Retreat("away", (0.002,))
+    task = cell.solve(Task((pick_steps("block", grasps, ON_TABLE), Connect(), *near)), cell.robot.home)
+    assert re.match("Retreat away: .*finger_.* x block still touch", present(task.failure).detail)
+
+
+def test_ways_that_are_looked_at_are_limited_too(cell: ps.PlannerService) -> None:
+    walled = beside_a_wall(cell)
+    task = walled.solve(moved(walled, THERE), cell.robot.home, searches=1)
+    assert "the lines of 3 ways were looked at" in present(task.failure).detail
 
 
 def test_searches_are_limited_by_their_number(cell: ps.PlannerService) -> None:
