@@ -1,5 +1,6 @@
 """Where the tool is and how to bring it somewhere: inverse kinematics, tool poses as goals, straight tool lines."""
 
+from planner_service.kinematics.complete_inverse import InverseSolutions
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Suggestion, Unreachable, why_unreachable
@@ -7,6 +8,7 @@ from planner_service.kinematics.tool_line import LineStop, LineStopReason, ToolL
 
 __all__ = [
     "Cause",
+    "InverseSolutions",
     "LimitExcess",
     "LineStop",
     "LineStopReason",

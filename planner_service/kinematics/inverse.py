@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import finite_numbers, instance, items, whole
+from planner_service.geometry.validation import finite_numbers, flag, instance, items, whole
+from planner_service.kinematics.complete_inverse import InverseSolutions, complete_solutions
+from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.tool_arm import descended, tool_arm
 from planner_service.presentation.measures import range_text
 from planner_service.robot.kinematic_tree import chain_to_base
@@ -100,32 +102,79 @@ def _tool_joints(robot: Robot) -> list[int]:
     return sorted({robot.bodies[index].q_index for index in chain_to_base(robot.bodies, robot.tool_body)})
 
 
+@overload
 def inverse_kinematics(
-    robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequence[ArrayLike] = (), still: ArrayLike | None = None
-) -> FloatArray:
+    robot: Robot,
+    pose: Pose,
+    *,
+    seed: int = 0,
+    seeds: Sequence[ArrayLike] = (),
+    still: ArrayLike | None = None,
+    complete: Literal[False] = False,
+) -> FloatArray: ...
+
+
+@overload
+def inverse_kinematics(
+    robot: Robot, pose: Pose | PoseGoal, *, still: ArrayLike | None = None, complete: Literal[True]
+) -> InverseSolutions: ...
+
+
+def inverse_kinematics(
+    robot: Robot,
+    pose: Pose | PoseGoal,
+    *,
+    seed: int = 0,
+    seeds: Sequence[ArrayLike] = (),
+    still: ArrayLike | None = None,
+    complete: bool = False,
+) -> FloatArray | InverseSolutions:
     """Configurations within the joint limits that bring the tool to ``pose``, shape (k, n); k = 0 if none is found.
 
-    With ``robot.inverse`` "wxai" all solutions in closed form, verified by forward kinematics to 1e-7. With "numeric"
-    damped least squares from ``seeds``, home and random starts, to 1e-8 m and rad: there may be further solutions, and
-    an arm with more than six joints has infinitely many.
+    With ``complete``, all there are instead, each in a box proven to hold exactly one, or a proof that there is none:
+    ``InverseSolutions``. It takes an arm of at most as many joints as the goal has equations: six for a pose,
+    five if the tool may turn about an axis, three for a position alone.
+
+    Otherwise, with ``robot.inverse`` "wxai" all solutions in closed form, verified by forward kinematics to 1e-7. With
+    "numeric" damped least squares from ``seeds``, home and random starts, to 1e-8 m and rad: there may be further
+    solutions, and an arm with more than six joints has infinitely many.
 
     Args:
         seed: Seed of the random starts; equal seeds give equal bits.
         seeds: Configurations (n,) to start from first, or to stay near where a pose leaves an angle free.
         still: A configuration (n,) whose values the joints keep that do not move the tool; None for home.
+        complete: Find and prove all. The goal's tolerances count, its ``candidates`` do not.
 
     Raises:
         InvalidRequest: ``pose`` is not a Pose, a seed is not n finite numbers, no joint moves the tool, another joint
-            of ``still`` is outside its limits, or the closed form does not fit the robot.
+            of ``still`` is outside its limits, the closed form does not fit the robot, or, with ``complete``, the
+            arm has too many joints or a start is given.
     """
+    instance("robot", robot, Robot, "a Robot")
+    if flag("complete", complete):
+        return _all_configurations(robot, pose, seed, seeds, still)
     if not isinstance(pose, Pose):
         raise InvalidRequest("pose", pose, "a Pose")
-    instance("robot", robot, Robot, "a Robot")
     whole("seed", seed, 0, 2**63 - 1)
     starts: tuple[Any, ...] = items("seeds", seeds, object, "configurations")
     given = [finite_numbers(f"seeds[{i}]", q, robot.n) for i, q in enumerate(starts)]
     rest = robot.home if still is None else finite_numbers("still", still, robot.n)
     return configurations_at(robot, pose, seed=seed, seeds=given, still=rest).copy()
+
+
+def _all_configurations(
+    robot: Robot, pose: object, seed: int, seeds: Sequence[ArrayLike], still: ArrayLike | None
+) -> InverseSolutions:
+    goal = PoseGoal(pose) if isinstance(pose, Pose) else instance("pose", pose, PoseGoal, "a Pose or a PoseGoal")
+    if seed != 0 or len(seeds):
+        raise InvalidRequest("seeds" if len(seeds) else "seed", seeds or seed, "none with complete: it starts nowhere")
+    chain = ToolChain.of(robot, robot.home if still is None else finite_numbers("still", still, robot.n))
+    found = complete_solutions(chain.robot, goal)
+    if chain.robot is robot:
+        return found
+    whole_boxes = np.stack([chain.whole(found.unresolved[:, k]) for k in (0, 1)], axis=1)
+    q, lower, upper = map(chain.whole, (found.q, found.lower, found.upper))
+    return InverseSolutions(q, lower, upper, whole_boxes, found.boxes)
 
 
 def configurations_at(

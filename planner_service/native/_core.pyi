@@ -360,6 +360,42 @@ def body_poses_batch(table: NDArray[np.float64], q: NDArray[np.float64], portabl
         portable: With sines that have the same bits on every processor.
     """
 
+class ClosedLoop:
+    """An arm whose configurations for a pose are found completely (kinematics/complete_inverse.py).
+
+    Args:
+        joints: From the base to the tool, of each whether it slides, its entry of q, its multiplier, and its axis and a
+            point on the axis at q = 0 (m, 9).
+        tool: Rows of the tool's pose at q = 0 (12,).
+        lower, upper: Where it is searched (n,).
+    """
+
+    def __init__(
+        self,
+        joints: NDArray[np.float64],
+        tool: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> None: ...
+    def solve(
+        self,
+        rows: NDArray[np.float64],
+        axis: Sequence[float],
+        wanted: int,
+        position_error: float,
+        turn_error: float,
+        most_boxes: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Solutions (k, 5, n), boxes in doubt (u, 2, n), and how many boxes were looked at.
+
+        Of each solution q, the lower and upper values of its box, and of the larger box in which it is alone.
+
+        Args:
+            rows: Of the target (12,).
+            axis: In the tool frame; for ``wanted`` 1.
+            wanted: 0 for the pose, 1 for position and axis, 2 for the position.
+        """
+
 class ToolArm:
     """An arm as inverse kinematics sees it (kinematics/tool_arm.py).
 

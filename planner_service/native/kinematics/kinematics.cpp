@@ -7,6 +7,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "../arrays.hpp"
+#include "complete.hpp"
 #include "descent.hpp"
 #include "line.hpp"
 
@@ -163,6 +164,74 @@ class ToolArm {
     }
 };
 
+// An arm whose configurations for a pose are found completely: of each joint from the base to the tool whether it slides, its
+// entry of q, its multiplier, and its axis and a point on it at q = 0, where the tool has rows ``tool``.
+class ClosedLoop {
+  public:
+    ClosedLoop(const Rows& joints, const Row& tool, const Row& lower, const Row& upper) {
+        const std::size_t m = joints.shape(0);
+        loop_.n = lower.shape(0);
+        require(joints.shape(1) == 9 && m >= 1 && m <= 16 && tool.shape(0) == 12, "a table of up to 16 joints and a tool");
+        require(loop_.n >= 1 && loop_.n <= 6 && upper.shape(0) == loop_.n, "bounds of up to six joints");
+        for (std::size_t j = 0; j < loop_.n; ++j) domain_.push_back({lower.data()[j], upper.data()[j]});
+        std::copy_n(tool.data(), 12, loop_.tool);
+        Vector last{};
+        const auto reached = [&](const Vector& p) {
+            loop_.longest += std::sqrt((p[0] - last[0]) * (p[0] - last[0]) + (p[1] - last[1]) * (p[1] - last[1]) +
+                                       (p[2] - last[2]) * (p[2] - last[2]));
+            last = p;
+        };
+        for (std::size_t k = 0; k < m; ++k) {
+            const double* row = joints.data() + 9 * k;
+            require(row[1] >= 0.0 && row[1] < static_cast<double>(loop_.n), "no such joint");
+            const Joint joint{row[0] != 0.0, static_cast<std::size_t>(row[1]), row[2], {row[3], row[4], row[5]}, {row[6], row[7], row[8]}};
+            const Span& span = domain_[joint.q];
+            const double far = std::fabs(joint.multiplier) * std::max(std::fabs(span.low), std::fabs(span.high));
+            require(far <= 1000.0, "joint values within 1000");
+            loop_.strokes.push_back(joint.slides ? far + 2.0 * slide_room * std::fabs(joint.multiplier) : 0.0);
+            loop_.steepest = std::max(loop_.steepest, std::fabs(joint.multiplier));
+            loop_.longest += loop_.strokes.back();
+            loop_.joints.push_back(joint);
+            reached(joint.point);
+        }
+        reached({loop_.tool[3], loop_.tool[7], loop_.tool[11]});
+    }
+
+    // Solutions (k, 5, n): q, the box, and the box in which it is alone, lows before highs; boxes in doubt (u, 2, n); boxes seen.
+    std::tuple<nb::object, nb::object, int> solve(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
+                                                  double turn_error, int most_boxes) const {
+        require(rows.shape(0) == 12 && axis.size() == 3 && wanted >= 0 && wanted <= 2, "a target");
+        Target target;
+        target.wanted = static_cast<Wanted>(wanted);
+        std::copy_n(rows.data(), 12, target.rows);
+        target.axis = {axis[0], axis[1], axis[2]};
+        target.position_error = position_error;
+        target.turn_error = turn_error;
+        std::vector<double> solutions, unresolved;
+        Complete found;
+        {
+            nb::gil_scoped_release released;
+            found = solve_complete(loop_, target, domain_, most_boxes);
+        }
+        const auto append = [](std::vector<double>& to, const Box& box) {
+            for (const Span& span : box) to.push_back(span.low);
+            for (const Span& span : box) to.push_back(span.high);
+        };
+        for (const Solution& one : found.solutions) {
+            solutions.insert(solutions.end(), one.q.begin(), one.q.end());
+            append(solutions, one.box);
+            append(solutions, one.lone);
+        }
+        for (const Box& box : found.unresolved) append(unresolved, box);
+        return {array_of<double>(std::move(solutions), {found.solutions.size(), 5, loop_.n}),
+                array_of<double>(std::move(unresolved), {found.unresolved.size(), 2, loop_.n}), found.boxes};
+    }
+
+  private:
+    Loop loop_;
+    Box domain_;
+};
+
 }  // namespace
 
 void bind(nb::module_& m) {
@@ -176,6 +245,9 @@ void bind(nb::module_& m) {
         .def("determined", &ToolArm::determined)
         .def("walk", &ToolArm::walk)
         .def("thinned", &ToolArm::thinned);
+    nb::class_<ClosedLoop>(m, "ClosedLoop")
+        .def(nb::init<const Rows&, const Row&, const Row&, const Row&>())
+        .def("solve", &ClosedLoop::solve);
 }
 
 }  // namespace kinematics

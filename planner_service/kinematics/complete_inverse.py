@@ -1,0 +1,226 @@
+"""Every configuration for a pose of the tool, proven, or a proof that there is none (docs/design/certified-ik.md).
+
+Compiled code (native/kinematics/complete.cpp) cuts the joints' ranges into boxes. Equations of the closed loop show
+that a box holds no solution, or make it smaller; a contraction shows that it holds exactly one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry.arrays import BoolArray, FloatArray, as_sent, cross
+from planner_service.geometry.validation import copied_in
+from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.native.loading import load_core
+from planner_service.robot.kinematic_tree import body_matrix, chain_to_base
+from planner_service.robot.model import Robot
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
+
+__all__ = ["InverseSolutions", "complete_solutions"]
+
+POSE_ERROR = 1e-9
+"""Metres and radians within which two poses are one to the proof: above the rounding of a pose, below any tool's."""
+
+ROUNDING = 1e-11
+"""Metres and radians for each metre of the arm: above what rounding of the pose and of the axes at q = 0 makes."""
+
+MOST_BOXES = 20_000
+"""Boxes after which what is left is unresolved."""
+
+TURN = 2.0 * math.pi
+
+TURN_ROUNDING = 1e-14
+"""Above what a box that is moved by whole turns is off (rad), for joints within 16 turns."""
+
+SEAM = 0.7123
+"""Where a circle is cut open (rad from the lower limit): not at an angle that people choose."""
+
+POSE, AXIS, POSITION = 0, 1, 2
+"""What is wanted of the tool; ``Wanted`` in native/kinematics/loop.hpp."""
+
+ROWS = {POSE: 6, AXIS: 5, POSITION: 3}
+"""Equations, hence the most joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class InverseSolutions:
+    """All configurations within the joint limits that bring the tool to a pose.
+
+    Every configuration whose tool is within the goal's tolerances (at least 1e-9 m and rad) is in the box of a solution
+    or in an unresolved box. Each solution's box holds exactly one configuration for each pose within these
+    tolerances, or, of an arm with fewer joints than the goal has equations, at most one.
+
+    Attributes:
+        q: Shape (k, n), sorted. Of continuous joints, values within half a turn of the middle of their limits.
+        lower: Lowest joint values of each solution's box, (k, n).
+        upper: Highest, (k, n).
+        unresolved: Boxes (u, 2, n) that may hold others, lower then upper values: at singularities, on joint limits, or
+            all that was left when the search gave up. Where a joint can make a whole turn, up to whole turns.
+        boxes: Boxes that the search looked at.
+    """
+
+    q: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    unresolved: FloatArray
+    boxes: int
+    __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        copied_in(self, "q", "lower", "upper", "unresolved")
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def complete(self) -> bool:
+        """Whether there are no solutions but these: without any, it is proven that the goal cannot be reached."""
+        return not len(self.unresolved)
+
+
+@lru_cache(maxsize=32)
+def _closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
+    """The compiled loop of an arm, which joints go round once at least (n,), and metres of all its offsets together."""
+    lines = np.array([_line(robot, index) for index in reversed(chain_to_base(robot.bodies, robot.tool_body))])
+    _choose_points(lines)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    circles = np.array(robot.continuous or [False] * robot.n) | (upper - lower >= TURN)
+    for slides, entry, multiplier, *_ in lines.tolist():
+        circles[int(entry)] &= slides == 0.0 and abs(multiplier) == 1.0
+    low = np.where(circles, lower + SEAM, lower)
+    high = np.where(circles, low + TURN + 1e-9, upper)
+    tool = body_matrix(robot.body_poses(np.zeros(robot.n))[robot.tool_body]) @ robot.tool_placement
+    loop = load_core().ClosedLoop(lines, np.ascontiguousarray(tool[:3]).ravel(), low, high)
+    corners = np.concatenate([np.zeros((1, 3)), lines[:, 6:], tool[None, :3, 3]])
+    return loop, circles, float(np.sqrt((np.diff(corners, axis=0) ** 2).sum(axis=1)).sum())
+
+
+def _line(robot: Robot, index: int) -> list[float]:
+    """Whether a body slides, its entry of q, its multiplier, and its axis and a point on it at q = 0."""
+    body, T = robot.bodies[index], body_matrix(robot.body_poses(np.zeros(robot.n))[index])
+    axis = T[:3, :3] @ body.axis
+    axis /= math.sqrt(float(axis @ axis))
+    return [body.prismatic, body.q_index, body.multiplier, *axis.tolist(), *T[:3, 3].tolist()]
+
+
+def _choose_points(lines: FloatArray) -> None:
+    """Move the points along their axes to where neighbouring axes meet or come nearest, for short equations."""
+    chosen = [bool(line[0]) for line in lines]
+    for k in range(len(lines) - 1):
+        here, there = lines[k], lines[k + 1]
+        if not (here[0] or there[0]):
+            a, b = _nearest(here, there), _nearest(there, here)
+            if a is not None and b is not None and np.abs(a - b).max() < 1e-12:
+                for line, at in ((k, a), (k + 1, b)):
+                    if not chosen[line]:
+                        lines[line, 6:], chosen[line] = at, True
+    for k, line in enumerate(lines):
+        if not chosen[k] and len(lines) > 1:
+            other = lines[k - 1 if k else 1]
+            nearest = None if other[0] else _nearest(line, other)
+            foot = line[6:] + line[3:6] * (line[3:6] @ (other[6:] - line[6:]))
+            lines[k, 6:] = foot if nearest is None else nearest
+
+
+def _nearest(line: FloatArray, other: FloatArray) -> FloatArray | None:
+    """The point on an axis nearest to another; None if they are nearly parallel."""
+    a, b, apart = line[3:6], other[3:6], other[6:] - line[6:]
+    normal = cross(a, b)
+    square = float(normal @ normal)
+    if square < 1e-6:
+        return None
+    return np.asarray(line[6:] + a * (float(cross(apart, b) @ normal) / square))
+
+
+def complete_solutions(robot: Robot, goal: PoseGoal) -> InverseSolutions:
+    """All solutions of an arm whose joints all move its tool.
+
+    Raises:
+        InvalidRequest: It has more joints than the goal determines.
+    """
+    wanted = POSITION if goal.orientation_tolerance >= math.pi else POSE if goal.free_axis is None else AXIS
+    if robot.n > ROWS[wanted]:
+        excess = robot.n - ROWS[wanted]
+        expected = f"an arm of at most {ROWS[wanted]} joints for this goal: {robot.name!r} has {robot.n}"
+        raise InvalidRequest(
+            "complete", True, f"{expected}, hence infinitely many solutions; lock {excess} (robot.locked)"
+        )
+    loop, circles, length = _closed_loop(robot)
+    pose = goal.pose
+    rows = np.array([[*row, at] for row, at in zip(pose.rotation_rows, pose.position, strict=True)])
+    shift, turn = (
+        max(each, POSE_ERROR) + ROUNDING * (1.0 + length)
+        for each in (goal.position_tolerance, goal.orientation_tolerance)
+    )
+    found, left, boxes = loop.solve(rows.ravel(), goal.free_axis or (0.0, 0.0, 0.0), wanted, shift, turn, MOST_BOXES)
+    _require_reached(robot, goal, found[:, 0])
+    return _within_limits(robot, circles, found, left, boxes)
+
+
+def _within_limits(
+    robot: Robot, circles: BoolArray, found: FloatArray, left: FloatArray, boxes: int
+) -> InverseSolutions:
+    """What of the solutions and boxes in doubt is within the limits, at each whole turn of the joints that go round."""
+    endless = np.array(robot.continuous or [False] * robot.n)
+    middle = (robot.limits.lower + robot.limits.upper) / 2
+    lower = np.where(endless, middle - math.pi, robot.limits.lower)
+    upper = np.where(endless, middle + math.pi, robot.limits.upper)
+    solutions: list[FloatArray] = []
+    doubtful: list[FloatArray] = list(left)
+    for k, (q, *boxed) in enumerate(found):
+        box = np.array([q, *boxed[:2]])
+        if any(_within(box[1:], other, circles) for other in found[:k]):
+            continue  # found from both sides of a seam
+        nearest = np.where(endless, np.round((middle - q) / TURN), np.ceil((lower - box[2]) / TURN))
+        farthest = np.where(endless, nearest, np.floor((upper - box[1]) / TURN))
+        turns = [
+            range(int(a), int(b) + 1) if circle else (0,)
+            for circle, a, b in zip(circles, nearest, farthest, strict=True)
+        ]
+        for shift in itertools.product(*turns):
+            moved = box + TURN * np.array(shift, dtype=np.float64)
+            if any(shift):
+                moved += TURN_ROUNDING * np.array([[0.0], [-1.0], [1.0]])
+            if np.all(((lower <= moved[1]) & (moved[2] <= upper)) | endless):
+                solutions.append(moved)
+            elif np.all(((lower <= moved[2]) & (moved[1] <= upper)) | endless):
+                doubtful.append(moved[1:])
+    solutions.sort(key=lambda each: tuple(each[0].tolist()))
+    q, low, high = np.moveaxis(np.array(solutions).reshape(-1, 3, robot.n), 1, 0)
+    return InverseSolutions(q, low, high, np.array(doubtful).reshape(-1, 2, robot.n), boxes)
+
+
+def _within(box: FloatArray, other: FloatArray, circles: BoolArray) -> bool:
+    """Whether a box (2, n) is where another solution (5, n) is alone, up to whole turns of the joints that go round."""
+    middle, lone = (box[0] + box[1]) / 2, other[3:]
+    moved = box - np.where(circles, TURN * np.round((middle - other[0]) / TURN), 0.0)
+    return bool(np.all(lone[0] + TURN_ROUNDING <= moved[0]) and np.all(moved[1] <= lone[1] - TURN_ROUNDING))
+
+
+def _require_reached(robot: Robot, goal: PoseGoal, Q: FloatArray) -> None:
+    """That forward kinematics, which the search does without, agrees.
+
+    Raises:
+        BrokenInvariant: It does not.
+    """
+    R, p = (each[:, robot.tool_body] for each in robot.body_poses_batch(Q))
+    shifts = R @ robot.tool_placement[:3, 3] + p - np.array(goal.pose.position)
+    turns = goal.pose.rotation.T @ R @ robot.tool_placement[:3, :3]
+    if goal.orientation_tolerance >= math.pi:
+        cosines = np.ones(len(Q))
+    elif goal.free_axis is None:
+        cosines = (np.trace(turns, axis1=1, axis2=2) - 1.0) / 2.0
+    else:
+        cosines = (turns @ np.array(goal.free_axis)) @ np.array(goal.free_axis)
+    off = np.sqrt((shifts**2).sum(axis=1)) - goal.position_tolerance
+    if np.any(off > 1e-8) or np.any(cosines < math.cos(min(goal.orientation_tolerance + 1e-6, math.pi))):
+        raise BrokenInvariant(f"forward kinematics of {robot.name!r} differs from the closed loop for {goal}")
