@@ -169,6 +169,7 @@ SKIPPED: Mapping[str, str] = {
     ),
     **dict.fromkeys(("EdgeVerdict", "Kind", "Known", "Outcome", "Reason", "Stage", "Verdict"), "an enumeration"),
     **dict.fromkeys(("CancelToken", "Sequential", "Trapezoidal", "robot_names", "scene_names"), "takes nothing"),
+    "Step": "what the steps of tasks have in common",
     "Robot": "made by load_robot and Robot.from_urdf",
 }
 """Public names that are not attacked, and why."""

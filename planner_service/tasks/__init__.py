@@ -18,6 +18,7 @@ from planner_service.tasks.steps import (
     Release,
     Repeat,
     Retreat,
+    Step,
 )
 from planner_service.tasks.task import Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
@@ -38,6 +39,7 @@ __all__ = [
     "Repeat",
     "Retreat",
     "Segment",
+    "Step",
     "StepReport",
     "Task",
     "TaskResult",

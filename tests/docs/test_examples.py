@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from planner_service.records.recertify import recertify
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -89,3 +91,12 @@ def test_the_loop_on_the_page_on_replanning_runs_to_its_end(capsys: pytest.Captu
 )
 def test_an_example_prints_what_it_promises(example: str, promise: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search(promise, printed_by(example, capsys), flags=re.MULTILINE)
+
+
+def test_a_drawer_and_a_door_are_opened_and_every_motion_is_proven_again(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("13_doors_and_drawers.py", capsys)
+    assert "the drawer is 60 mm open" in printed
+    assert "the door is 20 degrees open" in printed
+    example = runpy.run_path(str(EXAMPLES / "13_doors_and_drawers.py"))
+    for task in (example["open_drawer"](), example["open_door"]()):
+        assert recertify(task).certified
