@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion
 from planner_service.certify.gripper import GripperCertifier
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
+from planner_service.collision import CancelToken, CollisionChecker, EdgeStep, JointStep, MotionStep
 from planner_service.collision.budget import Cancelled
 from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
@@ -29,6 +29,7 @@ from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.composite import Composite
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import flag, instance, number, whole
 from planner_service.kinematics.constraint_set import constraint_set
@@ -76,7 +77,42 @@ solve_task: Provided[..., TaskResult] = Provided()
 MAX_WINDOWS = 4
 """Windows of continuous joints for which a service keeps a checker."""
 
+MAX_WORLDS, FEW_PIECES = 8, 1_000
+"""Worlds for which what services need is kept for the next service, and the pieces of obstacles up to which it is."""
+
 os.register_at_fork(after_in_child=renew_locks)
+
+
+class _Tools:
+    """What judges and proves in one world: made once for all services of it, which count apart."""
+
+    def __init__(self, robot: Robot, scene: Scene, edge_step: EdgeStep, allowed: tuple[tuple[str, str], ...]) -> None:
+        self.checker = checker = CollisionChecker(robot, scene, edge_step=edge_step, allowed=allowed)
+        self.certifier = Prepared(lambda: Certifier(robot, scene, allowed=allowed), quick=checker.quick)
+        grips = partial(GripperCertifier, robot, scene, allowed=allowed)
+        self.gripper_certifier = Prepared(grips, quick=checker.quick)
+
+
+class _Same:
+    """Stands for one object as a key, whatever it says that it equals."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.value is other.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+@lru_cache(maxsize=MAX_WORLDS)
+def _tools_of(
+    robot: Robot, scene: _Same, edge_step: MotionStep | JointStep, allowed: tuple[tuple[str, str], ...], process: int
+) -> _Tools:
+    """Those of a world before, if they are of this process: a fork may have found them half made."""
+    del process
+    return _Tools(robot, scene.value, edge_step, allowed)
 
 
 class PlannerService:
@@ -105,10 +141,10 @@ class PlannerService:
         if self.scene.constraints:
             constraint_set(self.robot, self.scene.constraints)  # refuses unknown names
         self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
-        self._planning = self._new_checker()
+        tools = self._tools()
+        self._planning = tools.checker.counting_anew()
         self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
-        self._certifier = Prepared(self._new_certifier, quick=self._planning.quick)
-        self._gripper_certifier = Prepared(self._new_gripper_certifier, quick=self._planning.quick)
+        self._certifier, self._gripper_certifier = tools.certifier, tools.gripper_certifier
         self._windows: dict[Robot, tuple[CollisionChecker, Prepared[Certifier]]] = {}
         self._process = os.getpid()
 
@@ -137,9 +173,13 @@ class PlannerService:
         """Pairs of link or object names that may touch, beside those the robot allows; sorted."""
         return self._planning.allowed
 
-    def _new_checker(self, robot: Robot | None = None) -> CollisionChecker:
-        robot = self.robot if robot is None else robot
-        return CollisionChecker(robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
+    def _tools(self, robot: Robot | None = None) -> _Tools:
+        """What judges and proves in this world, or for this robot in its place."""
+        robot, step = robot or self.robot, MotionStep() if self._edge_step is None else self._edge_step
+        pieces = sum(len(o.shape.pieces) if isinstance(o.shape, Composite) else 1 for o in self.scene.obstacles)
+        if pieces <= FEW_PIECES and isinstance(step, MotionStep | JointStep) and type(step) in (MotionStep, JointStep):
+            return _tools_of(robot, _Same(self.scene), step, self._allowed, os.getpid())
+        return _Tools(robot, self.scene, step, self._allowed)
 
     def _window(self, q: ArrayLike | None) -> tuple[CollisionChecker, Prepared[Certifier]]:
         """What plans and proves where continuous joints have made some turns; the usual if they have not."""
@@ -148,11 +188,10 @@ class PlannerService:
             return self._planning, self._certifier
         known = self._windows.get(robot)
         if known is None:
-            checker = self._new_checker(robot)
+            tools = self._tools(robot)
             for old in list(self._windows)[: len(self._windows) + 1 - MAX_WINDOWS]:
                 self._windows.pop(old, None)
-            prover = Prepared(partial(self._new_certifier, robot), quick=checker.quick)
-            known = self._windows.setdefault(robot, (checker, prover))
+            known = self._windows.setdefault(robot, (tools.checker.counting_anew(), tools.certifier))
         return known
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -281,7 +320,7 @@ class PlannerService:
             result = replace(result, failure=failure)
         if failure.reason in (*SEARCHED, Reason.NO_PATH) and grown is not None:
             ends = [np.asarray(goal) for goal in goals]
-            reached = how_far(self.robot, grown, np.asarray(request.start), ends, self._new_certifier().clearances)
+            reached = how_far(self.robot, grown, np.asarray(request.start), ends, self._certifier.get().clearances)
 
         def planned(changed: PlanRequest, scene: Scene) -> PlanResult:
             result = self.with_scene(scene).plan(clock.hurried(changed), cancel=cancel)
@@ -455,12 +494,6 @@ class PlannerService:
             cancel=cancel,
         )
         return replace(replanned, result=replace(replanned.result, origin=Origin(self.world, replanned.request)))
-
-    def _new_certifier(self, robot: Robot | None = None) -> Certifier:
-        return Certifier(self.robot if robot is None else robot, self.scene, allowed=self._allowed)
-
-    def _new_gripper_certifier(self) -> GripperCertifier:
-        return GripperCertifier(self.robot, self.scene, allowed=self._allowed)
 
     def certify(
         self,

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,6 +74,26 @@ _Key = tuple[float, tuple[tuple[str, str], ...], float | None]
 """Padding, allowed pairs and motion step of a variant."""
 
 
+class _Shared:
+    """What checkers of the same robot and scene have in common that count apart, by variant: pieces, and what judges.
+
+    The oldest are forgotten first, as of variants.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[str, _Key], Any] = {}
+
+    def made(self, kind: str, key: _Key, make: Callable[[], T]) -> T:
+        """What was made of a kind for a variant; made now if it was not."""
+        found: T | None = self._made.get((kind, key))
+        if found is None:
+            found = make()
+            for old in list(self._made)[: len(self._made) + 1 - 2 * MAX_VARIANTS]:
+                self._made.pop(old, None)
+            self._made[kind, key] = found
+        return found
+
+
 class _Last(threading.local):
     """The collision that each thread found last."""
 
@@ -119,6 +139,7 @@ class CollisionChecker:
         self._variants: dict[_Key, CollisionChecker] = {}
         self._preparing: dict[_Key, Prepared[CollisionChecker]] = {}
         self._asked_step: EdgeStep = MotionStep() if edge_step is None else edge_step
+        self._shared = _Shared()
         pairs = sorted_pairs(allowed)
         parts = Parts(robot, scene, padding=float(padding), allowed=pairs)
         self._reach: list[float] = robot.reach(parts.carried).tolist()
@@ -177,9 +198,8 @@ class CollisionChecker:
         return known
 
     def counting_anew(self) -> CollisionChecker:
-        """The same checker, and what is compiled for it, with counts of its own."""
+        """The same checker, and what is compiled for it and its variants, with counts of its own."""
         other = object.__new__(CollisionChecker)
-        _ = self._compiled  # once for both
         other.__dict__.update(self.__dict__)
         other.ledger, other._last, other._variants, other._preparing = Ledger(), _Last(), {}, {}
         return other
@@ -188,14 +208,16 @@ class CollisionChecker:
         other = object.__new__(CollisionChecker)
         other.robot, other.scene, other.backend, other.ledger = self.robot, self.scene, self.backend, self.ledger
         other._variants, other._preparing, other._asked_step = self._variants, self._preparing, self._asked_step
-        other._reach = self._reach
-        if allowed == self.allowed:
-            parts = self._parts.padded(padding)
-        elif set(self.allowed).issubset(allowed):
-            parts = self._parts.padded(padding).allowing(self.robot, self.scene, allowed)
-        else:
-            parts = Parts(self.robot, self.scene, padding=padding, allowed=allowed)
-        other._judge(parts, padding, allowed, finest)
+        other._reach, other._shared = self._reach, self._shared
+
+        def parts() -> Parts:
+            if allowed == self.allowed:
+                return self._parts.padded(padding)
+            if set(self.allowed).issubset(allowed):
+                return self._parts.padded(padding).allowing(self.robot, self.scene, allowed)
+            return Parts(self.robot, self.scene, padding=padding, allowed=allowed)
+
+        other._judge(self._shared.made("parts", (padding, allowed, None), parts), padding, allowed, finest)
         return other
 
     @cached_property
@@ -204,9 +226,13 @@ class CollisionChecker:
 
         And the kernel if it checks states and edges itself; None if FCL judges all pairs, or with a user's own step.
         """
-        backend = make_backend(self.backend, self.robot, self._parts)
-        splits = isinstance(backend, NativeBackend) and self._configure(backend.kernel)
-        return backend, backend.kernel if splits and isinstance(backend, NativeBackend) else None
+
+        def compiled() -> tuple[CollisionBackend, _core.CollisionKernel | None]:
+            backend = make_backend(self.backend, self.robot, self._parts)
+            splits = isinstance(backend, NativeBackend) and self._configure(backend.kernel)
+            return backend, backend.kernel if splits and isinstance(backend, NativeBackend) else None
+
+        return self._shared.made("compiled", (self.padding, self.allowed, self._motion_step), compiled)
 
     @cached_property
     def _backend(self) -> CollisionBackend:

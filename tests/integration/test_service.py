@@ -176,6 +176,23 @@ def test_a_bad_request_names_the_field_the_value_and_what_would_be_right(
         discs.plan(asked(**settings))
 
 
+def test_services_of_one_world_share_what_is_compiled_and_count_apart() -> None:
+    service = ps.PlannerService("wxai", "bin")
+    again, narrow = ps.PlannerService.of(service.world), service.changed(gripper=0.02)
+    assert again.checker.parts is service.checker.parts
+    assert narrow.checker.parts is not service.checker.parts
+    home, padded = service.robot.home, [each.checker.variant(padding=0.01) for each in (service, again)]
+    assert padded[0].parts is padded[1].parts
+    assert [each.state_is_free(home) for each in padded] == [
+        service.checker.variant(padding=0.01).state_is_free(home)
+    ] * 2
+    assert (service.checker.counts.states, again.checker.counts.states) == (2, 1)
+    allowed = ps.PlannerService(service.robot, service.scene, allowed=[("link_5", "bin_floor")])
+    assert allowed.checker.pair_count < again.checker.pair_count
+    coarse = ps.PlannerService(service.robot, service.scene, edge_step=ps.JointStep(0.5))
+    assert coarse.checker.segments(home, home + 0.1) < again.checker.segments(home, home + 0.1)
+
+
 def test_a_service_carried_across_a_fork_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     service = ps.PlannerService("planar2", "discs")
     monkeypatch.setattr(os, "getpid", lambda: -1)
