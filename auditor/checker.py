@@ -116,6 +116,7 @@ class IndependentChecker:
         self._data = self.model.createData()
         self._axes = [np.zeros(6), *(self._data.joints[k].S.ravel() for k in range(1, self.model.njoints))]
         self._geometry_data, self._manager = self._within(NEAR)
+        self._placed = self.geometry.createData()
         self._nearer: dict[float, tuple[Any, Any]] = {}
 
     def tool_pose(self, q: ArrayLike) -> FloatArray:
@@ -195,6 +196,45 @@ class IndependentChecker:
         for pair, distance in zip(self.pairs, self._distances(x), strict=True):
             found[pair] = min(found.get(pair, math.inf), distance)
         return found
+
+    def place(self, q: ArrayLike) -> None:
+        """Stand at q (n,): ``gap_of`` speaks of it from now on."""
+        pin.updateGeometryPlacements(self.model, self._data, self.geometry, self._placed, self._whole(q))
+
+    def gap_of(self, number: int) -> float:
+        """Coal's signed distance of the two of ``pairs[number]`` where the robot was placed last."""
+        return float(pin.computeDistance(self.geometry, self._placed, number).min_distance)
+
+    def pair_reaches(self) -> FloatArray:
+        """How far a point of a pair can be from the axes that move it against the other one, (pairs, n).
+
+        1 for a joint that slides. As far as each joint moves, times that, the two come no closer than they were.
+        """
+        shapes, out = self.geometry.geometryObjects, np.zeros((len(self.pairs), self.model.nq))
+        reaches = [self._shape_reaches(g) for g in shapes]
+        for row, pair in zip(out, self.geometry.collisionPairs, strict=True):
+            first, second = reaches[pair.first], reaches[pair.second]
+            for own, other in ((first, second), (second, first)):
+                for joint, far in own.items():
+                    if joint not in other:
+                        row[self.model.joints[joint].idx_q] += far
+        moved = np.zeros((len(out), len(self.joints)))
+        np.add.at(moved, (slice(None), self._leaders), np.abs(self._times) * out)
+        return moved
+
+    def _shape_reaches(self, g: Any) -> dict[int, float]:
+        """By joint that moves a shape, how far its points can be from that joint's axis, in any configuration."""
+        model, joint, out = self.model, g.parentJoint, dict[int, float]()
+        far = _length(g.placement.translation) + _radius(g.geometry)
+        while joint:
+            slide = model.joints[joint].shortname().startswith("JointModelP")
+            column = model.joints[joint].idx_q
+            out[joint] = 1.0 if slide else far
+            far += _length(model.jointPlacements[joint].translation)
+            if slide:
+                far += max(abs(model.lowerPositionLimit[column]), abs(model.upperPositionLimit[column]))
+            joint = model.parents[joint]
+        return out
 
     def exact_gap(self, q: ArrayLike, *, climbs: int = FEWER) -> float:
         """The smallest signed gap at q (n,) where something is nearer than 50 um, infinite where nothing is.

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
+import numpy as np
 import pytest
 
+from auditor.checker import IndependentChecker, tables_of
 from benchmarks.studies import gate
 from benchmarks.studies.gate import chunks, refusals, times, tubes, violations
 from benchmarks.studies.gate.chunks import ChunkWork
+from benchmarks.studies.gate.worlds import world
+from planner_service.files.package_data import data_folder
 
 ATTACK = (1, 5, 9, 13)
 """Sessions that attack; see ``chunks.SOURCES``."""
@@ -53,6 +59,31 @@ def test_an_arm_whose_policy_is_killed_comes_to_rest() -> None:
 @pytest.mark.slow
 def test_a_session_in_simulation_touches_nothing_behind_the_gate_alone() -> None:
     assert all(promise.kept for promise in gate.run(part="session", queries=1).promises)
+
+
+@pytest.mark.parametrize("name", ["wxai", "panda"])
+def test_the_judge_finds_what_dense_looks_find_and_its_gaps_hold(name: str) -> None:
+    """On random ways, one after the other, near each other or not: what it keeps of the one before hides nothing."""
+    rng, found = np.random.default_rng(1), [0, 0]
+    for number in range(6):
+        place = world(name, 3, number)
+        judge, checker = place.judge, IndependentChecker(data_folder("robots") / name, tables_of(place.service.scene))
+        q = place.start
+        for _ in range(8):
+            way = np.concatenate([q[None], q + np.cumsum(rng.normal(0.0, 0.08, (4, place.n)), axis=0)])
+            walked, dense = judge.walked(way), checker.path_touch(way, 0.0005)
+            found[walked.touch is None] += 1
+            if dense is not None and dense.b != "limit":
+                assert walked.touch is not None
+            if walked.touch is not None:
+                assert min(checker.gaps(walked.at).values()) <= 0.0
+                continue
+            for k, share in itertools.product(range(4), (0.0, 0.3, 0.7, 1.0)):
+                checker.place(way[k] + share * (way[k + 1] - way[k]))
+                gaps = np.array([checker.gap_of(pair) for pair in range(len(checker.pairs))])
+                assert np.all(gaps >= walked.gaps[k] - 1e-6)
+            q = way[-1] if rng.random() < 0.7 else place.goal
+    assert min(found) > 3
 
 
 def test_nothing_in_a_proven_tube_touches() -> None:

@@ -1,7 +1,8 @@
 """Whether an arm that is moved along a polyline touches anything, by Coal, looking every 0.2 mm or closer.
 
-Where Coal says that everything is far, no look is needed until the arm has moved so far: a point moves at most
-``reach`` times what the joints do, in the auditor's own bound. So fewer looks tell as much.
+Each pair of shapes is looked at for itself: where Coal says how far the two are apart, no look is needed until their
+joints have moved them so far, by the auditor's own bound of that pair's motion. So fewer looks tell as much. What is
+known of a place is kept for ways that begin near it.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ LOOK = 0.0002
 TRUSTED = 0.9
 """Of a distance that Coal states, the share on which a longer step relies."""
 
-MARGINS = (LOOK / TRUSTED, 0.001, 0.004, 0.015, 0.05, 0.15)
-"""Metres; Coal is asked first whether everything is so far apart, which it answers ten times as fast as how far."""
-
 SLOPE = 1e-4
 """Radians (or metres) for the gap's slope."""
+
+ROUNDING = 1e-12
+"""Metres that are none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,50 +36,64 @@ class Walked:
     Attributes:
         touch: What touches where, as ``a x b``; None if nothing does.
         at: The configuration of that touch, (n,); empty without one.
-        least: A gap that every place of a piece has at least, metres, (m,); only where nothing touches.
+        gaps: A gap that each pair has at least on each piece, metres, (m, pairs); only where nothing touches.
     """
 
     touch: str | None
     at: FloatArray
-    least: FloatArray
+    gaps: FloatArray
+
+    @property
+    def least(self) -> FloatArray:
+        """The smallest of them on each piece, (m,)."""
+        return np.asarray(self.gaps.min(axis=1, initial=np.inf))
 
 
 class Judge:
     """Looks at ways of one robot in one scene.
 
     Attributes:
-        looks: Configurations that Coal was asked about.
+        looks: Gaps that Coal was asked for.
     """
 
     def __init__(self, checker: IndependentChecker) -> None:
         self._checker = checker
-        self.reach = checker.reach
+        self.reach, self.reaches = checker.reach, checker.pair_reaches()
         self.looks = 0
-        self._rung = 0
+        self._known: tuple[FloatArray, FloatArray] | None = None  # a place, and a gap that each pair has there at least
 
     def gap(self, q: FloatArray) -> float:
         """The smallest of Coal's distances at q (n,), metres."""
-        self.looks += 1
+        self.looks += len(self.reaches)
         return min(self._checker.gaps(q).values())
 
     def walked(self, points: FloatArray) -> Walked:
         """A look at a polyline (m + 1, n), from one end to the other."""
-        least = np.empty(len(points) - 1)
+        gaps, spare = np.zeros(len(self.reaches)), np.zeros(len(self.reaches))
+        if self._known is not None:
+            gaps = self._known[1] - self.reaches @ np.abs(points[0] - self._known[0])
+            spare = TRUSTED * gaps
+        least = np.empty((len(points) - 1, len(gaps)))
+        pairs = np.arange(len(gaps))
         for k in range(len(points) - 1):
-            touch, at, least[k] = self._piece(points[k], points[k + 1])
+            place = None if k else points[0]
+            touch, at = self._piece(points[k], points[k + 1], pairs, gaps, spare, least[k], place)
             if touch is not None:
                 return Walked(touch, at, least[:k])
         return Walked(None, np.empty(0), least)
 
-    def beside(self, a: FloatArray, b: FloatArray, off: FloatArray, least: FloatArray) -> tuple[str | None, FloatArray]:
+    def beside(self, a: FloatArray, b: FloatArray, off: FloatArray, gaps: FloatArray) -> tuple[str | None, FloatArray]:
         """What touches between configurations a and b, (m, n) each, and where, if all around them is known already.
 
         Args:
-            off: Metres that a point of the robot is on each way from where it is known, at most, (m,).
-            least: The gap there, (m,).
+            off: How far each joint is on each way from where it is known, at most, (m, n).
+            gaps: The gap of each pair there, (m, pairs).
         """
-        for k in np.flatnonzero(off >= TRUSTED * least):
-            touch, at, _ = self._piece(a[k], b[k])
+        near = off @ self.reaches.T >= TRUSTED * gaps
+        for k in np.flatnonzero(near.any(axis=1)):
+            pairs = np.flatnonzero(near[k])
+            unknown = np.zeros((3, len(pairs)))
+            touch, at = self._piece(a[k], b[k], pairs, *unknown, None)
             if touch is not None:
                 return touch, at
         return None, np.empty(0)
@@ -88,40 +103,52 @@ class Judge:
         steps = SLOPE * np.eye(len(q))
         return np.array([(self.gap(q + step) - self.gap(q - step)) / (2.0 * SLOPE) for step in steps])
 
-    def _piece(self, a: FloatArray, b: FloatArray) -> tuple[str | None, FloatArray, float]:
-        """What touches between two configurations, where, and a gap that everything between has at least."""
-        way = float(self.reach @ np.abs(b - a))
-        at, least = 0.0, np.inf
-        while True:
-            q = a + (b - a) * at
-            gap = self._gap_at_least(q)
-            if gap <= 0.0:
-                return self.touch(q), q, gap
-            rest = way * (1.0 - at)
-            step = min(rest, max(LOOK, TRUSTED * gap))
-            least = min(least, gap - step)
-            if rest <= 0.0:
-                return None, np.empty(0), least
-            at = min(1.0, at + step / way)
-
     def touch(self, q: FloatArray) -> str | None:
         """What touches at q (n,), as ``a x b``; limits aside."""
         names = min(self._checker.touching(q), default=None)
         return None if names is None else f"{names[0]} x {names[1]}"
 
-    def _gap_at_least(self, q: FloatArray) -> float:
-        """Metres that everything is apart at least at q (n,), asked with margins; <= 0 where something touches."""
-        rung = self._rung
-        if self._far(q, rung):
-            while rung + 1 < len(MARGINS) and self._far(q, rung + 1):
-                rung += 1
-        else:
-            rung -= 1
-            while rung >= 0 and not self._far(q, rung):
-                rung -= 1
-        self._rung = max(rung, 0)
-        return MARGINS[rung] if rung >= 0 else self.gap(q)
+    def _piece(
+        self,
+        a: FloatArray,
+        b: FloatArray,
+        pairs: FloatArray,
+        gaps: FloatArray,
+        spare: FloatArray,
+        least: FloatArray,
+        place: FloatArray | None,
+    ) -> tuple[str | None, FloatArray]:
+        """What of some pairs touches between two configurations, and where.
 
-    def _far(self, q: FloatArray, rung: int) -> bool:
-        self.looks += 1
-        return not self._checker.nearer(q, MARGINS[rung])
+        Args:
+            gaps: What each of them is apart at least, metres; changed to what it is at the end.
+            spare: Metres that each may still move before the next look; changed likewise.
+            least: To be what each is apart at least on the way.
+            place: What is known there is kept for the next way; None to keep nothing.
+        """
+        rates = self.reaches[pairs] @ np.abs(b - a)
+        at = 0.0
+        least[:] = np.inf
+        while True:
+            due = np.flatnonzero(spare <= 0.0)
+            if len(due):
+                q = a + (b - a) * at
+                self._checker.place(q)
+                self.looks += len(due)
+                for k in due.tolist():
+                    gaps[k] = gap = self._checker.gap_of(int(pairs[k]))
+                    spare[k] = max(LOOK, TRUSTED * gap)
+                    if gap <= 0.0:
+                        names = self._checker.pairs[int(pairs[k])]
+                        return f"{names[0]} x {names[1]}", q
+            if place is not None:
+                self._known, place = (place, gaps.copy()), None
+            if at >= 1.0:
+                return None, np.empty(0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = min(1.0 - at, float(np.min(np.where(rates > 0.0, spare / rates, np.inf), initial=np.inf)))
+            at = 1.0 if step >= 1.0 - at else at + step
+            spare -= rates * step
+            spare[spare < ROUNDING] = np.minimum(spare[spare < ROUNDING], 0.0)
+            gaps -= rates * step
+            np.minimum(least, gaps, out=least)

@@ -167,12 +167,12 @@ class Session:
         tally.least = min(tally.least, float(walked.least.min()))
         for name, way in self._others(rows, base, walked.least):
             tally.ways += 1
-            off = np.abs(way.points - base.points) @ judge.reach
-            touch, at = judge.beside(way.points[:-1], way.points[1:], np.maximum(off[:-1], off[1:]), walked.least)
+            off = np.abs(way.points - base.points)
+            touch, at = judge.beside(way.points[:-1], way.points[1:], np.maximum(off[:-1], off[1:]), walked.gaps)
             if touch is None:
                 ends = way.silent
-                off = np.maximum(off[1:-1], np.abs(ends - base.points[1:-1]) @ judge.reach)
-                touch, at = judge.beside(way.points[1:-1], ends, off, walked.least[:-1])
+                off = np.maximum(off[1:-1], np.abs(ends - base.points[1:-1]))
+                touch, at = judge.beside(way.points[1:-1], ends, off, walked.gaps[:-1])
             if touch is not None:
                 tally.touched.append(Touched(touch, name, tuple(at.tolist())))
                 return

@@ -1,0 +1,202 @@
+"""Straight edges with room beside them, judged slowly: poses are Pinocchio's, gaps Coal's, and every bound is a sum.
+
+``planner_service/certify/native`` has the same with sifting, one tree for all pairs and numbers that are kept; what it
+proves is in ``docs/design/the-gate.md``. Joints that follow others are not known here.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from auditor.checker import IndependentChecker
+from planner_service.geometry.arrays import FloatArray
+
+__all__ = ["Joint", "Solid", "Tubes", "approach", "moved_height"]
+
+DEPTH = 9
+"""Halvings of an edge."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint as it stands: where it is, along what it turns or slides, and the entry of q that moves it."""
+
+    axis: FloatArray
+    origin: FloatArray
+    slides: bool
+    column: int
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The hull of corners (k, 3), with a disc across ``normal`` and a ball at every one of its points."""
+
+    corners: FloatArray
+    disc: float = 0.0
+    ball: float = 0.0
+    normal: FloatArray | None = None
+
+    def farthest(self, joint: Joint) -> float:
+        """How far a point of it is from the axis of a joint that turns, at most."""
+        off = np.cross(joint.axis, self.corners - joint.origin)
+        return float(np.linalg.norm(off, axis=1).max()) + self.disc + self.ball
+
+    def widened(self, v: FloatArray) -> float:
+        """By how much its disc changes what v gives a point."""
+        return 0.0 if self.normal is None else self.disc * float(np.linalg.norm(v - (v @ self.normal) * self.normal))
+
+
+def approach(solid: Solid, joints: Sequence[Joint], n: FloatArray, moved: FloatArray, order: int) -> float:
+    """How much lower along n a solid gets, at most, while each of its joints moves so far.
+
+    The terms of Taylor's theorem up to ``order`` as they are at each corner, the rest by its norm; a ball around a core
+    stays the same ball.
+
+    Args:
+        joints: That carry it, the one nearest to it first.
+        moved: Of each of these joints.
+        order: 1 or 2.
+    """
+    first, second = list[tuple[FloatArray, FloatArray]](), list[tuple[FloatArray, FloatArray]]()
+    constant, radii, swept = 0.0, list[float](), 0.0
+    for k, joint in enumerate(joints):
+        radii.append(1.0 if joint.slides else solid.farthest(joint) + swept)
+        swept += radii[-1] * moved[k]
+        if joint.slides:
+            constant += moved[k] * abs(float(n @ joint.axis))
+        else:
+            first.append((moved[k] * np.cross(n, joint.axis), joint.origin))
+        for j, outer in enumerate(joints[: k + 1]):
+            share = (0.5 if j == k else 1.0) * moved[j] * moved[k]
+            if order == 1 or joint.slides:
+                continue
+            if outer.slides:
+                constant += share * abs(float(n @ np.cross(joint.axis, outer.axis)))
+            else:  # n (z_k x (z_j x x)) is (((n x z_k) x z_j) x)
+                second.append((share * np.cross(np.cross(n, joint.axis), outer.axis), outer.origin))
+    terms = [*first, *second]
+    heights = solid.corners @ n
+    lower = heights - sum((np.abs((solid.corners - o) @ v) for v, o in terms), np.zeros(len(heights)))
+    discs = sum(solid.widened(v) for v, _ in terms)
+    rest = sum(
+        float(np.prod(moved[list(each)])) * radii[min(each)]
+        for each in itertools.product(range(len(joints)), repeat=order + 1)
+    ) / (2.0 if order == 1 else 6.0)
+    return constant + discs + float(heights.min() - lower.min()) + rest
+
+
+def moved_height(solid: Solid, joints: Sequence[Joint], n: FloatArray, by: FloatArray) -> FloatArray:
+    """How low along n a solid is once its joints have moved by (m, joints), the one nearest to it first, (m,)."""
+    points = np.repeat(solid.corners[None], len(by), axis=0)
+    normals = None if solid.normal is None else np.repeat(solid.normal[None], len(by), axis=0)
+    for k, joint in enumerate(joints):
+        if joint.slides:
+            points = points + by[:, k, None, None] * joint.axis
+            continue
+        turns = _turns(joint.axis, by[:, k])
+        points = np.einsum("mij,mkj->mki", turns, points - joint.origin) + joint.origin
+        normals = None if normals is None else np.einsum("mij,mj->mi", turns, normals)
+    low = (points @ n).min(axis=1) - solid.ball
+    if normals is not None:
+        low = low - solid.disc * np.sqrt(np.maximum(1.0 - (normals @ n) ** 2, 0.0))
+    return np.asarray(low)
+
+
+def _turns(axis: FloatArray, angles: FloatArray) -> FloatArray:
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sin, cos = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sin * K + (1.0 - cos) * (K @ K))
+
+
+class Tubes:
+    """Judges edges of one robot in one scene."""
+
+    def __init__(self, second: IndependentChecker) -> None:
+        self._model, self._geometry = second.model, second.geometry
+        self._data, self._shapes = self._model.createData(), self._geometry.createData()
+        self._columns = [self._model.joints[self._model.getJointId(name)].idx_q for name in second.joints]
+
+    def free(self, a: FloatArray, b: FloatArray, room: FloatArray, enough: float) -> bool:
+        """Whether every pair is proven more than ``enough`` metres apart on the edge and beside it."""
+        return all(self._free(pair, a, b, room, enough, DEPTH) for pair in self._geometry.collisionPairs)
+
+    def _free(self, pair: Any, a: FloatArray, b: FloatArray, room: FloatArray, enough: float, depth: int) -> bool:
+        """By what is known in the middle, else by halves; by none once the room alone is too much."""
+        middle, half = 0.5 * (a + b), 0.5 * np.abs(b - a)
+        gap, n, sides = self._facing(pair, middle)
+        if gap - _closer(sides, n, half + room, enough=gap - enough) > enough:
+            return True
+        if depth == 0 or not gap - _closer(sides, n, room, enough=gap - enough) > enough:
+            return False
+        return all(self._free(pair, *ends, room, enough, depth - 1) for ends in ((a, middle), (middle, b)))
+
+    def _facing(self, pair: Any, q: FloatArray) -> tuple[float, FloatArray, list[tuple[Solid, list[Joint]]]]:
+        """Coal's gap of a pair, the direction from the second to the first, and both with the joints that part them."""
+        x = np.empty(self._model.nq)
+        x[self._columns] = q
+        pin.forwardKinematics(self._model, self._data, x)
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._shapes)
+        found = pin.computeDistance(self._geometry, self._shapes, self._geometry.collisionPairs.index(pair))
+        chains = [self._chain(self._geometry.geometryObjects[k].parentJoint) for k in (pair.first, pair.second)]
+        sides = []
+        for k, own, other in ((pair.first, *chains), (pair.second, *chains[::-1])):
+            joints = [self._joint(number) for number in own if number not in other]
+            sides.append((_solid(self._geometry.geometryObjects[k].geometry, self._shapes.oMg[k]), joints))
+        return float(found.min_distance), -np.asarray(found.normal), sides
+
+    def _chain(self, joint: int) -> list[int]:
+        out = []
+        while joint > 0:
+            out.append(joint)
+            joint = self._model.parents[joint]
+        return out
+
+    def _joint(self, number: int) -> Joint:
+        pose, axis = self._data.oMi[number], self._data.joints[number].S.ravel()
+        slides = not axis[3:].any()
+        column = self._columns.index(self._model.joints[number].idx_q)
+        return Joint(pose.rotation @ (axis[:3] if slides else axis[3:]), pose.translation.copy(), slides, column)
+
+
+def _closer(
+    sides: Sequence[tuple[Solid, Sequence[Joint]]], n: FloatArray, moved: FloatArray, *, enough: float
+) -> float:
+    """How much closer two solids get; the first order's answer if that is less than ``enough``."""
+    out = np.inf
+    for order in (1, 2):
+        out = min(
+            out,
+            sum(
+                approach(solid, joints, side * n, moved[[joint.column for joint in joints]], order)
+                for side, (solid, joints) in zip((1.0, -1.0), sides, strict=True)
+            ),
+        )
+        if out < enough:
+            break
+    return float(out)
+
+
+def _solid(shape: Any, pose: Any) -> Solid:
+    """A shape of Coal where it stands."""
+
+    def placed(corners: Any) -> FloatArray:
+        return np.asarray(np.asarray(corners, dtype=np.float64) @ pose.rotation.T + pose.translation)
+
+    if isinstance(shape, coal.Box):
+        return Solid(placed(list(itertools.product(*((-half, half) for half in shape.halfSide)))))
+    if isinstance(shape, coal.Sphere):
+        return Solid(placed([[0.0, 0.0, 0.0]]), ball=shape.radius)
+    if isinstance(shape, coal.Cylinder | coal.Capsule):
+        ends = placed([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
+        if isinstance(shape, coal.Capsule):
+            return Solid(ends, ball=shape.radius)
+        return Solid(ends, disc=shape.radius, normal=pose.rotation[:, 2].copy())
+    return Solid(placed(shape.points()))
