@@ -7,6 +7,7 @@ proves is in ``docs/design/the-gate.md``. Joints that follow others are not know
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -62,13 +63,15 @@ def approach(solid: Solid, joints: Sequence[Joint], n: FloatArray, moved: FloatA
     Args:
         joints: That carry it, the one nearest to it first.
         moved: Of each of these joints.
-        order: 1 or 2.
+        order: 0, 1 or 2; of order 0 it is how far any point moves.
     """
     first, second = list[tuple[FloatArray, FloatArray]](), list[tuple[FloatArray, FloatArray]]()
     constant, radii, swept = 0.0, list[float](), 0.0
     for k, joint in enumerate(joints):
         radii.append(1.0 if joint.slides else solid.farthest(joint) + swept)
         swept += radii[-1] * moved[k]
+        if order == 0:
+            continue
         if joint.slides:
             constant += moved[k] * abs(float(n @ joint.axis))
         else:
@@ -88,7 +91,7 @@ def approach(solid: Solid, joints: Sequence[Joint], n: FloatArray, moved: FloatA
     rest = sum(
         float(np.prod(moved[list(each)])) * radii[min(each)]
         for each in itertools.product(range(len(joints)), repeat=order + 1)
-    ) / (2.0 if order == 1 else 6.0)
+    ) / math.factorial(order + 1)
     return constant + discs + float(heights.min() - lower.min()) + rest
 
 
@@ -126,9 +129,9 @@ class Tubes:
 
     def free(self, a: FloatArray, b: FloatArray, room: FloatArray, enough: float) -> bool:
         """Whether every pair is proven more than ``enough`` metres apart on the edge and beside it."""
-        return all(self._free(pair, a, b, room, enough, DEPTH) for pair in self._geometry.collisionPairs)
+        return all(self._free(k, a, b, room, enough, DEPTH) for k in range(len(self._geometry.collisionPairs)))
 
-    def _free(self, pair: Any, a: FloatArray, b: FloatArray, room: FloatArray, enough: float, depth: int) -> bool:
+    def _free(self, pair: int, a: FloatArray, b: FloatArray, room: FloatArray, enough: float, depth: int) -> bool:
         """By what is known in the middle, else by halves; by none once the room alone is too much."""
         middle, half = 0.5 * (a + b), 0.5 * np.abs(b - a)
         gap, n, sides = self._facing(pair, middle)
@@ -138,16 +141,17 @@ class Tubes:
             return False
         return all(self._free(pair, *ends, room, enough, depth - 1) for ends in ((a, middle), (middle, b)))
 
-    def _facing(self, pair: Any, q: FloatArray) -> tuple[float, FloatArray, list[tuple[Solid, list[Joint]]]]:
+    def _facing(self, pair: int, q: FloatArray) -> tuple[float, FloatArray, list[tuple[Solid, list[Joint]]]]:
         """Coal's gap of a pair, the direction from the second to the first, and both with the joints that part them."""
         x = np.empty(self._model.nq)
         x[self._columns] = q
         pin.forwardKinematics(self._model, self._data, x)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._shapes)
-        found = pin.computeDistance(self._geometry, self._shapes, self._geometry.collisionPairs.index(pair))
-        chains = [self._chain(self._geometry.geometryObjects[k].parentJoint) for k in (pair.first, pair.second)]
+        found = pin.computeDistance(self._geometry, self._shapes, pair)
+        both = self._geometry.collisionPairs[pair]
+        chains = [self._chain(self._geometry.geometryObjects[k].parentJoint) for k in (both.first, both.second)]
         sides = []
-        for k, own, other in ((pair.first, *chains), (pair.second, *chains[::-1])):
+        for k, own, other in ((both.first, *chains), (both.second, *chains[::-1])):
             joints = [self._joint(number) for number in own if number not in other]
             sides.append((_solid(self._geometry.geometryObjects[k].geometry, self._shapes.oMg[k]), joints))
         return float(found.min_distance), -np.asarray(found.normal), sides
@@ -169,9 +173,9 @@ class Tubes:
 def _closer(
     sides: Sequence[tuple[Solid, Sequence[Joint]]], n: FloatArray, moved: FloatArray, *, enough: float
 ) -> float:
-    """How much closer two solids get; the first order's answer if that is less than ``enough``."""
+    """How much closer two solids get; the least order's answer that is less than ``enough``."""
     out = np.inf
-    for order in (1, 2):
+    for order in (0, 1, 2):
         out = min(
             out,
             sum(

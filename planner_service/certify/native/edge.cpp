@@ -74,7 +74,13 @@ bool Edge::leaves_room(int pair, std::size_t node, const Bound& bound) {
 // Whether a pair stays apart along the direction of a bound, while joints travel so far from a node, and their room. For tubes only,
 // and for pairs of two pieces, whose bounds have a direction once they are more than a glance.
 bool Edge::apart_about(const Pair& pair, std::size_t node, const Bound& bound, const double* travel) {
-    return roomy_ && pair.leaf() && bound.gap > enough_ && bound.gap - places_.approach(pair, node, bound.n, travel) > enough_;
+    if (!roomy_ || !pair.leaf() || !(bound.gap > enough_)) return false;
+    for (const bool bent : {false, true}) {
+        const Places::Approach found = places_.approach(pair, node, bound.n, travel, bent);
+        if (!(bound.gap - found.slope > enough_)) return false;
+        if (bound.gap - (found.slope + found.rest) > enough_) return true;
+    }
+    return false;
 }
 
 // Whether it does from each end of a stretch to its middle.

@@ -292,75 +292,130 @@ double Places::room_motion(const Pair& pair, std::size_t node) {
     return out;
 }
 
-double Places::approach(const Pair& pair, std::size_t node, const double* n, const double* travel) {
+Places::Approach Places::approach(const Pair& pair, std::size_t node, const double* n, const double* travel, bool bent) {
     double room[12], along[3], apart = 0.0;
     const double *A = pose(static_cast<std::size_t>(pair.first), node), *B = pose_of(pair.second, node, room);
     for (std::size_t i = 0; i < 3; ++i) along[i] = B[4 * i] * n[0] + B[4 * i + 1] * n[1] + B[4 * i + 2] * n[2];
     for (std::size_t i = 0; i < 3; ++i) apart += (A[4 * i + 3] - B[4 * i + 3]) * along[i];
     if (apart < 0.0)  // from the second piece to the first
         for (double& value : along) value = -value;
-    double out = approach_of(static_cast<std::size_t>(pair.first), pair.own, node, along, travel);
+    Approach out = approach_of(static_cast<std::size_t>(pair.first), pair.own, node, along, travel, bent);
     for (double& value : along) value = -value;
-    if (pair.other > 0) out += approach_of(static_cast<std::size_t>(pair.second), pair.other, node, along, travel);
+    if (pair.other > 0) {
+        const Approach second = approach_of(static_cast<std::size_t>(pair.second), pair.other, node, along, travel, bent);
+        out.slope += second.slope;
+        out.rest += second.rest;
+    }
     return out;
 }
 
 // Of one piece, against the parent of the last of so many joints that carry it; n in the axes of the world, away from the other one.
 // A point p of it gets as close as ``n p - sum d_k |m_k (p - o_k)|`` to first order, m_k being n across the axis of joint k: that is
-// concave in p, and so least at a corner. A disc or a ball around it adds what it moves by itself.
-double Places::approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel) {
+// concave in p, and so least at a corner, and so it is with the second order's terms. A disc around it adds what it moves by itself.
+// A ball around it adds nothing, for the ball around a moved core is that around the core, moved.
+Places::Approach Places::approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel,
+                                     bool bent) {
     const Rider& found = model_.riders[piece];
     const Solid& solid = model_.solid(static_cast<int>(piece));
     const double *P = pose(piece, node), *here = radii(piece, node), *bodies = bodies_.data() + node * per_bodies_;
-    double all = 0.0, swept = 0.0;
-    turns_.clear();  // of each joint: what it gives a corner in the axes of the piece (3), and its centre
+    Approach out;
+    double swept = 0.0, second = 0.0, third = 0.0;
+    turns_.clear();
+    joints_.clear();
     for (std::size_t k = 0; k < count; ++k) {
         const Link& link = model_.links[found.first + k];
         const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
         if (body.column < 0) continue;
-        const double moved = ((travel == nullptr ? 0.0 : travel[body.column]) + room(body.column)) * std::fabs(body.multiplier);
         const double* B = bodies + 12 * link.body;
-        double z[3], radius = 1.0;
-        for (int i = 0; i < 3; ++i) z[i] = B[4 * i] * body.axis[0] + B[4 * i + 1] * body.axis[1] + B[4 * i + 2] * body.axis[2];
-        if (body.slides) {
-            all += moved * std::fabs(n[0] * z[0] + n[1] * z[1] + n[2] * z[2]);
-        } else {
-            radius = std::min(here[k] + swept, link.far + slid_);
-            const double m[3] = {n[1] * z[2] - n[2] * z[1], n[2] * z[0] - n[0] * z[2], n[0] * z[1] - n[1] * z[0]};
-            double turn[4] = {0.0, 0.0, 0.0, 0.0};
-            for (int i = 0; i < 3; ++i) {
-                for (int j = 0; j < 3; ++j) turn[j] += moved * m[i] * P[4 * i + j];
-                turn[3] += moved * m[i] * (P[4 * i + 3] - B[4 * i + 3]);
-            }
-            turns_.insert(turns_.end(), turn, turn + 4);
-            if (solid.hull == nullptr) {
-                const double across = turn[0] * turn[0] + turn[1] * turn[1];
-                all += solid.disc * std::sqrt(across) + solid.ball * std::sqrt(across + turn[2] * turn[2]);
-            }
+        Turn turn{};
+        turn.moved = ((travel == nullptr ? 0.0 : travel[body.column]) + room(body.column)) * std::fabs(body.multiplier);
+        turn.slides = body.slides;
+        for (int i = 0; i < 3; ++i) {
+            turn.z[i] = B[4 * i] * body.axis[0] + B[4 * i + 1] * body.axis[1] + B[4 * i + 2] * body.axis[2];
+            turn.o[i] = B[4 * i + 3];
         }
-        all += moved * (0.5 * radius * moved + swept);
+        const double *z = turn.z, moved = turn.moved;
+        turn.along = n[0] * z[0] + n[1] * z[1] + n[2] * z[2];
+        const double radius = body.slides ? 1.0 : std::min(here[k] + swept, link.far + slid_);
+        if (body.slides) {
+            out.slope += moved * std::fabs(turn.along);
+        } else {
+            const double m[3] = {n[1] * z[2] - n[2] * z[1], n[2] * z[0] - n[0] * z[2], n[0] * z[1] - n[1] * z[0]};
+            turn_by(moved, m, turn.o, P);
+        }
+        if (bent) bend_by(turn, n, P, out);
+        third += moved * (moved * (radius * moved / 6.0 + 0.5 * swept) + second);
+        second += moved * (0.5 * radius * moved + swept);
         swept += radius * moved;
     }
-    double local[3], least = std::numeric_limits<double>::infinity(), closest = least;
-    for (int j = 0; j < 3; ++j) local[j] = n[0] * P[j] + n[1] * P[4 + j] + n[2] * P[8 + j];
-    const auto corner = [&](double x, double y, double z) {
-        const double height = local[0] * x + local[1] * y + local[2] * z;
-        double moves = 0.0;
+    if (solid.hull == nullptr && solid.disc > 0.0)
         for (std::size_t k = 0; k < turns_.size(); k += 4)
-            moves += std::fabs(turns_[k] * x + turns_[k + 1] * y + turns_[k + 2] * z + turns_[k + 3]);
-        least = std::min(least, height);
-        closest = std::min(closest, height - moves);
-    };
-    if (solid.hull != nullptr) {
-        const double* at = solid.hull->corners;
-        const std::size_t each = solid.hull->padded;
-        for (std::size_t i = 0; i < each; ++i) corner(at[i], at[each + i], at[2 * each + i]);
-    } else {
-        for (int side = 0; side < 8; ++side)
-            corner(side & 1 ? solid.half[0] : -solid.half[0], side & 2 ? solid.half[1] : -solid.half[1],
-                   side & 4 ? solid.half[2] : -solid.half[2]);
+            out.slope += solid.disc * std::sqrt(turns_[k] * turns_[k] + turns_[k + 1] * turns_[k + 1]);
+    double local[3];
+    for (int j = 0; j < 3; ++j) local[j] = n[0] * P[j] + n[1] * P[4 + j] + n[2] * P[8 + j];
+    out.slope = (out.slope + nearest_corner(solid, local)) * (1.0 + model_.terms.rounding);
+    out.rest = (bent ? third : second) * (1.0 + model_.terms.rounding);
+    return out;
+}
+
+void Places::turn_by(double share, const double* v, const double* o, const double* P) {
+    double turn[4] = {0.0, 0.0, 0.0, 0.0};
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) turn[j] += share * v[i] * P[4 * i + j];
+        turn[3] += share * v[i] * (P[4 * i + 3] - o[i]);
     }
-    return (all + (least - closest)) * (1.0 + model_.terms.rounding);
+    turns_.insert(turns_.end(), turn, turn + 4);
+}
+
+// What the second derivatives are along n by a joint and each outer one, and by itself, and adds it to the outer ones. By joints j and
+// k, of which k is the outer one, it is ``z_j x (z_k x (p - o_k))``, which is ``z_k (z_j (p - o_k)) - (p - o_k) (z_j z_k)``; where k
+// slides ``z_j x z_k``, and none where j does.
+void Places::bend_by(const Turn& turn, const double* n, const double* P, Approach& out) {
+    joints_.push_back(turn);
+    if (turn.slides) return;
+    const double* z = turn.z;
+    for (const Turn& outer : joints_) {
+        const double* w = outer.z;
+        const bool same = &outer == &joints_.back();
+        const double share = (same ? 0.5 : 1.0) * turn.moved * outer.moved;
+        if (outer.slides) {
+            const double across = n[0] * (z[1] * w[2] - z[2] * w[1]) + n[1] * (z[2] * w[0] - z[0] * w[2]) + n[2] * (z[0] * w[1] - z[1] * w[0]);
+            out.slope += share * std::fabs(across);
+            continue;
+        }
+        const double both = z[0] * w[0] + z[1] * w[1] + z[2] * w[2];
+        const double v[3] = {outer.along * z[0] - both * n[0], outer.along * z[1] - both * n[1], outer.along * z[2] - both * n[2]};
+        turn_by(share, v, outer.o, P);
+    }
+}
+
+// How much lower than its lowest corner any gets by what is in ``turns_``, ``local`` being upwards.
+double Places::nearest_corner(const Solid& solid, const double* local) {
+    double around[3 * 8];
+    const double* at = around;
+    std::size_t each = 8;
+    if (solid.hull != nullptr) {
+        at = solid.hull->corners;
+        each = solid.hull->padded;
+    } else {
+        for (std::size_t i = 0; i < 3; ++i)
+            for (std::size_t side = 0; side < 8; ++side) around[8 * i + side] = (side >> i) & 1 ? solid.half[i] : -solid.half[i];
+    }
+    heights_.resize(each);
+    moves_.assign(each, 0.0);
+    const double *x = at, *y = at + each, *z = at + 2 * each;
+    double *height = heights_.data(), *moves = moves_.data();
+    for (std::size_t i = 0; i < each; ++i) height[i] = local[0] * x[i] + local[1] * y[i] + local[2] * z[i];
+    for (std::size_t k = 0; k < turns_.size(); k += 4) {
+        const double a = turns_[k], b = turns_[k + 1], c = turns_[k + 2], d = turns_[k + 3];
+        for (std::size_t i = 0; i < each; ++i) moves[i] += std::fabs(a * x[i] + b * y[i] + c * z[i] + d);
+    }
+    double least = std::numeric_limits<double>::infinity(), closest = least;
+    for (std::size_t i = 0; i < each; ++i) {
+        least = std::min(least, height[i]);
+        closest = std::min(closest, height[i] - moves[i]);
+    }
+    return least - closest;
 }
 
 double Places::motion_about(const Pair& pair) {

@@ -69,10 +69,15 @@ class Places {
     // The same of the room alone.
     double room_motion(const Pair& pair, std::size_t node);
     // How much closer the pieces of a pair come along n, at most, while each joint travels so far from a node (nullptr: not at all),
-    // and its room: n, in the axes of the second piece there, stays as it is for the last body that carries both. Along n a point
-    // goes with joint k as fast as its distance from the axis lets it across n, and the second derivative by joints k and j is no
-    // longer than its distance from the axis of the outer one.
-    double approach(const Pair& pair, std::size_t node, const double* n, const double* travel);
+    // and its room: n, in the axes of the second piece there, stays as it is for the last body that carries both. ``slope`` is what
+    // comes of where each point begins to go, ``rest`` what else. Along n a point begins to go with joint k as fast as its distance
+    // from the axis lets it across n; its second derivative by joints k and j is no longer than its distance from the axis of the
+    // outer one, nor is the third by those and i. ``bent``: what the second ones are along n counts as ``slope``, the third ones are
+    // the rest; which is less where not much is left.
+    struct Approach {
+        double slope = 0.0, rest = 0.0;
+    };
+    Approach approach(const Pair& pair, std::size_t node, const double* n, const double* travel, bool bent);
     // The box along the axes of the base frame that a riding piece does not leave meanwhile: low corner and high corner.
     void box_about(std::size_t piece, double* out);
     // Whether their bounding spheres are farther apart there than they move, and than ``enough``.
@@ -86,6 +91,12 @@ class Places {
     double slid_ = 0.0;           // what all slides together may be off
     std::vector<double> beside_;  // room for motions by the room
     std::vector<double> turns_;   // room for what joints give corners
+    struct Turn {                 // of a joint: its axis and a point on it, how far it goes, and its axis along n
+        double z[3], o[3], moved, along;
+        bool slides;
+    };
+    std::vector<Turn> joints_;
+    std::vector<double> heights_, moves_;  // of corners
     std::size_t per_bodies_;
     std::vector<double> s_, q_, travel_, bodies_;
     std::vector<double*> poses_, radii_;  // of each node and riding piece; nullptr: not known yet
@@ -112,7 +123,11 @@ class Places {
     void find_radii(std::size_t piece, std::size_t node, double* out);
     double room(int column) const { return room_ == nullptr ? 0.0 : room_[column]; }
     const double* motions_about(std::size_t piece);
-    double approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel);
+    Approach approach_of(std::size_t piece, std::size_t count, std::size_t node, const double* n, const double* travel, bool bent);
+    // A row of ``turns_``: ``share`` times what (v, p - o) is at each point p of a piece at P.
+    void turn_by(double share, const double* v, const double* o, const double* P);
+    void bend_by(const Turn& turn, const double* n, const double* P, Approach& out);
+    double nearest_corner(const Solid& solid, const double* local);
     void add_motions(std::size_t piece, std::size_t node, const double* travel, double* out);
     const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
     // A direction in the axes of the second piece at one node, as it is in them at another, if it stays as it is for the last

@@ -102,6 +102,28 @@ def test_a_turn_that_leads_to_contact_only_by_its_bend_is_refused(joints: int, t
         assert certifier.certify_tubes(still, still, np.full((1, joints), share * turn)).free == free
 
 
+def test_the_rim_of_a_disc_that_turns_about_its_diameter_is_refused_where_it_touches(tmp_path: Path) -> None:
+    """Its core, a short line on the axis, stays where it is."""
+    rim = link("wheel", solid("cylinder", 'radius="0.3" length="0.02"'))
+    robot = built(tmp_path, urdf("disc", link("base"), rim, joint("turn", "revolute base wheel -1 1", axis="1 0 0")))
+    floor, still = Scene((Obstacle("floor", Box((1.0, 1.0, 0.02)), Pose((0.0, 0.0, -0.07))),)), np.zeros((1, 1))
+    certifier, checker = Certifier(robot, floor), CollisionChecker(robot, floor)
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if checker.state_is_free([middle]) else (low, middle)
+    assert 0.1 < low < 0.2
+    for share, free in ((1.01, 0), (0.95, 1)):
+        assert certifier.certify_tubes(still, still, np.full((1, 1), share * low)).free == free
+
+
+def test_a_ball_that_turns_about_its_centre_comes_no_closer(tmp_path: Path) -> None:
+    ball = link("ball", solid("sphere", 'radius="0.3"'))
+    robot = built(tmp_path, urdf("ball", link("base"), ball, joint("turn", "revolute base ball -1 1")))
+    wall = Scene((Obstacle("wall", Box((0.02, 1.0, 1.0)), Pose((0.315, 0.0, 0.0))),))
+    assert Certifier(robot, wall).certify_tubes([[0.0]], [[0.0]], [[0.3]]).free == 1
+
+
 @pytest.mark.parametrize("name", ["wxai bin", "wxai clutter", "panda shelf"])
 def test_nothing_within_the_room_of_a_free_tube_touches(name: str) -> None:
     robot, scene = case(name)
