@@ -71,7 +71,8 @@ class GatedArm:
     def send(self, wanted: ArrayLike) -> FilteredTarget:
         """Send what passes of a target that is wanted now, (n,), and say what it was.
 
-        After tracking was lost the arm is told to stay where it is, and ``lost`` says why.
+        What was decided too late is not sent, and the arm goes on to the last target that was: its verdict is refused
+        as ``Kind.LATE``. After tracking was lost the arm is told to stay where it is, and ``lost`` says why.
 
         Raises:
             InvalidRequest: not n numbers.
@@ -80,6 +81,8 @@ class GatedArm:
         measured, now = self.driver.positions(), self._clock()
         elapsed = None if self._sent is None else now - self._sent_at
         sent = self.targets.next(measured, wanted, elapsed=elapsed)
+        if self._clock() - now > sent.verdict.due:
+            return self.targets.late()
         self._go(sent.q)
         self._sent, self._sent_at = sent, now
         refused = sent.verdict.refused

@@ -2,6 +2,7 @@
 
 from planner_service.gate.action_gate import ActionGate
 from planner_service.gate.decision import Decision
+from planner_service.gate.neighbour import Occupied
 from planner_service.gate.target_filter import FilteredTarget, TargetFilter
 from planner_service.gate.tracking import Course, Setpoint, Tracking, Whereabouts
 from planner_service.gate.verdict import Counts, Kind, Refused, Verdict
@@ -13,6 +14,7 @@ __all__ = [
     "Decision",
     "FilteredTarget",
     "Kind",
+    "Occupied",
     "Refused",
     "Setpoint",
     "TargetFilter",

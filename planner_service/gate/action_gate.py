@@ -23,6 +23,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.gate.decision import Decision
 from planner_service.gate.limits import CommandLimits
 from planner_service.gate.log import GateLog
+from planner_service.gate.neighbour import Occupied
 from planner_service.gate.tracking import Course, Setpoint, Tracking, Whereabouts
 from planner_service.gate.verdict import Counts, Kind, Refused, Verdict
 from planner_service.gate.way_round import ways_round
@@ -52,6 +53,12 @@ SLOWER = 6
 SLOWEST = 1.0 / 64.0
 """Share of its speed: what would have to be slower is a jump, and refused."""
 
+SLOWDOWNS = tuple(1.25**k for k in range(20))
+"""How many times as long as it would be the rest of a chunk may take behind a plan, tried in turn: up to 70."""
+
+SPEED = 0.8
+"""Part of the limits of velocity that plans use: the room that a late target costs needs some."""
+
 RAMP = 1.5
 """Times the targets that it takes to get to the speed of a chunk if all of the acceleration went into that."""
 
@@ -72,8 +79,8 @@ class ActionGate:
         jerk_scale: The same of its limits of jerk; None if targets may change the acceleration at once.
         torque_scale: Share in (0, 1] of the efforts of its URDF that targets may take; None if torques are not judged.
         slow: Whether a chunk that is too fast is followed along the same line at less than its own speed.
-        repair: Whether a chunk of which something could touch is replaced by what passes of it and a plan from there to
-            its end, round what is in the way. That takes as long as the plan, some milliseconds.
+        repair: Whether a chunk of which something could touch is replaced by what passes of it, a plan round what is in
+            the way and the rest of it, or a plan to its end. That takes as long as the plan, some milliseconds.
         log: A file to which what is refused or changed is appended, a line of JSON each, up to 64 MiB.
 
     Attributes:
@@ -119,6 +126,10 @@ class ActionGate:
         self._acceleration_scale = min(1.0, acceleration_scale)
         self.certifier = self._new_certifier(service.scene)
         self._nothing: FloatArray = read_only(np.empty((0, self.robot.n)))
+        self._decisions = 0  # verdicts, and what takes them back
+        self._former: (
+            tuple[FloatArray, int, bool] | None
+        )  # what was left before the last verdict: rows, targets, proven
         self.reset()
 
     # -- what a user calls ------------------------------------------------------------------------
@@ -130,7 +141,7 @@ class ActionGate:
         *,
         sent: int | None = None,
         elapsed: float | None = None,
-        around: Sequence[Obstacle] = (),
+        around: Sequence[Obstacle | Occupied] = (),
     ) -> Verdict:
         """What may be sent of targets that a policy wants.
 
@@ -145,25 +156,29 @@ class ActionGate:
                 period if None.
             around: What moves beside this arm, and keeps clear of where this arm can be by what has passed so far: what
                 ``occupied`` says of other gates that were given what it says of this one. It is no part of the scene.
-                Gates decide one after the other, each beside what the last verdict of every other leaves: that an
-                obstacle is of an older one is not noticed.
+                Gates decide one after the other, each beside what the last verdict of every other leaves.
 
         Raises:
-            InvalidRequest: other shapes, no numbers, or more rows sent than there were; at the first check also an
-                error so large that the arm may be too fast on its way to where it is measured. Nothing is decided then,
-                and what the last verdict said still holds.
+            InvalidRequest: other shapes, no numbers, more rows sent than there were, or an arm around of which the gate
+                has decided since; at the first check also an error so large that the arm may be too fast on its way to
+                where it is measured. Nothing is decided then, and what the last verdict said still holds.
         """
         with _no_collection():
             return self._checked(q, chunk, sent, elapsed, around)
 
     def _checked(
-        self, q: ArrayLike, chunk: ArrayLike, sent: int | None, elapsed: float | None, around: Sequence[Obstacle]
+        self,
+        q: ArrayLike,
+        chunk: ArrayLike,
+        sent: int | None,
+        elapsed: float | None,
+        around: Sequence[Obstacle | Occupied],
     ) -> Verdict:
         measured = numbers("q", q, f"{self.robot.n} joint values")
         if measured.shape != (self.robot.n,):
             raise InvalidRequest("q", measured.shape, f"{self.robot.n} joint values")
         wanted = self._chunk(chunk)
-        beside = self._beside(items("around", around, Obstacle, "a list of Obstacles"))
+        beside = self._beside(around)
         now = self._advanced(measured, sent, elapsed)
         self.counts.chunks += 1
         if self._lost:
@@ -190,7 +205,7 @@ class ActionGate:
             self.certifier, self._scene = certifier, scene
             return Verdict(self._nothing, self._nothing, None)
         now = self._advanced(None, sent, elapsed)
-        self.certifier, self._scene, self._proven = certifier, scene, False
+        self.certifier, self._scene, self._proven, self._pending_proven = certifier, scene, False, False
         if self._lost:
             return self._passed(self._held(now, Refused(Kind.TRACKING, 0, self._lost)))
         here = certifier.certify_tubes(*self._whereabouts, padding=self.padding)  # where the arm may still be
@@ -199,11 +214,34 @@ class ActionGate:
             return self._passed(self._held(now, refused, here.distances))
         return self._passed(self._decided(now, self._pending[: self._left], certifier))
 
-    def occupied(self, name: str, base: Pose | None = None) -> Obstacle:
+    def late(self) -> Verdict:
+        """Take the last verdict back, which came too late: its first row was not sent within ``verdict.due`` seconds.
+
+        The one before still holds: whoever sends its rows in time has gone on with them meanwhile, and ``sent`` of the
+        next ``check`` counts those. If nothing was sent, that is 0, and the arm comes to rest where its last target is.
+
+        Returns:
+            What is left of that verdict, refused as ``Kind.LATE``.
+
+        Raises:
+            InvalidRequest: nothing was decided since ``reset``, or the last verdict has been taken back already.
+        """
+        if self._former is None:
+            raise InvalidRequest("late", "no verdict", "one that was not taken back before")
+        withdrawn = 0 if self.decision is None else self.decision.verdict.accepted
+        rows, left, proven = self._former
+        refused = Refused(Kind.LATE, 0, "the verdict came too late to be sent; the one before still holds")
+        verdict = self._passed(Verdict(rows[:left], rows[left:], refused, proven=proven or not len(rows)))
+        self._former = None
+        self.counts.accepted -= withdrawn + left
+        return verdict
+
+    def occupied(self, name: str, base: Pose | None = None) -> Occupied:
         """Where the arm can be, from now until it comes to rest, by what has passed: for gates of arms beside it.
 
-        Boxes around each of its pieces, which hold until the next ``check`` or ``update``, whatever is sent till then
-        of the rows of the last verdict. For two arms, each with a service of its own::
+        Boxes around each of its pieces, which hold until the next ``check``, ``update`` or ``late``, whatever is sent
+        till then of the rows of the last verdict, or, in case it is late, of the one before. A ``check`` beside it is
+        refused after that. For two arms, each with a service of its own::
 
             left_verdict = left.check(q_left, chunk_left, around=[right.occupied("right arm", right_base)])
             right_verdict = right.check(q_right, chunk_right, around=[left.occupied("left arm", left_base)])
@@ -220,12 +258,13 @@ class ActionGate:
         pose = instance("base", Pose() if base is None else base, Pose, "a Pose, or None")
         if self._came is None:
             raise InvalidRequest("name", name, "a gate that has checked, or was reset with a target", message=UNKNOWN)
-        ahead = self._now.ahead(self._target, self._pending, self.tracking, 1.0 / self.rate)
-        tube = (np.concatenate(each) for each in zip(self._whereabouts, ahead, strict=True))
+        ways = [self._pending] if self._former is None else [self._pending, self._former[0]]
+        ahead = (self._now.ahead(self._target, rows, self.tracking, 1.0 / self.rate) for rows in ways)
+        tube = (np.concatenate(each) for each in zip(self._whereabouts, *ahead, strict=True))
         boxes = self.certifier.tube_boxes(*tube)
         sizes, centres = boxes[:, 1] - boxes[:, 0], boxes.mean(axis=1)
         parts = [(Box(tuple(size)), Pose(tuple(at))) for size, at in zip(sizes.tolist(), centres.tolist(), strict=True)]
-        return Obstacle(name, Compound(tuple(parts)), pose)
+        return Occupied(Obstacle(name, Compound(tuple(parts)), pose), self._decisions, lambda: self._decisions)
 
     def reset(self, target: ArrayLike | None = None) -> None:
         """Begin anew with an arm that stands still, after tracking was lost, or when others have moved it.
@@ -251,6 +290,8 @@ class ActionGate:
             self._now, self._whereabouts = self._came, self._around(self._came, 0.0)
         self._proven = self._pending_proven = False  # whether the way to that target is, in this scene, and to the rows
         self._pending, self._left = self._nothing, 0  # rows that may be sent, and how many of them are no brakes
+        self._former = None
+        self._decisions += 1
         self._lost = ""
         self._measured: FloatArray | None = None
         self.decision: Decision | None = None
@@ -355,6 +396,9 @@ class ActionGate:
 
     def _passed(self, verdict: Verdict) -> Verdict:
         """Remember and count what is decided."""
+        verdict = replace(verdict, due=self.tracking.jitter)
+        self._former = self._pending, self._left, self._pending_proven
+        self._decisions += 1
         self.decision = Decision(
             self.counts.chunks, self._measured, verdict, self._whereabouts, self._now, self._target, self.tracking,
             self.rate, self.padding, self.certifier,
@@ -412,16 +456,54 @@ class ActionGate:
         return self._held(now, refused, bounds)
 
     def _repaired(self, now: Setpoint, wanted: FloatArray, verdict: Verdict, by: Certifier) -> Verdict:
-        """What passes of a chunk, its stop, and a plan from there to its end; the verdict if none passes."""
-        if self.limits.beyond(wanted[-1:]) is not None:
-            return verdict
-        bounds = verdict.bounds
-        for rows in ways_round(self.service, verdict.rows[-1], wanted[-1], self.rate, self._acceleration_scale):
-            found = self._decided(now, np.concatenate([verdict.rows, rows]), by)
-            bounds += found.bounds
-            if found.refused is None:
-                return replace(found, refused=verdict.refused, repaired=True, bounds=bounds)
+        """What passes of a chunk, its stop, a plan to where the chunk is free again, and the rest of it.
+
+        If that does not pass, a plan to its end; the verdict if none does.
+        """
+        bounds, place = verdict.bounds, verdict.rows[-1]
+        for first in self._rejoined(now, wanted, verdict, by):
+            rest = self._followed(wanted[first], wanted[first + 1 :])
+            ways = () if rest is None else ways_round(
+                self.service, place, wanted[first], self.rate, speed=SPEED, acceleration=self._acceleration_scale
+            )  # fmt: skip
+            for way in ways:
+                assert rest is not None
+                found = self._decided(now, np.concatenate([verdict.rows, way, rest]), by)
+                bounds += found.bounds
+                if found.refused is None:
+                    return replace(found, refused=verdict.refused, repaired=True, bounds=bounds)
         return replace(verdict, bounds=bounds)
+
+    def _rejoined(self, now: Setpoint, wanted: FloatArray, verdict: Verdict, by: Certifier) -> list[int]:
+        """Targets of a chunk, by their number, to which a plan may lead round what is in the way of those before."""
+        k = len(wanted)
+        if self.limits.beyond(wanted[-1:]) is not None:
+            return []
+        if self.limits.beyond(wanted) is not None:
+            return [k - 1]
+        course = self._course(now, wanted)
+        backwards = course.places[:k][::-1], wanted[::-1], course.radii[:k][::-1] + self._error
+        free = by.certify_tubes(*backwards, padding=self.padding).free
+        return sorted({max(k - free, verdict.accepted), k - 1}) if free else []
+
+    def _followed(self, place: FloatArray, wanted: FloatArray) -> FloatArray | None:
+        """Targets that take an arm at rest along a line (k, n) to its end, about as fast as the limits allow."""
+        k, line = len(wanted), np.concatenate([place[None], wanted])
+        if k == 0:
+            return wanted
+        rests, needs = Setpoint.at_rest(place, np.zeros(len(place))), self._needed(np.diff(line, axis=0))
+        for slower in SLOWDOWNS:
+            ramp = max(1.0, math.ceil(RAMP * needs / slower))
+            count = math.ceil(slower * k + 0.5 * ramp)
+            done = np.cumsum(np.minimum(np.arange(1, count + 1) / ramp, 1.0))
+            targets = _along(line, done * (k / done[-1]))
+            if self.limits.objection(self._course(rests, targets), targets) is None:
+                return targets
+        return None
+
+    def _needed(self, steps: FloatArray) -> float:
+        """In how many periods an arm at rest may get as fast as steps (k, n) are."""
+        return float((np.abs(steps).max(axis=0) * self.rate**2 / self.limits.acceleration).max())
 
     def _course(self, now: Setpoint, targets: FloatArray) -> Course:
         return now.course(targets, self._shares, self.tracking.goal_time)
@@ -472,7 +554,7 @@ class ActionGate:
         steps, least = np.diff(line, axis=0), float(np.finfo(np.float64).tiny)
         now_done = float(now.speed @ steps[0]) / self.rate / max(float(steps[0] @ steps[0]), least)
         going = min(max(now_done, 0.0), 1.0)
-        needs = float((np.abs(steps).max(axis=0) * self.rate**2 / self.limits.acceleration).max())
+        needs = self._needed(steps)
         best: tuple[float, FloatArray] | None = None
         for ramp in {1.0, max(1.0, math.ceil(RAMP * needs))}:
             reached, low, high = np.minimum(np.arange(1, k + 1) / ramp, 1.0), 0.0, 1.0
@@ -496,11 +578,19 @@ class ActionGate:
             raise InvalidRequest("chunk", rows.shape, expected)
         return rows
 
-    def _beside(self, around: Sequence[Obstacle]) -> Certifier:
+    def _beside(self, around: Sequence[Obstacle | Occupied]) -> Certifier:
         """What proves motions beside others."""
-        if not around:
+        expected = "a list of Obstacles, or of what occupied() says"
+        given: tuple[Obstacle | Occupied, ...] = items("around", around, (Obstacle, Occupied), expected)
+        bodies = list[Obstacle]()
+        for k, each in enumerate(given):
+            if isinstance(each, Occupied) and each.stale:
+                told = "what occupied() says now: its gate has decided since"
+                raise InvalidRequest(f"around[{k}]", each.obstacle.name, told)
+            bodies.append(each.obstacle if isinstance(each, Occupied) else each)
+        if not bodies:
             return self.certifier
-        return self._new_certifier(replace(self._scene, obstacles=(*self._scene.obstacles, *around)))
+        return self._new_certifier(replace(self._scene, obstacles=(*self._scene.obstacles, *bodies)))
 
     def _new_certifier(self, scene: Scene) -> Certifier:
         return Certifier(self.robot, scene, allowed=self._service.allowed)

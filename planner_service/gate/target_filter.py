@@ -15,15 +15,11 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.gate.action_gate import ActionGate
 from planner_service.gate.verdict import Verdict
-from planner_service.gate.way_round import PADDINGS
+from planner_service.gate.way_round import ways_round
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, number, numbers
-from planner_service.planning.request import PlanRequest
 
 __all__ = ["FilteredTarget", "TargetFilter"]
-
-SECONDS = 1.0
-"""For one plan, which usually takes some milliseconds; the arm stands still meanwhile."""
 
 STILL = 1e-3
 """Radians (or metres) that the target sent changes by at most while the arm comes to rest."""
@@ -72,6 +68,8 @@ class TargetFilter:
         self._last = None if target is None else np.array(target)  # the target that was sent last
         self._rested = self._still  # targets in a row that were the same
         self._no_way: FloatArray | None = None  # what was wanted when there was no plan
+        self._former = self._way, self._last, self._rested  # before the last target
+        self._measured: FloatArray | None = None
 
     @property
     def at_rest(self) -> bool:
@@ -97,15 +95,32 @@ class TargetFilter:
         target = np.clip(target, *self.gate.robot.bounds)
         if not self._way and self.at_rest:
             self._way = self._planned(measured, target)
-        planned = bool(self._way)
-        verdict = self.gate.check(measured, self._way.pop(0) if planned else target, elapsed=elapsed)
-        if not verdict.accepted:
-            self._way = []
+        planned, way = bool(self._way), self._way
+        verdict = self.gate.check(measured, way[0] if planned else target, elapsed=elapsed)
+        self._former, self._measured = (way, self._last, self._rested), measured
+        self._way = way[1:] if verdict.accepted else []
         row = verdict.rows[0]
         still = self._last is not None and float(np.abs(row - self._last).max()) <= STILL
         self._rested = self._rested + 1 if still else 0
         self._last = row
         return FilteredTarget(row, verdict, planned)
+
+    def late(self) -> FilteredTarget:
+        """Take the last target back, which was not sent in time: the arm goes on to the one before, and rests there.
+
+        So it is after a plan, which takes longer than that: what it begins with is sent next time.
+
+        Returns:
+            The target before, where the arm comes to rest, or where it was measured if nothing was sent yet.
+
+        Raises:
+            InvalidRequest: as of ``ActionGate.late``.
+        """
+        verdict = self.gate.late()
+        self._way, self._last, self._rested = self._former
+        held = self._measured if self._last is None else self._last
+        assert held is not None  # by the first target
+        return FilteredTarget(held, verdict, False)
 
     def _planned(self, q: FloatArray, wanted: FloatArray) -> list[FloatArray]:
         """The targets of a plan to what is wanted; none if it is near, or there is no plan."""
@@ -113,18 +128,8 @@ class TargetFilter:
         near = [start] if self._no_way is None else [start, self._no_way]
         if not np.isfinite([start, wanted]).all() or min(np.abs(wanted - each).max() for each in near) <= self.jump:
             return []
-        for padding in PADDINGS:
-            request = PlanRequest(
-                start,
-                wanted,
-                padding=padding,
-                velocity_scale=self.speed,
-                acceleration_scale=self.speed,
-                time_limit=SECONDS,
-            )
-            result = self.gate.service.plan(request)
-            if result.trajectory is not None:
-                self._no_way = None
-                return list(result.trajectory.sample(1.0 / self.gate.rate).q[1:])
-        self._no_way = wanted
-        return []
+        gate = self.gate
+        ways = ways_round(gate.service, start, wanted, gate.rate, speed=self.speed, acceleration=self.speed)
+        way = next(ways, None)
+        self._no_way = wanted if way is None else None
+        return [] if way is None else list(way)

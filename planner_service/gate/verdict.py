@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -25,6 +26,7 @@ class Kind(Enum):
     STOP = "stop"
     TRACKING = "tracking"
     SCENE = "scene"
+    LATE = "late"
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,12 @@ class Verdict:
             the arm comes to rest.
         refused: Why the rest of the chunk did not pass, or the whole of it as it is if ``repaired``; None if all did.
         speed: 1, or the share of its way that the chunk gets done in its time where it was to be slowed down.
-        repaired: Whether the targets are what passes of the chunk and a plan from there to its end.
+        repaired: Whether the targets are what passes of the chunk, a plan round what is in the way, and the rest of it.
         proven: Whether all of ``rows`` is proven free. If not, the arm is told to stay where it is, for the reason in
             ``refused``: it is not where its driver should have it, or the scene changed too close to it.
         bounds: What the proof asked.
+        due: Seconds, counted from when the next target was to be sent, within which the first row is to be with the
+            driver: the jitter. A verdict that is late counts for nothing, and the gate is to know that (``late``).
     """
 
     targets: FloatArray
@@ -79,6 +83,7 @@ class Verdict:
     repaired: bool = False
     proven: bool = True
     bounds: int = 0
+    due: float = math.inf
 
     @property
     def rows(self) -> FloatArray:
@@ -105,7 +110,7 @@ class Counts:
         accepted: Targets that passed, changed or not.
         refused: Chunks of which something did not pass, by kind.
         slowed: Chunks that passed at less than their own speed.
-        repaired: Chunks that passed as a plan to their end.
+        repaired: Chunks that passed with a plan in them.
         bounds: What the proofs asked.
         unlogged: Refusals and changes that are not in the log, because it is full or cannot be written any more.
     """

@@ -1,4 +1,4 @@
-"""A way round what stands between an arm and where a chunk ends, as targets that a gate can judge."""
+"""Ways round what stands between an arm at rest and where it is to be, as targets that a gate can judge."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ PADDINGS = (0.03, 0.01)
 MAX_CHECKS = 5_000
 """States that one plan may check; most need some hundreds, and thousands take tens of milliseconds."""
 
-SPEED = 0.8
-"""Part of the limits of velocity that plans use: the room that a late target costs needs some."""
-
 
 def ways_round(
-    service: PlannerService, start: FloatArray, end: FloatArray, rate: float, acceleration_scale: float
+    service: PlannerService, start: FloatArray, end: FloatArray, rate: float, *, speed: float, acceleration: float
 ) -> Iterator[FloatArray]:
-    """Targets (k, n), one each period, of plans from an arm at rest to where a chunk ends, the roomiest first.
+    """Targets (k, n), one each period, of plans for an arm at rest, the roomiest first.
+
+    What a plan may cost is counted, not timed: the same request gives the same ways on every machine.
 
     Args:
         service: Plans.
         rate: Targets a second.
-        acceleration_scale: Part of the limits of acceleration that plans use.
+        speed: Part of the limits of velocity that plans use.
+        acceleration: The same of the limits of acceleration.
     """
     for padding in PADDINGS:
         request = PlanRequest(
             start,
             end,
             padding=padding,
-            velocity_scale=SPEED,
-            acceleration_scale=acceleration_scale,
+            velocity_scale=speed,
+            acceleration_scale=acceleration,
             max_checks=MAX_CHECKS,
+            time_limit=None,
         )
         result = service.plan(request)
         if result.trajectory is not None:

@@ -51,7 +51,19 @@ ANSWERS = {
         "Lost",
         "MethodResult",
     ),
-    *("ImproveReport", "NoPath", "Optimum", "Reached", "Refused", "Origin", "Remedy", "Setpoint", "Terms", "Trail"),
+    *(
+        "ImproveReport",
+        "NoPath",
+        "Occupied",
+        "Optimum",
+        "Reached",
+        "Refused",
+        "Origin",
+        "Remedy",
+        "Setpoint",
+        "Terms",
+        "Trail",
+    ),
     *("Whereabouts", "World", "load_solver"),
 }
 """What is made of values that have been checked, or takes none."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auditor.checker import IndependentChecker
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["LOOK", "Judge", "Walked"]
 
@@ -92,8 +92,8 @@ class Judge:
         near = off @ self.reaches.T >= TRUSTED * gaps
         for k in np.flatnonzero(near.any(axis=1)):
             pairs = np.flatnonzero(near[k])
-            unknown = np.zeros((3, len(pairs)))
-            touch, at = self._piece(a[k], b[k], pairs, *unknown, None)
+            gap, spare, least = np.zeros((3, len(pairs)))
+            touch, at = self._piece(a[k], b[k], pairs, gap, spare, least, None)
             if touch is not None:
                 return touch, at
         return None, np.empty(0)
@@ -112,7 +112,7 @@ class Judge:
         self,
         a: FloatArray,
         b: FloatArray,
-        pairs: FloatArray,
+        pairs: IntArray,
         gaps: FloatArray,
         spare: FloatArray,
         least: FloatArray,

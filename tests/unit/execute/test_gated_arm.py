@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.execute import DriverGroup, GatedArm, Streaming
-from planner_service.gate import ActionGate, Kind, TargetFilter, Tracking
+from planner_service.gate import ActionGate, Kind, TargetFilter, Tracking, Verdict
 from planner_service.geometry.arrays import FloatArray
 from tests.support.arms import STEP, FakeArm, FakeTime, robot, service
 
@@ -125,6 +126,29 @@ def test_an_arm_that_does_not_follow_is_told_to_stay_and_not_moved_any_more(
     assert "joint_1" in gated.lost
     with pytest.raises(InvalidRequest, match="an arm that follows"):
         gated.move_to(robot().home)
+
+
+def test_what_was_decided_too_late_is_not_sent_and_the_arm_goes_on_to_its_last_target(
+    gated: GatedArm, going: GoingArm, clock: FakeTime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swing(gated, clock)
+    check, many, last = gated.targets.gate.check, len(going.sent), going.sent[-1][1]
+
+    def slow(*given: Any, **options: Any) -> Verdict:
+        verdict = check(*given, **options)
+        clock.sleep(2.0 * verdict.due)
+        return verdict
+
+    monkeypatch.setattr(gated.targets.gate, "check", slow)
+    sent = gated.send(going.positions())
+    assert sent.verdict.refused is not None
+    assert sent.verdict.refused.kind is Kind.LATE
+    assert np.array_equal(sent.q, last)
+    assert len(going.sent) == many
+    monkeypatch.setattr(gated.targets.gate, "check", check)
+    clock.sleep(3.0 * PERIOD)
+    assert gated.send(last).verdict.ok  # the arm is where the gate has it
+    assert len(going.sent) == many + 1
 
 
 def test_where_there_is_no_plan_nothing_moves(gated: GatedArm, going: GoingArm) -> None:

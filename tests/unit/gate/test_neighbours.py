@@ -62,7 +62,7 @@ def test_an_arm_is_within_what_it_says_that_it_occupies_until_it_rests(name: str
         q = np.clip(start, *robot.bounds)
         for _ in range(6):
             verdict = gate.check(q, np.clip(q + rng.uniform(-0.3, 0.3, robot.n), *robot.bounds))
-            body = gate.occupied("arm")
+            body = gate.occupied("arm").obstacle
             assert isinstance(body.shape, Compound)
             lows = np.array(
                 [
@@ -114,3 +114,23 @@ def test_nobody_knows_where_an_arm_is_before_its_first_check() -> None:
     gate = ActionGate(PlannerService(PLANAR, Scene()), rate=RATE, tracking=TRACKING)
     with pytest.raises(InvalidRequest, match="first check"):
         gate.occupied("arm")
+
+
+def test_where_an_arm_was_before_its_last_verdict_is_no_place_to_keep_clear_of() -> None:
+    starts = [np.array([1.2, 0.3]), np.array([1.2, -0.3])]
+    left, right = (gate_of(PLANAR, start) for start in starts)
+    for changed in (
+        lambda: right.check(starts[1], starts[1], sent=0),
+        lambda: right.update(Scene(), sent=0),
+        right.late,
+        lambda: right.reset(starts[1]),
+    ):
+        body = right.occupied("other", TURNED)
+        assert not body.stale
+        assert left.check(starts[0], starts[0], sent=0, around=[body]).ok
+        changed()
+        assert body.stale
+        decided = left.counts.chunks
+        with pytest.raises(InvalidRequest, match=r"around\[0\].*decided since"):
+            left.check(starts[0], starts[0], sent=0, around=[body])
+        assert left.counts.chunks == decided
