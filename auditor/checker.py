@@ -219,7 +219,8 @@ class IndependentChecker:
                     if joint not in other:
                         row[self.model.joints[joint].idx_q] += far
         moved = np.zeros((len(out), len(self.joints)))
-        np.add.at(moved, (slice(None), self._leaders), np.abs(self._times) * out)
+        for column, leader in enumerate(self._leaders):
+            moved[:, leader] += abs(self._times[column]) * out[:, column]
         return moved
 
     def _shape_reaches(self, g: Any) -> dict[int, float]:

@@ -13,8 +13,8 @@ __all__ = ["ways_round"]
 PADDINGS = (0.03, 0.01)
 """Metres that a plan keeps from everything: as much as the arm may need room, or what there is."""
 
-MAX_CHECKS = 5_000
-"""States that one plan may check; most need some hundreds, and thousands take tens of milliseconds."""
+MAX_CHECKS = 20_000
+"""States that one plan may check; most need some hundreds. With 5,000 some ways are twice as long."""
 
 
 def ways_round(

@@ -96,4 +96,4 @@ def test_a_way_round_is_the_same_however_busy_the_machine_is(monkeypatch: pytest
     targets = TargetFilter(ActionGate(service, rate=RATE, tracking=TRACKING))
     targets.next(START, END)
     assert len(asked) >= 2
-    assert {(each.time_limit, each.max_checks) for each in asked} == {(None, 5_000)}
+    assert {(each.time_limit, each.max_checks) for each in asked} == {(None, 20_000)}
