@@ -44,6 +44,7 @@ class Job:
         station: Where it may be set down on the way, to be taken anew; none if it is not to be.
         via: The obstacle that it then stands on.
         side: Whether it is to be taken from the side, which is how a thing gets onto a shelf.
+        plain: Whether grasps from above about its middle will do.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Job:
     station: tuple[ps.Pose, ...] = ()
     via: str = ""
     side: bool = False
+    plain: bool = False
 
     @property
     def obstacle(self) -> ps.Obstacle:
@@ -145,13 +147,13 @@ def palletise(
         number = len(jobs)
         under = "pallet" if layer == 0 else f"box_{number - 12}"
         at = ps.Pose((u, v, w + GAP + height / 2))
-        jobs.append(Job(f"box_{number}", ps.Box(size_box), at, "belt", (place,), under))
+        jobs.append(Job(f"box_{number}", ps.Box(size_box), at, "belt", (place,), under, plain=True))
     return scene, jobs
 
 
 def bin_to_tray(
-    chance: random.Random, *, floor: float, side: float, size_bin: Point, at_bin: Point, trays: Sequence[Point],
-    pitch: float,
+    chance: random.Random, *, floor: float, side: float, size_bin: Point, at_bin: Point, apart: float,
+    trays: Sequence[Point], pitch: float,
 ) -> tuple[ps.Scene, list[Job]]:  # fmt: skip
     """12 objects out of a bin, turned anyhow: boxes onto one tray and cylinders onto another, wherever there is room.
 
@@ -159,10 +161,10 @@ def bin_to_tray(
         side: Of a box, and the diameter and height of a cylinder, in metres.
         size_bin: Inside.
         at_bin: Middle of its floor's top.
+        apart: Between the middles of objects in it, along x and y.
         trays: Middles of their tops.
         pitch: Between places on a tray.
     """
-    length, width, _ = size_bin
     x, y, z = at_bin
     things = [*_ground(floor), *_open_box("bin", size_bin, at_bin, floor)]
     for name, (u, v, top) in zip(("tray_a", "tray_b"), trays, strict=True):
@@ -173,7 +175,7 @@ def bin_to_tray(
     for number, (i, j) in enumerate(spots):
         kind = number % 2
         shape: Shape = ps.Cylinder(side / 2, side) if kind else ps.Box((side, side, side))
-        at = (x + (i - 1.5) * length / 4, y + (j - 1.0) * width / 3, z + GAP + side / 2)
+        at = (x + (i - 1.5) * apart, y + (j - 1.0) * apart, z + GAP + side / 2)
         yaw = chance.uniform(-math.pi, math.pi)
         u, v, top = trays[kind]
         middles = [
@@ -183,7 +185,7 @@ def bin_to_tray(
         turns = (0.0,) if kind else (0.0, 0.5 * math.pi)
         places = tuple(_turned(middle, turn) for middle, turn in product(middles, turns))
         name = f"{'cylinder' if kind else 'block'}_{number}"
-        jobs.append(Job(name, shape, _turned(at, yaw), "bin_floor", places, ("tray_a", "tray_b")[kind]))
+        jobs.append(Job(name, shape, _turned(at, yaw), "bin_floor", places, ("tray_a", "tray_b")[kind], plain=True))
     things += [job.obstacle for job in jobs]
     return ps.Scene(tuple(things)), jobs
 
@@ -409,15 +411,15 @@ _SIZES: dict[str, dict[str, dict[str, Any]]] = {
     },
     "bin": {
         "wxai": {
-            "floor": 0.0, "side": 0.03, "size_bin": (0.26, 0.195, 0.05), "at_bin": (0.31, -0.15, 0.006),
+            "floor": 0.0, "side": 0.03, "size_bin": (0.28, 0.22, 0.05), "at_bin": (0.3, -0.16, 0.006), "apart": 0.062,
             "trays": ((0.2, 0.17, 0.01), (0.34, 0.17, 0.01)), "pitch": 0.06,
         },
         "panda": {
-            "floor": 0.0, "side": 0.045, "size_bin": (0.38, 0.3, 0.08), "at_bin": (0.48, -0.25, 0.01),
+            "floor": 0.0, "side": 0.045, "size_bin": (0.4, 0.31, 0.05), "at_bin": (0.48, -0.26, 0.01), "apart": 0.09,
             "trays": ((0.38, 0.25, 0.015), (0.6, 0.25, 0.015)), "pitch": 0.09,
         },
         "ur5_vacuum": {
-            "floor": -0.3, "side": 0.06, "size_bin": (0.42, 0.33, 0.12), "at_bin": (0.5, -0.32, -0.28),
+            "floor": -0.3, "side": 0.06, "size_bin": (0.42, 0.33, 0.12), "at_bin": (0.5, -0.32, -0.28), "apart": 0.1,
             "trays": ((0.38, 0.25, -0.28), (0.65, 0.25, -0.28)), "pitch": 0.11,
         },
     },
@@ -458,7 +460,7 @@ _SIZES: dict[str, dict[str, dict[str, Any]]] = {
             "at_plate": (0.28, 0.12, 0.04), "pitch": 0.034, "room": 0.002,
         },
         "panda": {
-            "floor": 0.0, "size_screw": (0.008, 0.016, 0.02), "at_feeder": (0.45, -0.25, 0.08),
+            "floor": 0.0, "size_screw": (0.008, 0.026, 0.02), "at_feeder": (0.45, -0.25, 0.08),
             "at_plate": (0.45, 0.22, 0.05), "pitch": 0.05, "room": 0.002,
         },
         "ur5_vacuum": {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -13,12 +14,26 @@ from benchmarks.harness.audit import Pair, touch_of_plan
 from benchmarks.worlds.cells import KINDS, ROBOTS, Cell, Job, cell
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
-from planner_service.planning.task_result import Segment, TaskResult
+from planner_service.grasping.grasps import _taking as tool_rotation
+from planner_service.memory import Memory
+from planner_service.planning.task_result import Handling, Segment, TaskResult
+from planner_service.tasks import Approach, Connect, Grasp, Release, Retreat, Task, pick_steps, place_steps
+from planner_service.tasks.steps import Step
 
-__all__ = ["LOOK", "Work", "cells", "objections", "solved"]
+__all__ = ["LOOK", "Work", "cells", "objections", "solved", "steps"]
 
 LOOK = 0.004
 """Metres that a point of the robot moves, at most, from one configuration that is judged to the next."""
+
+RISE, UP, DOWN = 0.01, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+"""Metres above a board at which a thing goes into a shelf, and out of it."""
+
+LINES = (0.1, 0.08, 0.06, 0.05)
+"""Metres of straight lines into a shelf or a pocket and out of it."""
+
+EIGHTHS = tuple(k * math.pi / 4.0 for k in range(8))
+TURNS = tuple(math.radians(15.0 * k) for k in range(24))
+END = 0.015
 
 WIDTHS = 5
 """Openings at which a gripper that opens or closes is judged."""
@@ -55,25 +70,67 @@ def cells(seed: int, robot: str | None) -> Iterator[Cell]:
                 yield cell(kind, name, seed)
 
 
-def solved(work: Work, job: Job, request: ps.PlanRequest) -> TaskResult:
+def steps(job: Job) -> Task:
     """A job as a task: take the object and set it down, on the station first if it has one."""
     stops = [(job.station, job.via)] if job.station else []
     stops.append((job.places, job.onto))
-    segments, support, done = list[Segment](), job.support, None
+    found: list[Step] = []
+    support, grasps = job.support, None if job.plain else Around()
     for places, onto in stops:
-        service = work.service
-        grasps = ps.top_grasps(service.robot, service.scene.obstacle(job.name))
-        done = ps.pick(service, work.q, job.name, grasps, ps.Handling(support=support, request=request))
-        segments += done.segments
-        if done.ok:
-            work, support = work.after(done), onto
-            done = ps.place(work.service, work.q, job.name, places, ps.Handling(support=onto, request=request))
-            segments += done.segments
-        if not done.ok:
-            break
-        work = work.after(done)
-    assert done is not None
-    return replace(done, segments=tuple(segments))
+        if job.side:
+            found += [Connect("to pregrasp"), Approach("in"), Grasp(job.name, grasps, support=support)]
+            found += [Retreat("up", (RISE,), UP), Connect("transfer"), Approach("in")]
+            found += [Approach("down", (RISE,), direction=DOWN), Release(job.name, places, support=onto)]
+            found += [Retreat("out", LINES)]
+        elif places is job.places and job.station:
+            found += pick_steps(job.name, grasps, Handling(support=support))
+            found += [Connect("transfer"), Approach("lower", LINES, direction=DOWN)]
+            found += [Release(job.name, places, support=onto), Retreat("retreat", LINES)]
+        else:
+            found += pick_steps(job.name, grasps, Handling(support=support))
+            found += place_steps(job.name, places, Handling(support=onto))
+        support = onto
+    return Task(found, f"{job.name} onto {job.onto}")
+
+
+@dataclass(frozen=True)
+class Around:
+    """Grasps all around a thing: about its middle, or near either of its ends if it is long."""
+
+    def poses(self, robot: ps.Robot, obstacle: ps.Obstacle) -> tuple[ps.Pose, ...]:
+        """See ``GraspSource``."""
+        gripper, E = robot.gripper, np.eye(3)
+        assert gripper is not None
+        upper, lower = (obstacle.shape.support(sign * E).diagonal() for sign in (1.0, -1.0))
+        middle, size = (upper + lower) / 2.0, upper - lower
+        found = []
+        for k in range(3):
+            u, v = E[(k + 1) % 3], E[(k + 2) % 3]
+            if gripper.kind == "vacuum":
+                turns = [(sign * E[k], u * math.cos(t) + v * math.sin(t)) for sign in (-1.0, 1.0) for t in EIGHTHS]
+                tips = [np.where(E[k] > 0, upper if a[k] < 0 else lower, middle) for a, _ in turns]
+                found += list(zip(turns, tips, strict=True))
+            elif size[k] <= gripper.upper - 0.004:
+                long = max(((k + 1) % 3, (k + 2) % 3), key=lambda axis: float(size[axis]))
+                ends = size[long] / 2.0 - min(END, size[long] / 4.6)
+                for aside in (0.0, ends, -ends) if ends else (0.0,):
+                    for t in TURNS:
+                        a = u * math.cos(t) + v * math.sin(t)
+                        found.append(((a, E[k]), middle + aside * E[long]))
+        made = []
+        for (approach, closing), tip in found:
+            T = np.eye(4)
+            T[:3, :3] = tool_rotation(gripper, approach, closing)
+            T[:3, 3] = tip
+            made.append(obstacle.pose @ ps.Pose.from_matrix(T))
+        return tuple(made)
+
+
+def solved(
+    work: Work, job: Job, request: ps.PlanRequest, memory: Memory | None = None, **budget: int
+) -> TaskResult:
+    """A job, solved."""
+    return work.service.solve(steps(job), work.q, request=request, memory=memory, **budget)
 
 
 def objections(robot: str, done: TaskResult) -> list[str]:
