@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.cells import solved
+from benchmarks.studies.cells import executed, solved
 
 __all__ = ["run"]
 
 PARTS: dict[str, Callable[[int | None, int, str | None], Report]] = {
     "solved": solved.run,
+    "executed": executed.run,
 }
 
 

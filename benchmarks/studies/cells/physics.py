@@ -1,7 +1,7 @@
 """Motions carried out in MuJoCo by position control, faster than real time: what touched, and where things ended up.
 
 Every shape that is planned with is in the model, the robot's included. A thing that is taken lies loose; it is welded
-to the hand from when both fingers press on it, or the cup is on it and switched on, until they let go.
+to the hand from when both fingers press on it, or the cup is on it and switched on, until they open and let go.
 """
 
 from __future__ import annotations
@@ -38,6 +38,9 @@ SQUEEZE = 0.01
 
 SUCTION = 0.003
 """Metres that a cup may be away from what it takes."""
+
+STIFF = (0.004, 1.0), (0.99, 0.9999, 1e-4)
+"""How a weld gives way, in MuJoCo's terms (solref, solimp): by next to nothing."""
 
 Pair = frozenset[str]
 
@@ -93,7 +96,7 @@ class Physics:
         self._label = {name: names.object(name) for name in self.loose}
         self._owners = [link_of(model.geom(k).name or "") for k in range(model.ngeom)]
         self._held: set[str] = set()
-        self._sucking: str | None = None
+        self._opening = False
         self._command(q, np.zeros_like(q))
         self._width(robot.gripper_width)
         mujoco.mj_forward(model, data)
@@ -149,6 +152,7 @@ class Physics:
         self.data.ctrl[self._fingers] = max(0.0, width / 2.0)
 
     def _close(self, start: float, end: float, may: frozenset[Pair]) -> None:
+        self._opening = end > start
         count = round(GRIP * RATE)
         for k in range(1, count + 1):
             self._width(start + (end - start) * k / count)
@@ -205,9 +209,9 @@ class Physics:
                     pressing.setdefault(other, set()).add(finger)
         for name in self.loose:
             fingers = pressing.get(self._label[name], set())
-            if not fingers and name in self._held:
+            if self._opening and not fingers and name in self._held:
                 self._let_go(name)
-            elif len(fingers) == len(self._finger_names) and name not in self._held:
+            elif not self._opening and len(fingers) == len(self._finger_names) and name not in self._held:
                 self._weld(name)
 
     def _suck(self, name: str) -> None:
@@ -224,6 +228,7 @@ class Physics:
         model, data = self.model, self.data
         weld, body = model.equality(name + MARK).id, model.body(name + MARK).id
         hand = model.eq_obj1id[weld]
+        model.eq_solref[weld], model.eq_solimp[weld, :3] = STIFF
         pose = model.eq_data[weld]
         back = data.xquat[hand] * (1.0, -1.0, -1.0, -1.0)
         pose[:3] = 0.0

@@ -14,7 +14,7 @@ from benchmarks.harness.audit import Pair, touch_of_plan
 from benchmarks.worlds.cells import KINDS, ROBOTS, Cell, Job, cell
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
-from planner_service.grasping.grasps import _taking as tool_rotation
+from planner_service.grasping.grasps import tool_rotation
 from planner_service.memory import Memory
 from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.tasks import Approach, Connect, Grasp, Release, Retreat, Task, pick_steps, place_steps
