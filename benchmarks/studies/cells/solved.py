@@ -70,7 +70,7 @@ def _rows(cell: Cell, queries: int | None) -> list[Row]:
             "seconds": done.duration,
         }
         if not done.ok:
-            done = solved(work, job, ps.PlanRequest(work.q, work.q, max_checks=MORE * CHECKS, time_limit=None))
+            done = solved(work, job, request, times=MORE)
             row["solvable"] = done.ok
         rows.append(row)
         if done.ok:

@@ -18,6 +18,7 @@ from planner_service.grasping.grasps import tool_rotation
 from planner_service.memory import Memory
 from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.tasks import Approach, Connect, Grasp, Release, Retreat, Task, pick_steps, place_steps
+from planner_service.tasks.solver import BEAM, SEARCHES
 from planner_service.tasks.steps import Step
 
 __all__ = ["LOOK", "Work", "cells", "objections", "solved", "steps"]
@@ -127,10 +128,18 @@ class Around:
 
 
 def solved(
-    work: Work, job: Job, request: ps.PlanRequest, memory: Memory | None = None, **budget: int
+    work: Work, job: Job, request: ps.PlanRequest, memory: Memory | None = None, *, times: int = 1
 ) -> TaskResult:
-    """A job, solved."""
-    return work.service.solve(steps(job), work.q, request=request, memory=memory, **budget)
+    """A job, solved.
+
+    Args:
+        times: The usual budget of ways and searches, and of states of each motion.
+    """
+    if request.max_checks is not None:
+        request = replace(request, max_checks=times * request.max_checks)
+    return work.service.solve(
+        steps(job), work.q, request=request, memory=memory, beam=min(times * BEAM, 1_000), searches=times * SEARCHES
+    )
 
 
 def objections(robot: str, done: TaskResult) -> list[str]:
