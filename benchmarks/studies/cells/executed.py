@@ -28,7 +28,7 @@ NEAR = 0.01
 OWN = "wxai"
 """The robot with a simulated arm of its own."""
 
-STREAMING = Streaming(speed=0.9, latest=0.5, gripper_time=0.6)
+STREAMING = Streaming(speed=0.9, latest=0.5, gripper_time=0.6, squeeze=0.004)
 
 
 @dataclass(frozen=True, eq=False)
