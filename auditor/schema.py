@@ -72,6 +72,7 @@ tool pose:pose room:room|null
 room position_tolerance:num orientation_tolerance:num free_axis:3|null candidates:int
 payload mass:num com:3 inertia:6
 segment name:text gripper_width:num|null gripper:fingers|null timing:choice|null scene:world|null result:result
+    wait?:num
 fingers start_width:num end_width:num seconds:num certificate:certificate travel?:num|null
 result ok:flag failure:null goal_index:int|null attempts:int padding:num deterministic:flag notes:text* counts:counts
     stages:stage* certificate:certificate motion:motion polish:any path:path trajectory:law constraints?:constraint*

@@ -49,12 +49,16 @@ ROUNDED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion to execute; its width is None without a gripper, and ``grips`` says if the gripper closes at its end."""
+    """A motion to execute; its width is None without a gripper, and ``grips`` says if the gripper closes at its end.
+
+    Before it, once the gripper stands so, the arm stands still for ``wait`` seconds.
+    """
 
     name: str
     trajectory: Trajectory
     width: float | None
     grips: bool = False
+    wait: float = 0.0
 
 
 def require_drivable(motions: Sequence[Motion], robot: Robot, limits: ArmLimits, speed: float, near: float) -> None:
@@ -101,7 +105,12 @@ def admitted(
     if allow_unproven:
         return *_unproven(plan, robot if service is None else service.robot), None
     proven = recertify(plan, service, allowed=allowed, squeeze=squeeze).required()
-    return proven.world.robot, [_proven(motion.motion) for motion in proven.motions], proven
+    segments = plan.segments if isinstance(plan, SavedTask | TaskResult) else [None] * len(proven.motions)
+    motions = [
+        replace(_proven(motion.motion), wait=0.0 if segment is None else segment.wait)
+        for motion, segment in zip(proven.motions, segments, strict=True)
+    ]
+    return proven.world.robot, motions, proven
 
 
 def require_free_opening(proven: Recertified, width: float, near: float) -> None:
@@ -154,7 +163,8 @@ def _as_it_is(segment: Segment, robot: Robot) -> Motion:
     fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
     meant = [interval.pairs for interval in result.exempt if interval.depth is None]
     touched = {owner_of(name, robot) for pairs in meant for pair in pairs for name in pair}
-    return replace(_rested(segment.name, result.trajectory, width), grips=bool(fingers & touched))
+    motion = _rested(segment.name, result.trajectory, width)
+    return replace(motion, grips=bool(fingers & touched), wait=segment.wait)
 
 
 def _proven(motion: TaskMotion) -> Motion:

@@ -226,6 +226,7 @@ class _Run:
         for motion in motions:
             if motion.width is not None:
                 self._set_gripper(motion.width, grips=grips)
+            self._stand(motion.wait)
             self.require_at("start", motion, 0.0)
             self._follow(motion)
             self.require_at("end", motion, motion.trajectory.duration)

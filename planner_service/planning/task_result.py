@@ -126,6 +126,7 @@ class Segment:
             where that is unknown, the scene of the motion before.
         gripper: How it comes to that opening, while the arm stands at the motion's start; None if it has it already.
         timing: Its timing law, if that is not the one of the task's request.
+        wait: Seconds that the arm stands still before it, once the gripper is at that opening.
     """
 
     name: str
@@ -134,6 +135,7 @@ class Segment:
     scene: Scene | None = None
     gripper: GripperMotion | None = None
     timing: Timing | None = None
+    wait: float = 0.0
 
     @property
     def counts(self) -> CheckCounts:
@@ -295,8 +297,9 @@ class TaskResult:
 
     @property
     def duration(self) -> float:
-        """Seconds of motion, without what the gripper takes to open and close."""
-        return math.fsum(s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None)
+        """Seconds of motion and of waiting, without what the gripper takes to open and close."""
+        moving = [s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None]
+        return math.fsum((*moving, *(s.wait for s in self.segments)))
 
 
 class TaskReport(Protocol):

@@ -21,14 +21,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, JsonValue
+from pydantic import AfterValidator, Field, JsonValue
 
 from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionStep
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import MAX_BYTES, parse_json, read_json
 from planner_service.files.json_writer import indented_json
 from planner_service.files.reading import as_path
-from planner_service.files.schema import Prose, Record, Text, at_most, read_record, recorded
+from planner_service.files.schema import GrownRecord, Prose, Record, Text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
 from planner_service.geometry.validation import instance
 from planner_service.planning.request import PlanRequest, World
@@ -75,6 +75,7 @@ TASK_FORMAT = "planner-service/task"
 VERSION = 3
 
 MAX_SEGMENTS = 1_000
+MAX_WAIT = 3_600.0
 MAX_DEPTH = 64
 """Of what is nested in a section."""
 
@@ -507,7 +508,7 @@ class PlanRecord(_Head):
         return super().fields_of(value) | {"format": PLAN_FORMAT}
 
 
-class SegmentRecord(Record):
+class SegmentRecord(GrownRecord):
     """One motion of a task; ``scene`` is null where the scene is as in the motion before, or at the start.
 
     Attributes:
@@ -515,6 +516,7 @@ class SegmentRecord(Record):
         gripper_width: Metres between the finger pads during it; null if that is not known.
         scene: What the scene has become; null where it is as in the motion before, or at the start.
         result: The plan of the motion, or why there is none.
+        wait: Seconds that the arm stands still before the motion; 0 if it is not there.
     """
 
     about = Segment
@@ -525,6 +527,7 @@ class SegmentRecord(Record):
     timing: TimingRecord | None
     scene: WorldRecord | None
     result: ResultRecord
+    wait: Annotated[float, Field(ge=0.0, le=MAX_WAIT)] = 0.0
 
 
 class TaskRecord(_Head):
@@ -592,7 +595,7 @@ class TaskRecord(_Head):
             grip = None if record.gripper is None else record.gripper.value
             law = None if record.timing is None else record.timing.value
             width = math.nan if width is None else width
-            segments.append(Segment(record.name, record.result.value, width, scene, grip, law))
+            segments.append(Segment(record.name, record.result.value, width, scene, grip, law, record.wait))
         return tuple(segments)
 
 
@@ -610,6 +613,7 @@ def _segment_fields(task: SavedTask) -> list[dict[str, Any]]:
                 "timing": None if segment.timing is None else TimingRecord.find(segment.timing),
                 "scene": None if scene == before else WorldRecord.since(first, scene),
                 "result": segment.result,
+                "wait": segment.wait,
             }
         )
     return segments

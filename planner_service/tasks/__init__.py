@@ -19,6 +19,7 @@ from planner_service.tasks.steps import (
     Repeat,
     Retreat,
     Step,
+    Wait,
 )
 from planner_service.tasks.task import Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
@@ -43,6 +44,7 @@ __all__ = [
     "StepReport",
     "Task",
     "TaskResult",
+    "Wait",
     "best_of_seeds",
     "explain_task",
     "move_circular",

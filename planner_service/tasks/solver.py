@@ -44,7 +44,7 @@ from planner_service.tasks.inspector import Inspector, Rank, Visit, steps_of
 from planner_service.tasks.look_ahead import LookAhead
 from planner_service.tasks.motions import Ended, Motions, NoMotion
 from planner_service.tasks.names import require_names
-from planner_service.tasks.steps import Follow, Grasp, MoveCircular, MoveLinear, MoveTo
+from planner_service.tasks.steps import Follow, Grasp, MoveCircular, MoveLinear, MoveTo, Wait
 from planner_service.tasks.task import ChoiceStage, ContactStage, MotionStage, Numbered, Stage, Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
 from planner_service.tasks.ways import Lines, Way, Ways
@@ -151,6 +151,7 @@ class _State:
         began: Where the first motion began, (n,), once the robot had left what it touched; None before.
         grip: What the gripper does before the next motion.
         memory: What is remembered once its motions were made.
+        wait: Seconds that the arm stands still before the next motion.
     """
 
     service: PlannerService
@@ -162,10 +163,18 @@ class _State:
     grip: GripperMotion | None = None
     notes: tuple[str, ...] = ()
     memory: Memory = NOTHING
+    wait: float = 0.0
+
+    @property
+    def pending(self) -> bool:
+        """Whether the gripper moves, or the arm waits, before the next motion."""
+        return self.grip is not None or self.wait > 0.0
 
     def after(self, *segments: Segment, **changes: Any) -> _State:
         """The state once a stage is done, by these motions."""
         q = _end(segments[-1].result) if segments else self.q
+        if segments and self.wait:
+            segments = (replace(segments[0], wait=self.wait), *segments[1:])
         memory = self.memory
         for segment in segments:
             for motion in segment.result.memory.motions[-1:]:
@@ -173,7 +182,7 @@ class _State:
         known = replace(
             self, memory=memory, segments=(*self.segments, *segments), q=q, rest=self.rest[1:], done=self.done + 1
         )
-        return replace(known, **{"grip": None, **changes})
+        return replace(known, **{"grip": None, "wait": 0.0, **changes})
 
 
 class _Search:
@@ -223,7 +232,7 @@ class _Search:
             if state.done > self._deepest.done:
                 self._deepest, self._stuck = state, None
             if not state.rest:
-                return self._at_rest(state) if state.grip is not None else state
+                return self._at_rest(state) if state.pending else state
             stack.append(self._next(state))
         return None
 
@@ -257,7 +266,7 @@ class _Search:
         assert isinstance(stage, ContactStage)
         ways = self._ahead.ways_of(stage, state.service)
         if stage.connect is None:
-            base: _State | None = state if state.grip is None else self._at_rest(state)
+            base: _State | None = self._at_rest(state) if state.pending else state
             found = ways.here(state.q, visit)
         else:
             base = self._started(state, visit)
@@ -303,11 +312,11 @@ class _Search:
         if not leaves:
             return state if state.began is not None else replace(state, began=state.q)
         width, scene = state.service.robot.gripper_width, state.service.scene
-        leave = Segment(LEAVE, result, width, scene, state.grip)
+        leave = Segment(LEAVE, result, width, scene, state.grip, wait=state.wait)
         q = _end(result)
         visit.q = q
         began = q if state.began is None else state.began
-        return replace(state, segments=(*state.segments, leave), q=q, began=began, grip=None)
+        return replace(state, segments=(*state.segments, leave), q=q, began=began, grip=None, wait=0.0)
 
     def _through(self, base: _State, ways: Ways, way: Way, visit: Visit) -> _State:
         """The state once a way was gone.
@@ -337,7 +346,7 @@ class _Search:
         there = way.turned(before.robot, _end(to))
         if there is not way:  # a joint has gone the other way round
             way, lines = there, ways.lines(there, visit)
-        if base.grip is not None and opening is not None:
+        if base.pending and opening is not None:
             base = self._at_rest(base)
         motion = Segment(connect.name, to, way.contact.width, before.scene, opening or base.grip)
         return self._gone(base, ways, way, lines, visit, (motion,))
@@ -353,11 +362,11 @@ class _Search:
         return base.after(*to, *inward, *outward, service=way.contact.after, grip=grip, notes=(*base.notes, *notes))
 
     def _at_rest(self, state: _State) -> _State:
-        """The state after a motion that stays where the robot is, while the gripper moves."""
+        """The state after a motion that stays where the robot is, while the gripper moves or the arm waits."""
         stays = self._motions.followed(state.service, state.q[None])
         width, scene = state.service.robot.gripper_width, state.service.scene
-        motion = Segment(STAND, stays, width, scene, state.grip, self._motions.law)
-        return replace(state, segments=(*state.segments, motion), grip=None)
+        motion = Segment(STAND, stays, width, scene, state.grip, self._motions.law, state.wait)
+        return replace(state, segments=(*state.segments, motion), grip=None, wait=0.0)
 
     # Motions.
 
@@ -368,6 +377,10 @@ class _Search:
         if state.began is None:
             state = replace(state, began=state.q)
         step = stage.motion.step
+        if isinstance(step, Wait):
+            self._inspector.tried(stage.motion)
+            yield state.after(grip=state.grip, wait=state.wait + step.seconds)
+            return
         if isinstance(step, MoveTo):
             yield from self._moves(state, stage, visit)
             return

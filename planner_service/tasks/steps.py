@@ -441,7 +441,7 @@ def _poses(field: str, given: Any) -> tuple[Pose, ...]:
 
 @dataclass(frozen=True)
 class Wait(Step):
-    """The arm stands still.
+    """The arm stands still: files, programs and execution have the next motion wait for so long.
 
     Attributes:
         seconds: For so long.

@@ -128,7 +128,7 @@ class Playback:
                 break
             world = segment.world_after(service.world)
             service = service if world is service.world else PlannerService.of(world)
-            clips.append(Clip.of(segment.name, service, segment.result, clock))
+            clips.append(Clip.of(segment.name, service, segment.result, clock + segment.wait))
             clock = clips[-1].end
         return cls(tuple(clips)) if clips else None
 

@@ -87,6 +87,7 @@ class _Language:
         head: The lines before the first motion, from remarks and where the motion begins.
         move: The line that moves to a point, from its values and its number, from 1.
         gripper: The lines that set the gripper to so many metres.
+        pause: The line that waits for so many seconds.
         end: The lines after the last motion, from all points.
         degrees: Whether joints are in degrees.
         streams: Whether points are sent in time.
@@ -96,6 +97,7 @@ class _Language:
     head: Callable[[Sequence[str], FloatArray], list[str]]
     move: Callable[[FloatArray, int], str]
     gripper: Callable[[float], list[str]]
+    pause: Callable[[float], str]
     end: Callable[[FloatArray], list[str]]
     degrees: bool = True
     streams: bool = False
@@ -133,6 +135,7 @@ def program_text(
         if segment.width > 0.0 and segment.width != width:
             lines += language.gripper(segment.width)
             width = segment.width
+        lines += [language.pause(segment.wait)] if segment.wait > 0.0 else []
         first = sum(map(len, points))
         if first + len(q) > MAX_POINTS:
             raise InvalidRequest("points", first + len(q), f"at most {MAX_POINTS:,}: a larger dt or tolerance")
@@ -277,7 +280,15 @@ def _ls_remark(text: str) -> str:
 
 def _languages(dt: float) -> dict[str, _Language]:
     """How programs are written, by format."""
-    movej = _Language("  # {}".format, _ur_head, _ur_move, _ur_gripper, lambda _: ["end"], degrees=False)
+    movej = _Language(
+        "  # {}".format,
+        _ur_head,
+        _ur_move,
+        _ur_gripper,
+        "  sleep({:.3f})".format,
+        lambda _: ["end"],
+        degrees=False,
+    )
     send = f"t={dt:g}, lookahead_time=0.03, gain=300"
     return {
         "urscript": movej,
@@ -287,6 +298,7 @@ def _languages(dt: float) -> dict[str, _Language]:
             _rapid_head,
             _rapid_move,
             lambda width: [f"    set_gripper {width:.6f};"],
+            "    WaitTime {:.3f};".format,
             lambda _: ["  ENDPROC", "ENDMODULE"],
         ),
         "krl": _Language(
@@ -294,6 +306,7 @@ def _languages(dt: float) -> dict[str, _Language]:
             _krl_head,
             _krl_move,
             lambda width: [f"  ; set the gripper to {width:.6f} m", "  HALT"],
+            "  WAIT SEC {:.3f}".format,
             lambda _: ["END"],
         ),
         "fanuc-ls": _Language(
@@ -301,6 +314,7 @@ def _languages(dt: float) -> dict[str, _Language]:
             _ls_head,
             _ls_move,
             lambda width: [_ls_remark(f"Set the gripper to {width:.6f} m"), f"{NUMBER}:  PAUSE ;"],
+            lambda seconds: f"{NUMBER}:  WAIT {seconds:.2f}(sec) ;",
             _ls_end,
         ),
     }

@@ -243,10 +243,10 @@ def task_messages(
 
 
 def on_one_clock(segments: Sequence[Segment]) -> list[tuple[Segment, float]]:
-    """The motions with the seconds of motion before each."""
+    """The motions with the seconds of motion and of waiting before each."""
     require_joined(segments)
-    durations = [segment.result.unwrap()[1].duration for segment in segments]
-    return list(zip(segments, accumulate(durations, initial=0.0), strict=False))
+    ends = accumulate((segment.wait + segment.result.unwrap()[1].duration for segment in segments), initial=0.0)
+    return [(segment, before + segment.wait) for segment, before in zip(segments, ends, strict=False)]
 
 
 def _width(segment: Segment) -> float | None:

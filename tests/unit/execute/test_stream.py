@@ -267,6 +267,16 @@ def test_the_gripper_moves_between_motions_and_presses_on_what_it_takes(arm: Fak
     assert meant_contacts(task) == {frozenset(pair) for pair in pairs}
 
 
+def test_the_arm_stands_still_before_a_motion_for_as_long_as_its_task_says(clock: FakeTime) -> None:
+    def seconds_with(wait: float) -> float:
+        began = clock.now
+        task = task_of(Segment("there", there(), 0.045), replace(Segment("back", back(), 0.045), wait=wait))
+        execute(task, FakeArm(np.array(robot().home)), robot(), QUICK, allow_unproven=True)
+        return clock.now - began
+
+    assert seconds_with(7.5) - seconds_with(0.0) == pytest.approx(7.5, abs=0.02)
+
+
 def test_motions_that_do_not_follow_each_other_are_refused(arm: FakeArm) -> None:
     twice = task_of(Segment("there", there(), 0.06), Segment("again", there(), 0.06))
     with pytest.raises(InvalidRequest, match=r"begin of again: got joint_0 at 0\.0000; expected 0\.0400 within"):

@@ -16,6 +16,7 @@ import planner_service as ps
 from auditor.verify import verify
 from planner_service.planning.result import Reason
 from planner_service.records.evidence import with_evidence
+from planner_service.records.exports.robot_programs import program_text
 from planner_service.records.plan_file import SavedTask, load_task
 from planner_service.records.recertify import recertify
 from planner_service.tasks import (
@@ -32,6 +33,7 @@ from planner_service.tasks import (
     Repeat,
     Retreat,
     Task,
+    Wait,
     explain_task,
     pick_steps,
     place_steps,
@@ -311,3 +313,24 @@ def test_what_would_help_is_told_of_the_motion_that_was_searched_in_vain(cell: p
     task = cell.with_scene(cell.scene.with_obstacle(ball)).solve(Task((MoveTo(goal),)), cell.robot.home)
     assert present(explain_task(task, plans=20, remedies=1)).remedies
     assert explain_task(cell.solve(Task((MoveTo(),)), cell.robot.home)) is None
+
+
+def test_an_arm_waits_before_the_next_motion_in_the_file_and_in_the_program_too(
+    cell: ps.PlannerService, tmp_path: Path
+) -> None:
+    steps = (Wait(0.5), MoveLinear((0.0, 0.0, 0.02)), Wait(1.0), Wait(0.25), MoveTo(), Wait(2.0))
+    task = cell.solve(Task(steps), cell.robot.home)
+    assert [(segment.name, segment.wait) for segment in task.segments] == [
+        ("line", 0.5),
+        ("move", 1.25),
+        ("stand", 2.0),
+    ]
+    moving = sum(present(segment.result.trajectory).duration for segment in task.segments)
+    assert task.duration == pytest.approx(moving + 3.75)
+    task.save(tmp_path / "task.json")
+    saved = load_task(tmp_path / "task.json")
+    assert [segment.wait for segment in saved.segments] == [0.5, 1.25, 2.0]
+    assert [*verify(json.loads(with_evidence(saved).file_text()))]
+    assert recertify(saved).certified
+    program = program_text("urscript", saved.segments, cell.robot)
+    assert re.findall(r"sleep\((.*)\)", program) == ["0.500", "1.250", "2.000"]
