@@ -1,8 +1,10 @@
 """A random policy, one that pushes into things and a leader that jerks command the simulated arm: nothing is touched.
 
 Needs the extra sim: pip install 'planner-service[sim]'. Run: python examples/12_gate_in_simulation.py
+With --view (and the extra view) a page in the browser shows the arm and what the gate decides.
 """
 
+import sys
 import time
 from collections.abc import Callable
 
@@ -12,6 +14,7 @@ from planner_service import PlannerService, load_robot, load_scene
 from planner_service.execute import GatedArm, SimulatedArm
 from planner_service.gate import ActionGate, TargetFilter, Tracking
 from planner_service.geometry.arrays import FloatArray
+from planner_service.view import watch
 
 RATE, SECONDS = 30.0, 4.0
 DRIVER = Tracking(goal_time=0.1, error=(0.02, 0.02, 0.02, 0.03, 0.05, 0.06), jitter=0.02, lag=0.1)  # the simulator's
@@ -29,6 +32,8 @@ def main() -> None:
         driver = simulated.connect()
         gate = ActionGate(service, rate=RATE, tracking=DRIVER, slow=True)
         arm = GatedArm(driver, TargetFilter(gate))
+        if "--view" in sys.argv:
+            print(watch(gate).url)
         for name, policy in policies.items():
             arm.move_to(service.robot.home)
             before, began = sum(gate.counts.refused.values()), time.perf_counter()

@@ -247,13 +247,14 @@ def require_outputs(files: Mapping[str, str | None]) -> None:
 
     Raises:
         InvalidFile: a file cannot be written there, or would overwrite one of another kind.
-        InvalidRequest: a picture is not called .png, or two options name the same file.
+        InvalidRequest: a picture is not called .png or .webp, or two options name the same file.
     """
     taken: dict[str, str] = {}
     for option, file in files.items():
         if file is not None:
-            if option == "--png" and not file.lower().endswith(".png"):
-                raise InvalidRequest(option, file, "a name that ends in .png")
+            ending = f".{option[2:]}"
+            if option in ("--png", "--webp") and not file.lower().endswith(ending):
+                raise InvalidRequest(option, file, f"a name that ends in {ending}")
             require_writable(file, _beginning_of(option))
             other = taken.setdefault(os.path.realpath(file), option)
             if other != option:
@@ -264,6 +265,8 @@ def _beginning_of(option: str) -> re.Pattern[bytes]:
     """The beginning of the files that an option may overwrite."""
     if option == "--png":
         from planner_service.view.still.pictures import OURS
+    elif option == "--webp":
+        from planner_service.view.still.moving import OURS
     elif option == "--plot":
         from planner_service.view.still.motion_plot import OURS
     else:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from planner_service.errors import InvalidRequest
 from planner_service.gate.action_gate import ActionGate
+from planner_service.gate.log import Logged
 from planner_service.gate.verdict import Refused
 from planner_service.geometry.arrays import FloatArray
 
@@ -20,11 +21,13 @@ class Replayed:
         targets: That were recorded.
         passed: Before the first that does not pass; all of them if none is refused.
         refused: Why it does not; its ``index`` and ``time`` are the recording's. None if all pass.
+        logged: What a log would have of it; None likewise.
     """
 
     targets: int
     passed: int
     refused: Refused | None
+    logged: Logged | None = None
 
 
 def replayed(gate: ActionGate, measured: FloatArray, targets: FloatArray) -> Replayed:
@@ -45,6 +48,7 @@ def replayed(gate: ActionGate, measured: FloatArray, targets: FloatArray) -> Rep
     for k, (q, target) in enumerate(zip(measured, targets, strict=True)):
         verdict = gate.check(q, target)
         if not verdict.ok:
-            refused = verdict.refused
-            return Replayed(len(targets), k, refused and replace(refused, index=k, time=k / gate.rate))
+            refused = verdict.refused and replace(verdict.refused, index=k, time=k / gate.rate)
+            logged = Logged.of(k / gate.rate, k + 1, replace(verdict, refused=refused), q)
+            return Replayed(len(targets), k, refused, logged)
     return Replayed(len(targets), len(targets), None)

@@ -28,6 +28,8 @@ from planner_service.files import json_reader as json_file
 from planner_service.files import schema as record
 from planner_service.files import toml_reader as toml_file
 from planner_service.files import xml_reader as xml_file
+from planner_service.gate import log as gate_log
+from planner_service.gate import log_reader
 from planner_service.geometry import composite, mesh
 from planner_service.geometry import mesh_formats as mesh_file
 from planner_service.geometry import mesh_paths as mesh_path
@@ -237,6 +239,7 @@ CAPS: dict[str, tuple[int, ...]] = {
         *(json_file.MAX_BYTES, problem_set.MAX_PROBLEMS),
         *(problem_set.MAX_GOALS, scene.MAX_OBJECTS),
     ),
+    "Log of a gate (JSON lines)": (gate_log.MAX_LOG, log_reader.MAX_LINES),
     "Roadmap": (roadmap_file.MAX_BYTES,),
 }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,8 +19,11 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import parse_json
 from planner_service.files.reading import as_path, read_bytes
 from planner_service.gate import ActionGate, Tracking
+from planner_service.gate.log import Logged
+from planner_service.gate.log_reader import read_log
 from planner_service.gate.measuring import Log, Measured, measured_tracking
 from planner_service.gate.replay import Replayed, replayed
+from planner_service.gate.verdict import Refused
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 from planner_service.scene.loading import load_scene
@@ -33,6 +37,9 @@ SHOWN = 12
 MAX_LOG = 200_000_000
 """Bytes; an hour at 200 Hz takes about half of it."""
 
+ERROR, JITTER = 0.02, 0.002
+"""What is assumed of a driver of which only the goal time is given, in radians (or metres) and seconds."""
+
 ROUNDED = 1.01
 """Times the acceleration limits: what was planned at the limits and stored as float32 is a little beyond."""
 
@@ -43,27 +50,31 @@ gates = typer.Typer(
     rich_markup_mode=None,
 )
 
+Pictures = tuple[str | None, str | None]
+"""The files of a still picture and of one that moves."""
+
 GoalTime = Annotated[float | None, option("SECONDS", "After which the driver is at a target; default: as measured.")]
 Error = Annotated[float, option("RAD", "Between arm and setpoint at most, with --goal-time.")]
 
 
 @gates.command(
-    short_help="Which recorded episodes would have been refused.",
+    short_help="What a gate refused, or would have refused of recorded episodes.",
     epilog=options.example("gate replay my_dataset --scene my_cell.toml --png refused.png"),
 )
 @options.taking_robot
 def replay(
-    dataset: Annotated[str, argument("DATASET", "The folder of a data set in LeRobot's layout.")],
+    recording: Annotated[str, argument("RECORDING", "A data set's folder in LeRobot's layout, or the log of a gate.")],
     scene: options.SceneName,
     robot: options.RobotName = options.WXAI,
     goal_time: GoalTime = None,
-    error: Error = 0.02,
-    jitter: Annotated[float, option("SECONDS", "Of the time between targets, with --goal-time.")] = 0.002,
+    error: Error = ERROR,
+    jitter: Annotated[float, option("SECONDS", "Of the time between targets, with --goal-time.")] = JITTER,
     lag: Annotated[float, option("SECONDS", "By which the arm may be late, with --goal-time.")] = 0.0,
     padding: options.Padding = options.DEFAULT.padding,
     acceleration_scale: Annotated[float, option("X", "Times the acceleration limits that targets may use.")] = ROUNDED,
     allow: options.Allow = None,
     png: options.Picture = None,
+    webp: Annotated[str | None, option("FILE", "Draw what was refused as a picture that moves.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Check every target of a recorded data set as the gate would have: how many episodes pass, and where others end.
@@ -71,12 +82,21 @@ def replay(
     What is assumed of the driver is measured from the data set itself unless you give --goal-time. An episode ends at
     its first refused target. Fingers count as all the room that they need at any width. The picture is of the first
     target that is refused for what it would or could touch.
+
+    Of the log of a gate: what it refused or changed, by kind; nothing is checked anew. The picture is of the last
+    refusal, and one that moves has a frame for each line.
     """
     with bad_input_exits():
-        arguments.require_outputs({"--png": png})
+        arguments.require_outputs({"--png": png, "--webp": webp})
         pairs = arguments.pairs_of_texts("--allow", allow or ())
         service = PlannerService(robot.load().with_finger_room(), load_scene(scene), allowed=pairs)
-        recorded = RecordedSet(dataset, service.robot.joint_names)
+        if not Path(recording).is_dir():
+            usual = {"--goal-time": goal_time is None, "--error": error == ERROR, "--jitter": jitter == JITTER}
+            usual |= {"--lag": lag == 0.0, "--padding": padding == options.DEFAULT.padding}
+            usual |= {"--acceleration-scale": acceleration_scale == ROUNDED}
+            _replay_log(recording, service, [name for name, left in usual.items() if not left], (png, webp), as_json)
+            return
+        recorded = RecordedSet(recording, service.robot.joint_names)
         tracking = Tracking(goal_time, error, jitter, lag) if goal_time else _measured(recorded).tracking()
         gate = ActionGate(
             service,
@@ -87,21 +107,16 @@ def replay(
         )
         done = [(each, replayed(gate, each.states, each.actions)) for each in recorded]
         refused = [(each.number, result) for each, result in done if result.refused is not None]
-        drawn = next((r.refused.at for _, r in refused if r.refused is not None and r.refused.at), ())
-        if png is not None and drawn:
-            from planner_service.view.still.pictures import draw_check
-
-            draw_check(service.checker, np.array(drawn), png)
+        places = [r.logged for _, r in refused if r.logged is not None]
+        first = next((place for place in places if place.refused is not None and place.refused.at), None)
+        drawn = _draw(service, first or next(iter(places), None), places, (png, webp))
     targets, passed = sum(r.targets for _, r in done), sum(r.passed for _, r in done)
-    kinds: dict[str, int] = {}
-    for _, result in refused:
-        assert result.refused is not None
-        kinds[result.refused.kind.value] = kinds.get(result.refused.kind.value, 0) + 1
+    kinds = Counter(r.refused.kind.value for _, r in refused if r.refused is not None)
     document = {
-        "dataset": dataset,
+        "dataset": recording,
         "episodes": len(done),
         "refused": len(refused),
-        "kinds": kinds,
+        "kinds": dict(kinds),
         "targets": targets,
         "passed": passed,
         "tracking": _assumed(tracking, service.robot),
@@ -113,9 +128,9 @@ def replay(
         *labelled(
             [
                 ("driver", _words(tracking)),
-                ("refused for", ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing"),
+                ("refused for", _kinds(kinds)),
                 ("targets", f"{targets:,}, of which {passed:,} before the first refusal of their episode"),
-                *([("picture", f"{png}: the first of these places")] if png is not None and drawn else []),
+                *_pictures(drawn, "the first of these places"),
             ]
         ),
         *(_line(number, result) for number, result in refused[:SHOWN]),
@@ -123,6 +138,63 @@ def replay(
     ]
     show(document, *lines, as_json=as_json)
     raise typer.Exit(NO_PLAN if refused else 0)
+
+
+def _replay_log(file: str, service: PlannerService, others: Sequence[str], pictures: Pictures, as_json: bool) -> None:
+    """Say what is in the log of a gate.
+
+    Args:
+        others: Options that were given and are about data sets.
+    """
+    if others:
+        raise InvalidRequest(others[0], file, "the folder of a data set: a log says what was decided")
+    logged = read_log(file, service.robot.n)
+    refused = [(line, line.refused) for line in logged if line.refused is not None]
+    kinds = Counter(why.kind.value for _, why in refused)
+    slowed, repaired = sum(line.speed < 1.0 for line in logged), sum(line.repaired for line in logged)
+    unproven = sum(not line.proven for line in logged)
+    last = next((line for line, why in reversed(refused) if line.q or why.at), None)
+    drawn = _draw(service, last, logged, pictures)
+    document = {
+        "log": file,
+        "lines": len(logged),
+        "refused": len(refused),
+        "kinds": dict(kinds),
+        "slowed": slowed,
+        "repaired": repaired,
+        "unproven": unproven,
+        "places": [{"chunk": line.chunk, "clock": line.time, **_refused(why)} for line, why in refused],
+    }
+    lines = [
+        f"{len(refused)} refusals in {len(logged)} lines of {file}",
+        "",
+        *labelled(
+            [
+                ("refused for", _kinds(kinds)),
+                ("changed", f"{slowed} slowed down, {repaired} repaired"),
+                ("without proof", f"told to stay {unproven} times"),
+                *_pictures(drawn, "the last refusal"),
+            ]
+        ),
+        *(f"chunk {line.chunk}, {why.kind.value}: {why.detail}" for line, why in refused[-SHOWN:]),
+    ]
+    show(document, *lines, as_json=as_json)
+    raise typer.Exit(NO_PLAN if refused else 0)
+
+
+def _draw(service: PlannerService, still: Logged | None, moving: Sequence[Logged], pictures: Pictures) -> Pictures:
+    """Draw what is asked for, and say which of it there is."""
+    png, webp = pictures
+    known = [line for line in moving if line.q or line.rest or (line.refused is not None and line.refused.at)]
+    if png is not None and still is not None:
+        from planner_service.view.still.pictures import draw_refusal
+
+        draw_refusal(service, still, png)
+    if webp is not None and known:
+        from planner_service.view.still.moving import draw_refusals
+
+        draw_refusals(service, known, webp)
+    return png if still is not None else None, webp if known else None
 
 
 @gates.command(
@@ -233,13 +305,27 @@ def _words(tracking: Tracking) -> str:
     )
 
 
+def _pictures(drawn: Pictures, still: str) -> list[tuple[str, str]]:
+    """Lines that say what is in which picture."""
+    png, webp = drawn
+    return [
+        *([] if png is None else [("picture", f"{png}: {still}")]),
+        *([] if webp is None else [("moving picture", f"{webp}: one after the other")]),
+    ]
+
+
+def _kinds(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing"
+
+
 def _place(number: int, result: Replayed) -> dict[str, Any]:
     refused = result.refused
     assert refused is not None
+    return {"episode": number, "frame": refused.index, "seconds": refused.time, **_refused(refused)}
+
+
+def _refused(refused: Refused) -> dict[str, Any]:
     return {
-        "episode": number,
-        "frame": refused.index,
-        "seconds": refused.time,
         "kind": refused.kind.value,
         "detail": refused.detail,
         "joint": refused.joint,

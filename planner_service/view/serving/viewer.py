@@ -9,7 +9,7 @@ import socket
 import sys
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.geometry.validation import whole
@@ -23,7 +23,7 @@ from planner_service.view.state import ViewState
 if TYPE_CHECKING:
     from planner_service.view.serving.server import PageServer
 
-__all__ = ["HOST", "PORT", "Viewer", "interactive", "open_viewer", "show"]
+__all__ = ["HOST", "PORT", "ServedPage", "Viewer", "interactive", "open_viewer", "served", "show"]
 
 HOST, PORT = "127.0.0.1", 8080
 
@@ -34,15 +34,27 @@ LOADING = 60.0
 """Seconds that a window may take from asking for the page to showing it."""
 
 
-class Viewer(contextlib.AbstractContextManager["Viewer"]):
+S = TypeVar("S", bound="ServedPage")
+
+
+class Drawn(Protocol):
+    """What a page draws."""
+
+    def close(self) -> None:
+        """Draw no more."""
+
+
+class ServedPage:
     """A page served from this process until its last window is closed.
 
     Attributes:
         url: The page's address. It ends with a token, without which nothing is answered.
-        page: The page itself.
+        page: What it draws.
     """
 
-    def __init__(self, server: PageServer, page: Page, *, keep: bool) -> None:
+    page: Drawn
+
+    def __init__(self, server: PageServer, page: Drawn, *, keep: bool) -> None:
         self._server, self.page, self.url, self._keep = server, page, server.url, keep
         self._ended, self._lock = threading.Event(), threading.Lock()
         self._seen, self._empty_since = False, time.monotonic()
@@ -83,15 +95,29 @@ class Viewer(contextlib.AbstractContextManager["Viewer"]):
                 self._server.viser.stop()
             self._ended.set()
 
+    def __enter__(self: S) -> S:
+        return self
+
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<Viewer at {self.url}, {'open' if self.open else 'closed'}>"
+        return f"<{type(self).__name__} at {self.url}, {'open' if self.open else 'closed'}>"
 
     def _repr_html_(self) -> str:
         """The page inside a notebook."""
         return f'<iframe src="{self.url}" width="100%" height="640" style="border: 0"></iframe>'
+
+
+class Viewer(ServedPage):
+    """A page of robot, scene and motions, served from this process until its last window is closed.
+
+    Attributes:
+        url: The page's address. It ends with a token, without which nothing is answered.
+        page: The page itself.
+    """
+
+    page: Page
 
 
 def show(
@@ -126,6 +152,17 @@ def open_viewer(
         MissingDependency: viser is not installed.
     """
     state, files = ViewState.of(service, shown), None if folder is None else CellFolder(folder)
+    server = served(host, port)
+    return Viewer(server, Page(server.viser, state, files), keep=keep)
+
+
+def served(host: str, port: int) -> PageServer:
+    """A server without a page.
+
+    Raises:
+        InvalidRequest: ``port`` or ``host`` is invalid.
+        MissingDependency: viser is not installed.
+    """
     whole("port", port, 0, 65_535)
     if not host:  # an empty host means every address of the machine
         raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
@@ -139,8 +176,7 @@ def open_viewer(
     except OSError as error:
         raise InvalidRequest("host", host, f"an address of this machine ({error})") from None
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints its addresses
-        server = PageServer(host, port)
-    return Viewer(server, Page(server.viser, state, files), keep=keep)
+        return PageServer(host, port)
 
 
 def interactive() -> bool:

@@ -43,6 +43,7 @@ __all__ = [
     "Stand",
     "View",
     "bounds",
+    "camera_of",
     "floor",
     "picture",
     "tool_path",
@@ -149,17 +150,24 @@ def _axes_at(pose: Pose) -> tuple[Line, ...]:
     return tuple(Line(np.stack([T[:3, 3], T[:3, 3] + AXIS * T[:3, k]]), AXES[k], 4.0) for k in range(3))
 
 
-def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
-    """The picture of a view with names and a caption, (height, width, 3) of ``size`` (width, height)."""
+def camera_of(views: Sequence[View], size: tuple[int, int]) -> Camera:
+    """One camera for pictures of several views of one scene, (width, height) of which are ``size``."""
+    bodies = [_bodies(view) for view in views]
+    robots = [solid for _, robots in bodies for robot in robots for solid in robot]
+    lines = [line for view in views for line in _lines(view)]
+    return Sights(robots, bodies[0][0], lines).camera((size[0], size[1] - CAPTION))
+
+
+def picture(view: View, caption: Caption, size: tuple[int, int], camera: Camera | None = None) -> Image:
+    """The picture of a view with names and a caption, (height, width, 3) of ``size`` (width, height).
+
+    Args:
+        camera: Of the picture without the caption; one that sees all of the view if None.
+    """
     touching = frozenset[str]().union(*(stand.touching for stand in view.stands))
-    names = Names(view.robot, view.scene)
-    solids = [replace(solid, name=names.object(solid.name)) for solid in scene_solids(view.scene)]
-    links = [replace(solid, name=names.link(solid.name)) for solid in robot_solids(view.robot)]
-    obstacles = [solid for solid in solids if solid.frame is None]
-    riding = [*links, *(solid for solid in solids if solid.frame is not None)]
-    robots = [_robot_at(view.robot, riding, stand) for stand in view.stands]
+    obstacles, robots = _bodies(view)
     red = [_reddened(o) for o in obstacles if o.name in touching]
-    lines = (*view.lines, *(line for frame in view.frames for line in _axes_at(frame)))
+    lines = _lines(view)
     sights = Sights([solid for robot in robots for solid in robot], obstacles, lines)
     drawing = Drawing(
         (*robots[0], *(o for o in obstacles if o.name not in touching)),
@@ -168,7 +176,7 @@ def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
         () if any(is_ground(solid.vertices) for solid in obstacles) else floor(sights.points),
     )
     inner = (size[0], size[1] - CAPTION)
-    camera = sights.camera(inner)
+    camera = sights.camera(inner) if camera is None else camera
     image, owners = paint(drawing, camera, inner)
     struck = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
     marked = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.marked]
@@ -180,6 +188,20 @@ def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
         *_visible_marks(drawing.solids, len(robots[0]), owners),
     ]
     return lettered(image, marks, caption)
+
+
+def _bodies(view: View) -> tuple[list[Solid], list[list[Solid]]]:
+    """The obstacles of a view, and each stand's robot with what it carries, in the world and by their labels."""
+    names = Names(view.robot, view.scene)
+    solids = [replace(solid, name=names.object(solid.name)) for solid in scene_solids(view.scene)]
+    links = [replace(solid, name=names.link(solid.name)) for solid in robot_solids(view.robot)]
+    riding = [*links, *(solid for solid in solids if solid.frame is not None)]
+    obstacles = [solid for solid in solids if solid.frame is None]
+    return obstacles, [_robot_at(view.robot, riding, stand) for stand in view.stands]
+
+
+def _lines(view: View) -> tuple[Line, ...]:
+    return (*view.lines, *(line for frame in view.frames for line in _axes_at(frame)))
 
 
 def _reddened(obstacle: Solid) -> Solid:

@@ -22,6 +22,7 @@ from planner_service.certify.certificate import clearance_text
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.files.writing import require_writable, write_whole
+from planner_service.gate.log import Logged
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import items, number
 from planner_service.path.trajectory import Trajectory
@@ -30,15 +31,16 @@ from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.records.plan_file import SavedTask
 from planner_service.robot.model import Robot
+from planner_service.service import PlannerService
 from planner_service.view.still.camera import Camera
-from planner_service.view.still.composition import floor, tool_path
+from planner_service.view.still.composition import View, camera_of, floor, picture, tool_path
 from planner_service.view.still.lettering import CAPTION, Caption, lettered
 from planner_service.view.still.paint import Drawing, Line, paint, placed
-from planner_service.view.still.pictures import webp_bytes
+from planner_service.view.still.pictures import refusal_caption, refusal_stands, webp_bytes
 from planner_service.view.still.sights import Sights
 from planner_service.view.triangles import TOOL, Solid, is_ground, placements, robot_solids, scene_solids
 
-__all__ = ["OURS", "draw_motions"]
+__all__ = ["OURS", "draw_motions", "draw_refusals"]
 
 OURS = re.compile(rb"RIFF....WEBP", re.DOTALL)
 """How such pictures begin."""
@@ -56,6 +58,9 @@ MAX_FRAMES = 1_000
 
 MAX_SHOWN = 100
 """Plans and tasks of one picture."""
+
+MAX_REFUSALS = 300
+"""Lines of a log in one picture."""
 
 GRIP, END = 0.3, 1.5
 """Seconds shown where an object is taken or left, and of the end, before all begins again."""
@@ -95,6 +100,32 @@ def draw_motions(
     beneath = () if any(is_ground(solid.vertices) for solid in standing) else floor(sights.points)
     camera = sights.camera(inner)
     pictures = [frame.picture(camera, beneath, inner) for frame in frames]
+    write_whole(path, webp_bytes(pictures, RATE, END), OURS)
+
+
+def draw_refusals(service: PlannerService, logged: Sequence[Logged], file: str | os.PathLike[str]) -> None:
+    """A picture that moves, of lines of a gate's log, one a frame: as ``draw_refusal`` draws each.
+
+    Args:
+        service: Of the robot and the scene.
+        logged: Those that do not say where the robot was are left out; the last 300 are drawn.
+        file: Called .webp, browsers show it wherever they show a picture.
+
+    Raises:
+        InvalidRequest: no line that says where the robot was.
+        InvalidFile: the file cannot be written.
+    """
+    path = as_path("file", file)
+    require_writable(path, OURS)
+    lines: tuple[Logged, ...] = items("logged", logged, Logged, "lines of a gate's log")
+    known = [line for line in lines if refusal_stands(line)][-MAX_REFUSALS:]
+    if not known:
+        raise InvalidRequest("logged", f"{len(lines)} lines", "one at least that says where the robot was")
+    views = [View(service.robot, service.scene, tuple(stand for stand, _ in refusal_stands(line))) for line in known]
+    camera = camera_of(views, SIZE)
+    pictures = [
+        picture(view, refusal_caption(service, line), SIZE, camera) for view, line in zip(views, known, strict=True)
+    ]
     write_whole(path, webp_bytes(pictures, RATE, END), OURS)
 
 

@@ -25,6 +25,7 @@ from planner_service.collision import CheckCounts, CollisionChecker, Contact
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
+from planner_service.gate.log import Logged
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import Surface
 from planner_service.geometry.shapes import Pose
@@ -63,9 +64,13 @@ __all__ = [
     "check_picture",
     "draw_check",
     "draw_plan",
+    "draw_refusal",
     "draw_robot_check",
     "draw_task",
     "png_bytes",
+    "refusal_caption",
+    "refusal_picture",
+    "refusal_stands",
     "task_picture",
     "webp_bytes",
     "write_png",
@@ -167,6 +172,54 @@ def check_picture(checker: CollisionChecker, q: ArrayLike) -> Image:
     caption = Caption(f"{_where(robot, scene)}: {verdict}", (words,), _keys((), contacts))
     stand = Stand(np.asarray(q, dtype=np.float64), START, _names(contacts))
     return picture(View(robot, scene, (stand,)), caption, SIZE)
+
+
+def draw_refusal(service: PlannerService, logged: Logged, file: str | os.PathLike[str]) -> None:
+    """A picture of what a gate refused: the robot where it was, green where it comes to rest, red what would touch.
+
+    Raises:
+        InvalidRequest: nothing was refused, or neither where the robot was nor where it would touch is known.
+        InvalidFile: the file cannot be written.
+    """
+    file = as_path("file", file)
+    write_png(file, refusal_picture(service, logged))
+
+
+def refusal_picture(service: PlannerService, logged: Logged) -> Image:
+    """The same picture, shape (height, width, 3)."""
+    refused, robot, scene = logged.refused, service.robot, service.scene
+    shown = refusal_stands(logged)
+    if refused is None or not shown:
+        raise InvalidRequest("logged", logged, "a refusal that says where the robot was")
+    stands = tuple(stand for stand, _ in shown)
+    return picture(View(robot, scene, stands), refusal_caption(service, logged), SIZE)
+
+
+def refusal_caption(service: PlannerService, logged: Logged) -> Caption:
+    """What is written below a picture of a line of a gate's log."""
+    refused = logged.refused
+    said = f"slowed down to {logged.speed:.2f} of its speed" if refused is None else refused.detail
+    what = "changed" if refused is None else f"refused ({refused.kind.value})"
+    passed = "" if not logged.accepted else f"{logged.accepted} targets pass"
+    stays = "" if logged.proven else "the arm is told to stay, without a proof"
+    keys = [(stand.kind.colour, meaning) for stand, meaning in refusal_stands(logged) if not stand.touching]
+    touching = any(stand.touching for stand, _ in refusal_stands(logged))
+    red = [(TOUCHING, "would or could touch")] if touching else []
+    return Caption(f"{_where(service.robot, service.scene)}: {what}", (said, _joined(passed, stays)), (*keys, *red))
+
+
+def refusal_stands(logged: Logged) -> tuple[tuple[Stand, str], ...]:
+    """Where the robot is drawn for a line of a gate's log, the first opaque, and what each means."""
+    stands = list[tuple[Stand, str]]()
+    if logged.q:
+        stands.append((Stand(np.array(logged.q), START), "as measured"))
+    if logged.rest:
+        stands.append((Stand(np.array(logged.rest), GOAL if stands else START), "comes to rest"))
+    refused = logged.refused
+    if refused is not None and refused.at:
+        kind = WAY if stands else START
+        stands.append((Stand(np.array(refused.at), kind, frozenset(refused.pair or ())), "refused"))
+    return tuple(stands)
 
 
 def draw_robot_check(check: RobotCheck, file: str | os.PathLike[str]) -> None:

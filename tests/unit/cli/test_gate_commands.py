@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from planner_service import PlannerService
 from planner_service.cli.commands import app
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
+from planner_service.gate import ActionGate, Tracking
 from planner_service.robot_setup.loading import load_robot
 
 
@@ -30,6 +32,7 @@ def test_an_episode_passes_where_nothing_is_and_is_refused_where_a_table_is(epis
         app, ["gate", "replay", episode, "--scene", "bin", "--padding", "0.05", "--png", str(picture)]
     )
     assert bin_.exit_code == 1
+    assert picture.read_bytes()[1:4] == b"PNG"
     assert "1 of 1 episodes would have been refused" in bin_.output
 
 
@@ -53,3 +56,34 @@ def test_a_log_of_lines_is_measured_and_a_wrong_line_is_named(tmp_path: Path) ->
     log.write_text('{"t": 0.0, "target": [1.0]}\n')
     wrong = CliRunner().invoke(app, ["gate", "measure", str(log)])
     assert (wrong.exit_code, "line 1: target is no list of 6 numbers" in wrong.output) == (2, True)
+
+
+def recorded_log(folder: Path) -> Path:
+    """The log of a gate before whose arm a post stands."""
+    log = folder / "gate.jsonl"
+    service = PlannerService("wxai", "post")
+    gate = ActionGate(service, rate=30, tracking=Tracking(goal_time=0.1, error=0.005), log=log)
+    q = np.array([1.02, 1.51, 1.35, -0.65, 0.06, -0.31])
+    ease = np.linspace(0.0, 1.0, 121)[1:, None]
+    gate.check(q, q + (3 * ease**2 - 2 * ease**3) * np.array([-1.9, 0, 0, 0, 0, 0]))
+    return log
+
+
+def test_the_log_of_a_gate_is_replayed_with_pictures_of_its_last_refusal(tmp_path: Path) -> None:
+    log, still, moves = recorded_log(tmp_path), tmp_path / "last.png", tmp_path / "log.webp"
+    command = ["gate", "replay", str(log), "--scene", "post", "--png", str(still), "--webp", str(moves)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 1
+    assert "1 refusals in 1 lines" in done.output
+    assert "stop: after it the arm could not stop: link_4 x post_ahead could touch" in done.output
+    assert (still.read_bytes()[1:4], moves.read_bytes()[8:12]) == (b"PNG", b"WEBP")
+    found = json.loads(CliRunner().invoke(app, [*command[:5], "--json"]).output)
+    assert (found["kinds"], found["places"][0]["pair"]) == ({"stop": 1}, ["link_4", "post_ahead"])
+
+
+def test_options_about_data_sets_are_refused_with_a_log_and_so_is_a_log_of_another_robot(tmp_path: Path) -> None:
+    log = recorded_log(tmp_path)
+    wrong = CliRunner().invoke(app, ["gate", "replay", str(log), "--scene", "post", "--padding", "0.01"])
+    assert (wrong.exit_code, "--padding" in wrong.output) == (2, True)
+    other = CliRunner().invoke(app, ["gate", "replay", str(log), "--scene", "post", "--robot", "panda"])
+    assert (other.exit_code, "the robot has 7 joints" in other.output) == (2, True)

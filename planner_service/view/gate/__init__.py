@@ -1,0 +1,1 @@
+"""Shows what a gate decides: on a page while it does, and in pictures from its log."""
