@@ -258,7 +258,7 @@ def _values(folder: Path) -> Calls:
         _call(ps.JointLimits, **limits, **rates),
         _call(ArmLimits, **limits),
         _call(Recording, t=[0.0], commanded=[[0.0]], measured=[[0.0]], lateness=[0.0], skipped=0),
-        _again(Memory(("a", "b"), (np.array([[0.0, 0.0], [1.0, 0.0]]),))),
+        _again(Memory(("a", "b"), (np.array([[0.0, 0.0], [1.0, 0.0]]),), (np.array([0.0, 0.0, 0.05, 0.03]),))),
         _call(ps.JointPath, waypoints=[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], blends=[0.0, 0.1, 0.0]),
         _call(ps.Trajectory, path=path, **timed),
         _call(SearchGraph, **graph),
@@ -482,6 +482,7 @@ def _files(folder: Path) -> Calls:
         _call(Memory.load, path=memory),
         _call(Memory().save, ("path",), path=folder / "memory_again.json"),
         _call(Memory().with_motion, waypoints=[[0.0], [1.0]], joint_names=("j",)),
+        _call(Memory().with_grip, grip=[0.0, 0.05, 0.03], joint_names=("j",)),
         _call(ps.Roadmap.load(roadmap).save, ("path",), path=folder / "out.npz"),
         _call(read_urdf_scene, path=stand),
     )

@@ -1,7 +1,8 @@
-"""Motions that were planned before, as hints for plans between nearby ends.
+"""What worked before: motions as hints for plans between nearby ends, and where the gripper closed and opened.
 
 Nothing here is believed. A motion that a hint leads to is proven anew, in the scene as it is and with all of the
-padding; a hint that is refused costs this proof, and the plan goes on as it would have without.
+padding; a hint that is refused costs this proof, and the plan goes on as it would have without. Where a gripper closed
+decides only which grasp or placement is tried first.
 """
 
 from __future__ import annotations
@@ -18,12 +19,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only, set_fields
-from planner_service.geometry.validation import checked_name, instance, items, numbers
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only, set_fields
+from planner_service.geometry.validation import (
+    MAX_LENGTH,
+    checked_name,
+    finite_numbers,
+    instance,
+    items,
+    number,
+    numbers,
+)
 from planner_service.provided import Provided
 from planner_service.robot.model import Robot
 
 __all__ = [
+    "MAX_GRIPS",
     "MAX_JOINTS",
     "MAX_MOTIONS",
     "MAX_WAYPOINTS",
@@ -31,6 +41,7 @@ __all__ = [
     "Hint",
     "Memory",
     "checked_memory",
+    "gripped_near",
     "hints",
     "knows",
     "load_memory",
@@ -43,16 +54,22 @@ load_memory: Provided[[str | os.PathLike[str]], Memory] = Provided()
 MAX_MOTIONS = 1_000
 """Motions that a memory keeps, those longest unused forgotten first: a pallet of 100 places has about 300."""
 
+MAX_GRIPS = 1_000
+"""Places where the gripper closed or opened that it keeps, forgotten likewise."""
+
 MAX_WAYPOINTS = 100
 """Waypoints of a motion that is kept: more come of constraints, and would hardly be kept where the ends differ."""
 
 MAX_JOINTS = 100
 
 SAME = 0.05
-"""Radians, summed over both ends, up to which a newer motion takes the place of another."""
+"""Radians, summed over both ends, up to which a newer motion takes the place of another; between two grips."""
 
 NEAR = 0.6
 """Radians, summed over both ends, up to which a motion is a hint."""
+
+NEAR_GRIP, SAME_WIDTH = 0.3, 1e-4
+"""Radians between two configurations up to which a grip at one is a hint for the other; metres of an opening."""
 
 MAX_HINTS = 3
 """Of a plan: each that is refused costs a proof."""
@@ -67,7 +84,7 @@ class Hint(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Memory:
-    """Motions that worked, as hints for the next: a value, which plans do not change.
+    """Motions and grips that worked, as hints for the next: a value, which plans do not change.
 
     Pass it to ``PlannerService.plan``, or to a task; ``result.memory`` is what is known after it. The same memory and
     request give the same plan and counts in any process.
@@ -75,26 +92,31 @@ class Memory:
     Attributes:
         joint_names: Those of the robot; none as long as nothing is remembered.
         motions: Waypoints (k, n) of each, those used last at the end.
+        grips: Where tasks closed or opened the gripper, (n + 2,) each: q, and its opening before and after in metres.
 
     Raises:
-        InvalidRequest: There are more than 1,000 motions, or one is not 2 to 100 rows of finite values of the joints.
+        InvalidRequest: There are more than 1,000 motions or grips, a motion is not 2 to 100 rows of finite values of
+            the joints, or a grip not one and two openings.
     """
 
     joint_names: tuple[str, ...] = ()
     motions: tuple[FloatArray, ...] = ()
+    grips: tuple[FloatArray, ...] = ()
 
     def __post_init__(self) -> None:
         names = items("joint_names", self.joint_names, str, "names of joints", MAX_JOINTS)
         given = items("motions", self.motions, object, "a list of waypoints (k, n)", MAX_MOTIONS)
         joint_names = tuple(checked_name(f"joint_names[{k}]", name) for k, name in enumerate(names))
         motions = tuple(_checked(f"motions[{k}]", motion, len(names)) for k, motion in enumerate(given))
-        set_fields(self, joint_names=joint_names, motions=motions)
+        taken: tuple[Any, ...] = items("grips", self.grips, object, "a list of grips (n + 2,)", MAX_GRIPS)
+        grips = tuple(_grip(f"grips[{k}]", grip, len(names)) for k, grip in enumerate(taken))
+        set_fields(self, joint_names=joint_names, motions=motions, grips=grips)
 
     def __repr__(self) -> str:
-        return f"<Memory: {len(self.motions)} motions>"
+        return f"<Memory: {len(self.motions)} motions, {len(self.grips)} grips>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Memory, (self.joint_names, self.motions)
+        return Memory, (self.joint_names, self.motions, self.grips)
 
     def require_joints(self, joint_names: Sequence[str]) -> Memory:
         """The memory itself, if it can be of a robot with these joints.
@@ -122,8 +144,25 @@ class Memory:
             first, last = self.ends
             same = _apart(first, motion[:1]) + _apart(last, motion[-1:]) <= SAME
             kept = tuple(known for known, gone in zip(kept, same[:, 0].tolist(), strict=True) if not gone)
+        return self._with(names, (*kept[1 - MAX_MOTIONS :], motion), self.grips)
+
+    def with_grip(self, grip: ArrayLike, joint_names: Sequence[str]) -> Memory:
+        """What is known with another grip, (n + 2,), which takes the place of the same one.
+
+        Raises:
+            InvalidRequest: It is not n finite values of the joints and two openings, or the joints are another robot's.
+        """
+        names = items("joint_names", joint_names, str, "names of joints", MAX_JOINTS)
+        self.require_joints(names)
+        row = _grip("grip", grip, len(names))
+        kept = tuple(known for known in self.grips if not _same_grip(known, row))
+        return self._with(names, self.motions, (*kept[1 - MAX_GRIPS :], row))
+
+    @staticmethod
+    def _with(names: tuple[str, ...], motions: tuple[FloatArray, ...], grips: tuple[FloatArray, ...]) -> Memory:
+        """A memory of what is known to be right."""
         known = object.__new__(Memory)
-        set_fields(known, joint_names=names, motions=(*kept[1 - MAX_MOTIONS :], motion))
+        set_fields(known, joint_names=names, motions=motions, grips=grips)
         return known
 
     @cached_property
@@ -135,9 +174,11 @@ class Memory:
     def hash(self) -> str:
         """SHA-256 of all that is remembered; equal in every process."""
         content = hashlib.sha256(repr(self.joint_names).encode())
-        for motion in self.motions:
-            content.update(repr(motion.shape).encode())
-            content.update(motion.tobytes())
+        for kind in (self.motions, self.grips):
+            content.update(repr(len(kind)).encode())
+            for each in kind:
+                content.update(repr(each.shape).encode())
+                content.update(each.tobytes())
         return content.hexdigest()
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -175,13 +216,13 @@ def checked_memory(memory: object, robot: Robot) -> Memory:
 
 
 def knows(memory: Memory, start: FloatArray, end: FloatArray) -> bool:
-    """Whether a motion between these ends (n,) is remembered, or one back."""
+    """Whether a motion from near one of these configurations (n,) to near the other is remembered."""
     if not memory.motions:
         return False
     first, last = memory.ends
     forth = _apart(first, start[None]) + _apart(last, end[None])
     back = _apart(last, start[None]) + _apart(first, end[None])
-    return bool(min(forth.min(), back.min()) <= SAME)
+    return bool(min(forth.min(), back.min()) <= NEAR)
 
 
 def hints(memory: Memory, start: FloatArray, goals: Sequence[FloatArray]) -> list[Hint]:
@@ -209,6 +250,28 @@ def _checked(name: str, motion: object, joints: int, most: float = MAX_WAYPOINTS
     if rows.ndim != 2 or rows.shape[1] != joints or not 2 <= len(rows) <= most or not np.isfinite(rows).all():
         raise InvalidRequest(name, rows.shape, expected)
     return read_only(np.ascontiguousarray(rows))
+
+
+def _grip(name: str, grip: ArrayLike, joints: int) -> FloatArray:
+    """A grip, (joints + 2,), read-only."""
+    row = finite_numbers(name, grip, joints + 2)
+    for width in row[-2:].tolist():
+        number(name, width, "openings of at least 0 m after the joint values", 0.0, MAX_LENGTH)
+    return read_only(row)
+
+
+def _same_grip(a: FloatArray, b: FloatArray) -> bool:
+    return joint_distance(a[:-2].tolist(), b[:-2].tolist()) <= SAME and bool(np.all(np.abs(a - b)[-2:] <= SAME_WIDTH))
+
+
+def gripped_near(memory: Memory, q: FloatArray, before: float, after: float) -> bool:
+    """Whether the gripper closed or opened like this near q (n,)."""
+    wanted = np.array([before, after])
+    return any(
+        joint_distance(grip[:-2].tolist(), q.tolist()) <= NEAR_GRIP
+        for grip in memory.grips
+        if np.all(np.abs(grip[-2:] - wanted) <= SAME_WIDTH)
+    )
 
 
 def _apart(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from planner_service.files.reading import as_path
 from planner_service.files.schema import Record, Rows, Text
 from planner_service.files.writing import write_whole
 from planner_service.geometry.validation import in_file
-from planner_service.memory.memory import MAX_JOINTS, MAX_MOTIONS, Memory
+from planner_service.memory.memory import MAX_GRIPS, MAX_JOINTS, MAX_MOTIONS, Memory
 
 __all__ = ["OURS", "load_memory", "save_memory"]
 
@@ -34,6 +34,7 @@ class MemoryRecord(Record):
 
     joint_names: Annotated[list[Text], schema.FirstOnly(), schema.at_most(MAX_JOINTS)]
     motions: Annotated[list[Rows], schema.FirstOnly(), schema.at_most(MAX_MOTIONS)]
+    grips: Annotated[Rows, schema.at_most(MAX_GRIPS)]
 
 
 class FileRecord(Record):

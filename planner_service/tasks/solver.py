@@ -358,8 +358,10 @@ class _Search:
         notes = (f"way {way.number} of {way.of}{length}", *visit.tried)
         if len(self._task.stages) > 1:
             notes = tuple(f"{ways.stage.act.step}: {note}" for note in notes)
-        grip = None if outward else lines.grip
-        return base.after(*to, *inward, *outward, service=way.contact.after, grip=grip, notes=(*base.notes, *notes))
+        grip, contact = None if outward else lines.grip, way.contact
+        state = base.after(*to, *inward, *outward, service=contact.after, grip=grip, notes=(*base.notes, *notes))
+        closed = [*way.q.tolist(), contact.width, contact.then]
+        return replace(state, memory=state.memory.with_grip(closed, contact.after.robot.joint_names))
 
     def _at_rest(self, state: _State) -> _State:
         """The state after a motion that stays where the robot is, while the gripper moves or the arm waits."""

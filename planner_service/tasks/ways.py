@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import NoneType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +27,7 @@ from planner_service.geometry.validation import instance
 from planner_service.grasping.openings import FINGER_ROOMS, tells_of_fingers
 from planner_service.kinematics.cartesian_waypoints import thinned
 from planner_service.kinematics.tool_line import straight_tool_line
+from planner_service.memory.memory import gripped_near, knows
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import PlanRequest, require_timing
 from planner_service.planning.result import PlanResult
@@ -154,6 +156,11 @@ class Way:
         """Where the last retreat ends, (n,)."""
         return self.outward[-1][-1] if self.outward else self.q
 
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What is equal for the same way, however it came about."""
+        return self.number, self.contact.width, self.contact.then, self.q.tobytes(), self.begin.tobytes()
+
     def length(self, robot: Robot) -> float:
         """Metres of the approach next to the contact."""
         return _travel(robot, self.inward[0])[-1]
@@ -191,9 +198,11 @@ class Ways:
     service: PlannerService
     _told: dict[Contact, list[str]] = field(default_factory=dict)
     _narrower: dict[tuple[Contact, int], Contact | None] = field(default_factory=dict)
-    _fitting: dict[tuple[Contact, bytes], tuple[list[FloatArray], list[str]]] = field(default_factory=dict)
+    _fitting: dict[tuple[Contact, bytes], tuple[list[tuple[int, FloatArray]], list[str]]] = field(default_factory=dict)
     _walked: dict[tuple[Contact, bytes, Vector | None, float], FloatArray | str] = field(default_factory=dict)
     _lines: dict[tuple[Contact, bytes], Lines | NoMotion] = field(default_factory=dict)
+    _opened: dict[Contact, list[Contact]] = field(default_factory=dict)
+    _objections: dict[tuple[Contact, bytes], str] = field(default_factory=dict)
 
     @cached_property
     def contacts(self) -> list[Contact]:
@@ -208,6 +217,7 @@ class Ways:
         """The ways in the order of preference, for a robot that stands at q (n,); ``visit`` is told what is refused.
 
         Where open fingers meet something, the gripper is opened less, once all has been tried with the usual opening.
+        Before all, those are tried that are like one that is remembered.
         """
         try:
             contacts = self.contacts
@@ -217,12 +227,39 @@ class Ways:
         visit.ways = len(contacts)
         still = self.service.robot.unwound(q)
         numbered = list(enumerate(contacts, start=1))
+        before: set[tuple[Any, ...]] = set()
+        for way in self._remembered(numbered, still, visit):
+            before.add(way.key)
+            yield way
         for rank in range(1, len(FINGER_ROOMS) + 1):
             for short in (False, True):
                 for number, contact in numbered:
-                    for solution, at in enumerate(self._solutions(number, contact, still, visit, again=short)):
-                        yield from self._lined(number, solution, contact, at, visit, short=short)
+                    for solution, at in self._solutions(number, contact, still, visit, again=short):
+                        ways = self._lined(number, solution, contact, at, visit, short=short)
+                        yield from (way for way in ways if way.key not in before)
             numbered = [(number, less) for number, each in numbered for less in self._less(each, rank)]
+
+    def _remembered(self, numbered: list[tuple[int, Contact]], still: FloatArray, visit: Visit) -> Iterator[Way]:
+        """The ways at whose contact the gripper closed or opened like this before, along a line that was gone."""
+        memory, robot = self.motions.memory, self.service.robot
+        if memory is None or not memory.grips:
+            return
+        for number, usual in numbered:
+            for solution, q in enumerate(self.motions.solutions(robot, usual.tool, still)):
+                for contact in self._openings(usual):
+                    if not gripped_near(memory, q, contact.width, contact.then) or self._objection(contact, q):
+                        continue
+                    for short in (False, True):
+                        for way in self._lined(number, solution, contact, q, visit, short=short):
+                            if not way.inward or knows(memory, way.inward[0][-1], q):
+                                yield way
+
+    def _openings(self, usual: Contact) -> list[Contact]:
+        """A contact with the gripper opened as usual, and less."""
+        if usual not in self._opened:
+            less = (usual.less(rank) for rank in range(1, len(FINGER_ROOMS)))
+            self._opened[usual] = [usual, *(contact for contact in less if contact is not None)]
+        return self._opened[usual]
 
     def _less(self, contact: Contact, rank: int) -> Iterator[Contact]:
         """A contact at which fingers met something, with a smaller opening, if there is one."""
@@ -257,21 +294,21 @@ class Ways:
 
     def _solutions(
         self, number: int, contact: Contact, still: FloatArray, visit: Visit, *, again: bool
-    ) -> list[FloatArray]:
-        """Configurations that would do at a contact; why there are none is told unless it was before."""
+    ) -> list[tuple[int, FloatArray]]:
+        """Configurations that would do at a contact, numbered; why there are none is told unless it was before."""
         key = (contact, still.tobytes())
         known = key in self._fitting
         if not known:
-            fitting, refused = [], []
+            fitting, refused = list[tuple[int, FloatArray]](), list[str]()
             solutions = self.motions.solutions(self.service.robot, contact.tool, still)
-            for q in solutions:
+            for solution, q in enumerate(solutions):
                 objection = self._objection(contact, q)
                 if objection:
                     refused.append(f"{contact.note}{objection}")
                     if contact.takes:
                         self.told(contact, objection)
                 else:
-                    fitting.append(q)
+                    fitting.append((solution, q))
             self._fitting[key] = fitting, refused if len(solutions) else [OUT_OF_REACH]
         fitting, refused = self._fitting[key]
         if not again:
@@ -282,7 +319,12 @@ class Ways:
         return fitting
 
     def _objection(self, contact: Contact, q: FloatArray) -> str:
-        return self.motions.counted(contact.before.checker, lambda checker: contact.objection(checker, q))
+        key = contact, q.tobytes()
+        if key not in self._objections:
+            self._objections[key] = self.motions.counted(
+                contact.before.checker, lambda checker: contact.objection(checker, q)
+            )
+        return self._objections[key]
 
     def _lined(
         self, number: int, solution: int, contact: Contact, q: FloatArray, visit: Visit, *, short: bool

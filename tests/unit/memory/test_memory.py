@@ -10,7 +10,7 @@ import pytest
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.memory import Memory
-from planner_service.memory.memory import MAX_MOTIONS, hints
+from planner_service.memory.memory import MAX_GRIPS, MAX_MOTIONS, gripped_near, hints
 
 JOINTS = ("j0", "j1")
 
@@ -63,6 +63,19 @@ def test_a_memory_forgets_what_was_unused_longest() -> None:
     assert [each[0, 0] for each in memory.motions[-2:]] == [0.0, -9.0]
 
 
+def test_a_grip_is_known_near_where_it_was_and_with_the_same_openings() -> None:
+    memory = Memory().with_grip([1.0, 0.5, 0.06, 0.03], JOINTS)
+    assert gripped_near(memory, np.array([1.1, 0.4]), 0.06, 0.03)
+    assert not gripped_near(memory, np.array([1.1, 0.4]), 0.05, 0.03)
+    assert not gripped_near(memory, np.array([1.1, 0.4]), 0.06, 0.06)
+    assert not gripped_near(memory, np.array([1.4, 0.5]), 0.06, 0.03)
+    again = memory.with_grip([1.0, 0.52, 0.06, 0.03], JOINTS).with_grip([1.0, 0.5, 0.05, 0.03], JOINTS)
+    assert [grip[1:3].tolist() for grip in again.grips] == [[0.52, 0.06], [0.5, 0.05]]
+    full = Memory(JOINTS, (), tuple(np.array([k, 0.0, 0.06, 0.03]) for k in range(MAX_GRIPS)))
+    assert [grip[0] for grip in full.with_grip([-5.0, 0.0, 0.06, 0.03], JOINTS).grips[:: MAX_GRIPS - 1]] == [1.0, -5.0]
+    assert memory.with_motion(BEND, JOINTS).grips is memory.grips
+
+
 def test_what_leads_nowhere_or_has_too_many_waypoints_is_not_remembered() -> None:
     memory = knowing(BEND)
     assert memory.with_motion(motion((1.0, 1.0), (1.0, 1.0)), JOINTS) is memory
@@ -71,8 +84,9 @@ def test_what_leads_nowhere_or_has_too_many_waypoints_is_not_remembered() -> Non
 
 def test_a_memory_is_a_value() -> None:
     given = BEND.copy()
-    memory = knowing(given)
+    memory = knowing(given).with_grip([1.0, 0.5, 0.06, 0.03], JOINTS)
     before = memory.hash
+    assert before != knowing(given).hash
     given[1] = 7.0
     assert memory.motions[0].tolist() == BEND.tolist()
     assert memory.with_motion(BEND + 9.0, JOINTS).hash != before
@@ -98,6 +112,12 @@ def test_a_memory_is_a_value() -> None:
 def test_what_is_no_memory_is_refused_by_name(names: object, motions: object, field: str) -> None:
     with pytest.raises(InvalidRequest, match=rf"^{field}: got"):
         Memory(names, motions)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("grip", [[0.0, 0.0, 0.1], [0.0, 0.0, -0.1, 0.1], [0.0, float("inf"), 0.1, 0.1], "ab", None])
+def test_what_is_no_grip_is_refused(grip: object) -> None:
+    with pytest.raises(InvalidRequest, match=r"^grips\[0\]: got"):
+        Memory(JOINTS, (), (grip,))  # type: ignore[arg-type]
 
 
 def test_a_memory_of_other_joints_is_refused() -> None:

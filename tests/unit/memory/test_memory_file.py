@@ -17,7 +17,7 @@ def sample() -> Memory:
     rng = np.random.default_rng(0)
     motions = tuple(rng.normal(size=(count, 3)) for count in (2, 5, 3))
     motions[0][0] = [-0.0, 1e-300, 0.1]
-    return Memory(("a", "köln", "塔"), motions)
+    return Memory(("a", "köln", "塔"), motions, (rng.random(5), np.array([-1e-300, -0.0, 2.0, 0.05, 0.03])))
 
 
 def saved(tmp_path: Path) -> Path:
@@ -34,6 +34,7 @@ def test_what_was_saved_comes_back_bit_for_bit(memory: Memory, tmp_path: Path) -
     assert back.hash == memory.hash
     assert back.joint_names == memory.joint_names
     assert [motion.tobytes() for motion in back.motions] == [motion.tobytes() for motion in memory.motions]
+    assert [grip.tobytes() for grip in back.grips] == [grip.tobytes() for grip in memory.grips]
     before = path.read_bytes()
     back.save(path)
     assert path.read_bytes() == before
@@ -69,11 +70,14 @@ def test_a_file_with_a_flipped_bit_is_refused_or_the_same(tmp_path: Path) -> Non
         ({"hash": "0" * 64}, "hash: got '0000"),
         ({"more": 1}, "more"),
         ({"memory": {}}, "joint_names: missing"),
-        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], [2.0, 3.0]]]}}, "motions"),
-        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], ["2"]]]}}, "motions"),
-        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], [1e999]]]}}, "malformed JSON|motions"),
-        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], [2.0]]] * 1001}}, "at most 1,000"),
-        ({"memory": {"joint_names": ["\x1b[2J"], "motions": []}}, "joint_names"),
+        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], [2.0, 3.0]]], "grips": []}}, "motions"),
+        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], ["2"]]], "grips": []}}, "motions"),
+        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], [1e999]]], "grips": []}}, "malformed JSON|motions"),
+        ({"memory": {"joint_names": ["a"], "motions": [[[1.0], [2.0]]] * 1001, "grips": []}}, "at most 1,000"),
+        ({"memory": {"joint_names": ["\x1b[2J"], "motions": [], "grips": []}}, "joint_names"),
+        ({"memory": {"joint_names": ["a"], "motions": [], "grips": [[1.0, 0.1]]}}, "grips"),
+        ({"memory": {"joint_names": ["a"], "motions": [], "grips": [[1.0, 0.1, -0.1]]}}, "grips"),
+        ({"memory": {"joint_names": ["a"], "motions": [], "grips": [[1.0, 0.1, 0.1]] * 1001}}, "at most 1,000"),
     ],
 )
 def test_a_file_that_says_something_else_is_refused_by_name(change: dict[str, Any], said: str, tmp_path: Path) -> None:
