@@ -512,7 +512,7 @@ class TrajectoryRecord(schema.Record):
 
 
 class ResultRecord(schema.GrownRecord):
-    """A ``PlanResult``, without what only the process that made it knows: roadmap, trace and origin.
+    """A ``PlanResult``, without what only the process that made it knows: roadmap, memory, trace and origin.
 
     Attributes:
         ok: Whether there is a plan.

@@ -10,6 +10,7 @@ import pytest
 
 from planner_service.collision import CheckCounts
 from planner_service.files.schema import Record, plain
+from planner_service.memory import memory_file
 from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.planning.result import Failure, MotionReport, PlanResult, StageReport
 from planner_service.planning.task_result import Handling, Segment
@@ -24,7 +25,7 @@ from planner_service.roadmap import roadmap_file
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 
-MODELS = ("planner_service.records", roadmap_file.__name__)
+MODELS = ("planner_service.records", memory_file.__name__, roadmap_file.__name__)
 """Where the models of files and bodies are; of other modules those that have been imported would come along."""
 
 
@@ -41,7 +42,7 @@ OTHERWISE: dict[type[Any], str] = {
     SavedTask: "begin",
     World: "scene",  # of a request
     PlanRequest: "goal",  # goals
-    PlanResult: "roadmap trace origin fraction allowed no_path",  # of the process that made it, or of sections
+    PlanResult: "roadmap trace origin fraction allowed no_path memory",  # of the process that made it, or of sections
     StageReport: "counts",  # one by one
     Robot: "visuals description groups",  # not what it is, but what it is shown as and called
     Obstacle: "colour",  # what it is drawn in, which scene files alone keep
