@@ -51,11 +51,15 @@ STUDIES = {
     "serve": "a server under load, over its capacity, cancelled, killed and attacked",
     "gate": "no target that passes the gate touches, by Coal, whatever is asked of it and however the driver follows",
     "cells": "five work cells for three robots: what can be done is done, proven, and carried out without a contact",
+    "ik": "complete inverse kinematics misses no solution that a thousand starts find, and is seldom in doubt",
     "differential": "the kernel says what FCL says pair by pair, with every instruction set, and how fast",
 }
 """What each study shows; its module in ``studies`` has a ``run`` whose parameters are its options."""
 
-LONG = ("cells", "arms", "suites", "robots", "evidence", "mcp", "frames", "serve", "differential", "starts", "gate")
+LONG = (
+    *("cells", "arms", "suites", "robots", "evidence", "mcp", "frames", "serve", "differential", "starts", "gate"),
+    "ik",
+)
 """Studies that are not among all: what they find changes with the code alone, and they take long."""
 
 OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {

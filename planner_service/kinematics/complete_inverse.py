@@ -16,6 +16,7 @@ import numpy as np
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, as_sent, cross
+from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import copied_in
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.native.loading import load_core
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 
 __all__ = ["InverseSolutions", "complete_solutions"]
 
-POSE_ERROR = 1e-9
-"""Metres and radians within which two poses are one to the proof: above the rounding of a pose, below any tool's."""
+POSE_ERROR = 1e-11
+"""Metres and radians within which two poses are one to the proof: far above the rounding of a pose."""
 
-ROUNDING = 1e-11
+ROUNDING = 1e-12
 """Metres and radians for each metre of the arm: above what rounding of the pose and of the axes at q = 0 makes."""
 
 MOST_BOXES = 20_000
@@ -55,9 +56,9 @@ ROWS = {POSE: 6, AXIS: 5, POSITION: 3}
 class InverseSolutions:
     """All configurations within the joint limits that bring the tool to a pose.
 
-    Every configuration whose tool is within the goal's tolerances (at least 1e-9 m and rad) is in the box of a solution
-    or in an unresolved box. Each solution's box holds exactly one configuration for each pose within these
-    tolerances, or, of an arm with fewer joints than the goal has equations, at most one.
+    Every configuration whose tool is within the goal's tolerances (at least 1e-11 m and rad) is in a solution's box or
+    in an unresolved one. Each solution's box holds exactly one configuration for each pose within these tolerances,
+    or, of an arm with fewer joints than the goal has equations, at most one.
 
     Attributes:
         q: Shape (k, n), sorted. Of continuous joints, values within half a turn of the middle of their limits.
@@ -156,7 +157,8 @@ def complete_solutions(robot: Robot, goal: PoseGoal) -> InverseSolutions:
         )
     loop, circles, length = _closed_loop(robot)
     pose = goal.pose
-    rows = np.array([[*row, at] for row, at in zip(pose.rotation_rows, pose.position, strict=True)])
+    unit = Pose(pose.position, tuple((np.array(pose.quaternion) / math.hypot(*pose.quaternion)).tolist()))
+    rows = np.array([[*row, at] for row, at in zip(unit.rotation_rows, unit.position, strict=True)])
     shift, turn = (
         max(each, POSE_ERROR) + ROUNDING * (1.0 + length)
         for each in (goal.position_tolerance, goal.orientation_tolerance)

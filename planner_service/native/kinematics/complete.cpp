@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::size_t most = 6;            // joints
 constexpr std::size_t largest_side = 81;   // numbers of a polynomial of the most joints
-constexpr double least_width = 1e-5;       // of a box that is split once more
+constexpr double least_width = 1e-6;       // of a box that is split once more
 constexpr double lone_width = 0.2;         // of a box in whose middle a solution is looked for
 constexpr double rounding = 1e-12;         // bounds what rounding adds to a residual and its derivatives (Lemma 4)
 
