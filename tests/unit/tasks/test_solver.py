@@ -164,19 +164,30 @@ def test_what_is_repeated_is_done_so_often(cell: ps.PlannerService) -> None:
     assert [step.tried for step in task.steps] == [3, 3]
 
 
-def test_an_object_is_grasped_anew_where_it_was_set_down_so_that_it_can_go_on(cell: ps.PlannerService) -> None:
-    between = turned(0.30, 0.0, HALF - 0.001)
-    first = Grasp("block", support="table")
-    again = replace(first, frame="")
-    steps = (
-        *(Connect("to it"), Approach(), first, Retreat()),
-        *(Connect("aside"), Approach(), Release("block", [between], support="table"), Retreat()),
-        *(Connect("to it again"), Approach(), again, Retreat()),
-        *(Connect("on"), Approach(), Release("block", [THERE], support="table"), Retreat()),
-    )
-    task = cell.solve(Task(steps), cell.robot.home)
+def between_plates() -> ps.PlannerService:
+    """A block in a slot where fingers fit along y alone, and a rack where they fit along x alone."""
+    scene = ps.load_scene("table")
+    scene = scene.with_obstacle(ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), turned(0.28, 0.14, HALF - 0.001)))
+    for name, y, dx, dy in (("slot", 0.14, 0.0, 0.036), ("rack", -0.14, 0.036, 0.0)):
+        for sign in (-1, 1):
+            plate = ps.Box((0.01, 0.07, 0.06) if dx else (0.07, 0.01, 0.06))
+            there = ps.Pose((0.28 + sign * dx, y + sign * dy, 0.03))
+            scene = scene.with_obstacle(ps.Obstacle(f"{name} {sign}", plate, there))
+    return ps.PlannerService("wxai", scene)
+
+
+def test_an_object_is_set_down_in_between_and_grasped_anew_where_no_grasp_suits_both_places() -> None:
+    service, there = between_plates(), turned(0.28, -0.14, HALF - 0.001)
+    take, put = pick_steps("block", handling=ON_TABLE), place_steps("block", [there], ON_TABLE)
+    aside = place_steps("block", [turned(0.30, 0.0, HALF - 0.001)], ON_TABLE)
+    direct = service.solve(Task((take, put)), service.robot.home)
+    assert re.match("Release block: .* finger_.* x rack", present(direct.failure).detail)
+    assert not direct.segments
+    assert [step.tried for step in direct.steps if "Connect" in step.step] == [0, 0], "nothing was searched for"
+    task = service.solve(Task((take, Alternatives(((), (aside, take))), put)), service.robot.home)
     assert task.ok
-    assert task.world.scene.obstacle("block").pose == THERE
+    assert len(task.segments) == 12
+    assert task.world.scene.obstacle("block").pose == there
     assert recertify(task).certified
 
 
