@@ -110,7 +110,7 @@ class Visit:
         stage: Which.
         service: What plans there.
         q: Where the robot stands, (n,).
-        tried: What did not work, in words, in order.
+        noted: What did not work, in words, in order, each with the number of its step.
         unreached: Tool poses out of reach, by the number of their way.
         ways: How many grasps or placements there are.
         farthest: The step at which the way ended that had come farthest, and how far.
@@ -122,12 +122,17 @@ class Visit:
     stage: ContactStage | MotionStage
     service: PlannerService
     q: FloatArray
-    tried: list[str] = field(default_factory=list)
+    noted: list[tuple[str, str]] = field(default_factory=list)
     unreached: dict[int, Pose] = field(default_factory=dict)
     ways: int = 0
     farthest: tuple[Rank, Numbered] | None = None
     failure: Failure | None = None
     ahead: Visit | None = None
+
+    @property
+    def tried(self) -> list[str]:
+        """What did not work, in words, in order."""
+        return [told for _, told in self.noted]
 
     def refuse(
         self, numbered: Numbered, why: str, told: str | None = None, rank: Rank = Rank.POSE, *, known: bool = False
@@ -159,6 +164,6 @@ class Visit:
             raise
 
     def _note(self, numbered: Numbered, told: str, rank: Rank) -> None:
-        self.tried.append(told)
+        self.noted.append((numbered.number, told))
         if self.farthest is None or rank > self.farthest[0]:
             self.farthest = rank, numbered

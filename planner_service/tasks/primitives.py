@@ -105,7 +105,7 @@ def _handled(
     memory: Memory | None,
 ) -> TaskResult:
     task = Task(steps, name)
-    return solved(service, task, q, handling.request, handling.line_timing, memory, handling.cancel)
+    return solved(service, task, q, handling.request, handling.line_timing, memory, handling.cancel, named=False)
 
 
 def pick_steps(

@@ -103,8 +103,13 @@ def solved(
     *,
     beam: int = BEAM,
     searches: int = SEARCHES,
+    named: bool = True,
 ) -> TaskResult:
-    """The same, of names that are known to be there."""
+    """The same, of names that are known to be there.
+
+    Args:
+        named: Whether a failure begins with the step.
+    """
     start = joint_vector("q", q, service.robot)
     instance("request", request, (PlanRequest, type(None)), "a PlanRequest, or None")
     instance("cancel", cancel, (CancelToken, type(None)), "a CancelToken, or None")
@@ -120,7 +125,7 @@ def solved(
     motions = Motions(template, line_timing, cancel, turns=_turns(task.stages), searches=searches)
     if memory is not None:
         checked_memory(memory, service.robot)
-    return _Search(motions, service, task, start, memory, beam).result()
+    return _Search(motions, service, task, start, memory, beam, named=named).result()
 
 
 def _grasps(stages: Sequence[Stage]) -> Iterator[Grasp]:
@@ -196,13 +201,15 @@ class _Search:
         start: FloatArray,
         memory: Memory | None,
         beam: int,
+        *,
+        named: bool,
     ) -> None:
         self._began = time.perf_counter()
         self._motions, self._task, self._start, self._beam = motions, task, start, beam
         self._service = motions.begin(service)
         self._inspector = Inspector(task.stages)
         self._ahead = LookAhead(motions, self._inspector)
-        self._remembers = memory is not None
+        self._remembers, self._named = memory is not None, named
         self._deepest = _State(self._service, start, task.stages, memory=memory or NOTHING)
         self._stuck: Visit | None = None
         self._visit: Visit | None = None
@@ -503,18 +510,19 @@ class _Search:
         """Why the task ends at a stage: the last of the steps that failed whenever they were tried, and the cause."""
         while visit.ahead is not None and visit.farthest is not None and visit.farthest[0] is Rank.AHEAD:
             visit = visit.ahead
-        blocked = self._inspector.blocked()
-        own = [each.number for each in steps_of(visit.stage)]
+        blocked, tried, step = self._inspector.blocked(), visit.tried, ""
         last = blocked[0] if blocked is not None else visit.farthest[1] if visit.farthest is not None else None
-        step = "" if last is None or len(self._task.stages) == 1 else f"{last.step}: "
+        if last is not None and self._named:
+            step = f"{last.step}: "
+            tried = [told for number, told in visit.noted if number == last.number] or tried
         if visit.failure is not None:
             return replace(visit.failure, detail=f"{step}{visit.failure.detail}")
-        if blocked is not None and blocked[0].number not in own:
+        if self._named and blocked is not None and blocked[0] not in tuple(steps_of(visit.stage)):
             report = blocked[1]
             detail = f"{step}{report.failed} of {report.tried} tries failed: {report.why}"
         else:
             none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
-            detail = f"{step}{none}{'; '.join(visit.tried[:6])}"
+            detail = f"{step}{none}{'; '.join(tried[:6])}"
         return self._explained(visit, Failure(PlanStage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
     def _explained(self, visit: Visit, failure: Failure) -> Failure:

@@ -345,3 +345,16 @@ def test_an_arm_waits_before_the_next_motion_in_the_file_and_in_the_program_too(
     assert recertify(saved).certified
     program = program_text("urscript", saved.segments, cell.robot)
     assert re.findall(r"sleep\((.*)\)", program) == ["0.500", "1.250", "2.000"]
+
+
+def test_a_task_of_one_stage_names_its_step_too_with_the_reasons_of_that_step(cell: ps.PlannerService) -> None:
+    roof = ps.Obstacle("roof", ps.Box((0.3, 0.3, 0.01)), ps.Pose((0.28, 0.10, 0.30)))
+    low = cell.with_scene(cell.scene.with_obstacle(roof))
+    for step, scene in ((MoveTo(ps.Pose((0.9, 0.0, 0.1))), cell), (MoveLinear((0.0, 0.0, 0.5)), cell)):
+        task = scene.solve(Task((step,)), cell.robot.home)
+        assert present(task.failure).detail.startswith(f"{step}: ")
+    task = low.solve(Task(pick_steps("block", None, ON_TABLE)), cell.robot.home)
+    step, _, detail = present(task.failure).detail.partition(": ")
+    failed = next(report for report in task.steps if report.step.endswith(step))
+    assert failed.tried == failed.failed
+    assert any(reason in detail for reason, _ in failed.reasons)
