@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -358,3 +362,33 @@ def test_a_task_of_one_stage_names_its_step_too_with_the_reasons_of_that_step(ce
     failed = next(report for report in task.steps if report.step.endswith(step))
     assert failed.tried == failed.failed
     assert any(reason in detail for reason, _ in failed.reasons)
+
+
+def digest_of(service: ps.PlannerService) -> str:
+    """A task with everything that is chosen in it, as text."""
+    service = beside_a_wall(service)
+    task = service.solve(moved(service, THERE), service.robot.home)
+    paths = hashlib.sha256(b"".join(bits(task.segments))).hexdigest()
+    return f"{paths} {task.counts} {task.notes} {[str(step) for step in task.steps]}"
+
+
+@pytest.mark.slow
+def test_another_process_with_other_hashes_chooses_the_same(cell: ps.PlannerService) -> None:
+    code = """
+import planner_service as ps
+from tests.unit.tasks.test_solver import digest_of, HALF
+block = ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.28, 0.10, HALF - 0.001)))
+print(digest_of(ps.PlannerService("wxai", ps.load_scene("table").with_obstacle(block))))
+"""
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            check=True,
+            cwd=Path(__file__).parents[3],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            text=True,
+        ).stdout.strip()
+        for seed in ("1", "2")
+    }
+    assert told == {digest_of(cell)}
