@@ -412,7 +412,7 @@ class PlannerService:
         request: PlanRequest | None = None,
         line_timing: Timing | None = None,
         beam: int = 4,
-        searches: int = 1_000,
+        searches: int = 200,
         memory: Memory | None = None,
         cancel: CancelToken | None = None,
     ) -> TaskResult:
@@ -427,6 +427,7 @@ class PlannerService:
                 ``max_checks`` for each motion.
             line_timing: The timing law along straight and given lines; the request's if None.
             beam: Ways of one stage that are tried with what follows, before the stage ahead of it has to offer another.
+                A stage is also given up after so many searches that use up their checks, or prove that there is no way.
             searches: Motions that may be searched for in all.
             memory: What is remembered of this cell, as for ``plan``; ``result.memory`` is what is after the task.
             cancel: Ends the task before its next check when cancelled from another thread.

@@ -61,8 +61,11 @@ STAND = "stand"
 BEAM = 4
 """Ways of a stage that are carried forward."""
 
-SEARCHES = 1_000
+SEARCHES = 200
 """That a task may try."""
+
+HOPELESS = (Reason.NO_PATH, Reason.CHECK_BUDGET_EXHAUSTED)
+"""Why a search fails that took long: of one stage no more than ``beam`` of these are made."""
 
 MAX_WHYS = 8
 """Poses out of reach that are looked at to tell what would bring the tool to the nearest of them."""
@@ -280,7 +283,7 @@ class _Search:
             found = iter(()) if base is None else ways(visit.q, visit)
         if base is None:
             return
-        done, unsure = set[tuple[int, int]](), True
+        done, unsure, dear = set[tuple[int, int]](), True, 0
         for way in found:
             if (way.number, way.solution) in done:
                 continue  # another length of the same
@@ -294,6 +297,12 @@ class _Search:
                     unsure = False
                     if self._left(base, visit, stage.connect) is None:
                         return
+                failure = None if none.result is None else none.result.failure
+                dear += failure is not None and failure.reason in HOPELESS
+                if dear == self._beam and stage.connect is not None:
+                    why = f"given up: {dear} searches used up their checks, or proved that there is no path"
+                    visit.refuse(stage.connect, why, rank=Rank.SEARCH)
+                    return
                 continue
             done.add((way.number, way.solution))
             yield after

@@ -392,3 +392,11 @@ print(digest_of(ps.PlannerService("wxai", ps.load_scene("table").with_obstacle(b
         for seed in ("1", "2")
     }
     assert told == {digest_of(cell)}
+
+
+def test_a_stage_is_given_up_when_its_searches_use_up_their_checks(cell: ps.PlannerService) -> None:
+    request = ps.PlanRequest(cell.robot.home, cell.robot.home, time_limit=None, max_checks=3)
+    task = cell.solve(Task(pick_steps("block", None, ON_TABLE)), cell.robot.home, request=request, beam=2)
+    connect = task.steps[0]
+    assert connect.tried == connect.failed == 3, "two searches, and that it was given up"
+    assert ("given up: 2 searches used up their checks, or proved that there is no path", 1) in connect.reasons
