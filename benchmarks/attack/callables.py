@@ -34,6 +34,7 @@ from planner_service.geometry.composite import Solid
 from planner_service.kinematics import straight_tool_line
 from planner_service.memory import Memory
 from planner_service.optimize import Chomp, TrajOpt
+from planner_service.ordering import Branch, Visit, order
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.records import (
@@ -415,6 +416,19 @@ def _tasks(folder: Path) -> Calls:
                 lambda **given: next(proven_ways(**given)),
                 {"service": service, "steps": pick_steps("blue_block", grasp), "q": robot.home},
             ),
+        ),
+        _call(Branch, q=robot.home, end=robot.home, motions=(), before=service, after=service),
+        _call(Visit, name="here", branches=[robot.home], then=None, after=("there",)),
+        _call(
+            order,
+            service=service,
+            visits=[Visit("here", [robot.home])],
+            request=ps.PlanRequest(robot.home, robot.home),
+            end=robot.home,
+            gap=0.1,
+            plans=10,
+            engine=None,
+            cancel=ps.CancelToken(),
         ),
         _call(pick_steps, object="blue_block", grasps=grasp, handling=handling),
         _call(place_steps, object="held", poses=[tray.pose], handling=handling),

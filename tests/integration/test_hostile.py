@@ -31,7 +31,7 @@ SECONDS = 5.0
 
 PACKAGES = (
     *("certify", "collision", "constraints", "gate", "grasping", "optimize", "parallel", "path"),
-    *("infeasibility", "memory", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
+    *("infeasibility", "memory", "ordering", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
 )
 """Subpackages of which every name is attacked, as of the root."""
 
@@ -64,7 +64,7 @@ ANSWERS = {
         "Terms",
         "Trail",
     ),
-    *("Whereabouts", "World", "load_solver"),
+    *("FailedLeg", "OrderResult", "Stop", "Whereabouts", "World", "load_solver"),
 }
 """What is made of values that have been checked, or takes none."""
 
