@@ -25,7 +25,9 @@ file format:text version:int made_with:any robot:robot scene:scene allowed:text*
     sections:any
 planner-service/plan file result:result
 planner-service/task file task:text ok:flag failure:null counts:counts choosing:counts seconds:num notes:text*
-    segments:segment*
+    segments:segment* steps?:step*
+step step:text tried:int failed:int reasons:reason*
+reason reason:text times:int
 planner-service/no-path format:text version:int robot:robot scene:scene allowed:text*2* start:num* goals:num** moved:num
     boxes:any faces:any joints:text* range:num** divisions:int* encloses:text region:text walls:text pairs:text*2*
     centres:text

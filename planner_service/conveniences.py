@@ -17,6 +17,7 @@ from planner_service.presentation.page import OpenPage, recording_bytes, show_pa
 from planner_service.roadmap.roadmap import Roadmap, load_roadmap, save_roadmap
 from planner_service.robot.model import Robot, group_of, lock_joints, robot_from_urdf
 from planner_service.service import PlannerService, solve_task
+from planner_service.tasks.task import load_steps, save_steps
 
 __all__ = list[str]()
 
@@ -67,6 +68,22 @@ def _solve_task(service: PlannerService, *given: Any, **settings: Any) -> Any:
     from planner_service.tasks.solver import solve
 
     return solve(service, *given, **settings)
+
+
+@save_steps.by
+def _save_steps(task: Any, path: str | os.PathLike[str]) -> None:
+    """``Task.save``."""
+    from planner_service.records.steps import save_steps
+
+    save_steps(task, path)
+
+
+@load_steps.by
+def _load_steps(path: str | os.PathLike[str]) -> Any:
+    """``Task.load``."""
+    from planner_service.records.steps import load_steps
+
+    return load_steps(path)
 
 
 @save_roadmap.by

@@ -34,7 +34,20 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 NAMES = (
-    *("robots", "scenes", "problems", "check", "plan", "explain", "pick-place", "view", "certify", "export", "join"),
+    *(
+        "robots",
+        "scenes",
+        "problems",
+        "check",
+        "plan",
+        "explain",
+        "pick-place",
+        "solve",
+        "view",
+        "certify",
+        "export",
+        "join",
+    ),
     *("run", "import-robot", "episodes", "serve", "doctor", "roadmap", "gate", "robot"),
 )
 """All commands, in the order of the help."""
@@ -260,6 +273,56 @@ def pick_place(
     title = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
     table = CostTable(title, task_rows(task), length_unit(service.robot))
     finish(task.document(), table, task_lines(task), task.failure, as_json=as_json)
+
+
+def solve(
+    file: Annotated[str, argument("FILE", "A task: its steps as JSON, as Task.save writes them.")],
+    scene: options.SceneName,
+    start: options.Start = "home",
+    robot: options.RobotName = options.WXAI,
+    planner: options.PlannerName = options.DEFAULT.planner.name,
+    timing: options.TimingName = "toppra",
+    seed: options.Seed = options.DEFAULT.seed,
+    max_checks: options.MaxChecks = options.DEFAULT.max_checks,
+    time_limit: options.TimeLimit = options.SECONDS,
+    padding: options.Padding = options.DEFAULT.padding,
+    max_tool_speed: options.ToolSpeed = None,
+    png: options.Picture = None,
+    out: options.Out = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Solve a task that is composed of steps, and print what each motion cost, or which step has no plan and why."""
+    from planner_service.planning.task_result import step_table, task_lines, task_rows
+    from planner_service.records.evidence import save_plan
+    from planner_service.records.plan_file import SavedTask
+    from planner_service.tasks.task import Task
+    from planner_service.view.still.pictures import draw_task
+
+    with bad_input_exits():
+        arguments.require_outputs({"--out": out, "--png": png})
+        service, task = arguments.service_for(robot, scene), Task.load(file)
+        q = arguments.configuration("--start", start, service.robot)
+        request = PlanRequest(
+            q,
+            q,
+            arguments.planner_or_optimise(planner, None, polish=False),
+            arguments.timing_by_name(timing, torque=False),
+            seed=seed,
+            max_checks=max_checks,
+            time_limit=arguments.time_limit_of(time_limit),
+            padding=padding,
+            max_tool_speed=max_tool_speed,
+        )
+        arguments.load_libraries(request, service.robot)
+        saved = SavedTask.of(service.solve(task, q, request=request))
+        if out is not None:
+            save_plan(saved, out)
+        if png is not None:
+            draw_task(service, saved, png)
+    title = f"{'planned' if saved.failure is None else 'no plan'}: {saved.task}"
+    table = CostTable(title, task_rows(saved), length_unit(service.robot))
+    fared = None if saved.failure is None else step_table(saved.steps)
+    finish(saved.document(), table, task_lines(saved), saved.failure, as_json=as_json, last=fared)
 
 
 def check(
@@ -513,6 +576,7 @@ _add(
     "explain --scene bin --start home --goal ready",
 )
 _add(app, pick_place, "pick-place", "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray")
+_add(app, solve, "solve", "Solve a task that is composed of steps.", "solve steps.json --scene bin --out task.json")
 _add(app, import_robot_, "import-robot", "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm")
 _add(app, doctor, "doctor", "Compare compiled code with its judges.", "doctor")
 

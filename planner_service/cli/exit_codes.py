@@ -53,13 +53,20 @@ class ErrorLog(logging.Handler):
 
 
 def finish(
-    document: Document, table: Block | None, lines: Sequence[str], failure: Failure | None, *, as_json: bool
+    document: Document,
+    table: Block | None,
+    lines: Sequence[str],
+    failure: Failure | None,
+    *,
+    as_json: bool,
+    last: Block | None = None,
 ) -> None:
-    """Print a JSON document, or a table with lines below it, and exit with 1 if there is no plan."""
+    """Print a JSON document, or a table with lines below it and a last block, and exit with 1 if there is no plan."""
     hidden = len(lines) - MAX_LINES
     more = [f"note: {hidden} more notes; --json prints all"] if hidden > 0 else []
     blocks = [] if table is None else [table]
-    show(document, *blocks, *wrapped([*lines[:MAX_LINES], *more]), as_json=as_json)
+    ending = [] if last is None else ["", last]
+    show(document, *blocks, *wrapped([*lines[:MAX_LINES], *more]), *ending, as_json=as_json)
     if failure is not None:
         report_error(f"no plan: {failure}")
         raise typer.Exit(NO_PLAN)

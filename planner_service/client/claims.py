@@ -46,4 +46,5 @@ def task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
         end = end if segment.result.path is None else segment.result.path.waypoints[-1]
         segments.append(replace(segment, result=of_server(segment.result, world, None)))
     done = tuple(segments)
-    return TaskResult(done, world, end, saved.failure, saved.choosing, saved.notes, request, saved.task, saved.seconds)
+    said = saved.failure, saved.choosing, saved.notes, request, saved.task, saved.seconds
+    return TaskResult(done, world, end, *said, steps=saved.steps)

@@ -60,6 +60,9 @@ from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
 from planner_service.service import PlannerService
+from planner_service.tasks.solver import BEAM, SEARCHES
+from planner_service.tasks.task import Task
+from planner_service.timing.laws import Timing
 
 __all__ = ["Remote", "unless_cancelled"]
 
@@ -419,6 +422,40 @@ class Remote:
                 raise Cancelled(failure.detail)
             raise ServerUnavailable(answer.url, failure.detail)
         return ReplannedRecord.of_plan(plan, answer.url)
+
+    @unless_cancelled
+    def solve(
+        self,
+        task: Task,
+        q: ArrayLike,
+        *,
+        request: PlanRequest | None = None,
+        line_timing: Timing | None = None,
+        beam: int = BEAM,
+        searches: int = SEARCHES,
+        cancel: CancelToken | None = None,
+    ) -> TaskResult:
+        """All motions of a task, or the step that has none; see ``PlannerService.solve``. Nothing is remembered.
+
+        Raises:
+            UnknownName: As ``PlannerService.solve``.
+            InvalidRequest: Likewise, or a step has no place in a file.
+            ServerUnavailable: As ``plan``.
+        """
+        instance("task", task, Task, "a Task")
+        start = joint_vector("q", q, self.robot)
+        instance("request", request, (PlanRequest, type(None)), "a PlanRequest, or None")
+        body = {
+            "q": start,
+            "steps": task.steps,
+            "name": task.name,
+            "request": request,
+            "line_timing": line_timing,
+            "beam": whole("beam", beam, 1, 1_000),
+            "searches": whole("searches", searches, 1, 1_000_000),
+        }
+        asked = PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)
+        return self._task("solve", body, asked, cancel)
 
     @unless_cancelled
     def build_roadmap(

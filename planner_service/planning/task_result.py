@@ -259,9 +259,7 @@ class TaskResult:
         return render_html(self._blocks())
 
     def _blocks(self) -> list[Block]:
-        """What is printed: of a task without a plan also how its steps fared."""
-        blocks = task_blocks(self, length_unit(self.world.robot))
-        return blocks if self.failure is None or not self.steps else [*blocks, "", step_table(self.steps)]
+        return task_blocks(self, length_unit(self.world.robot))
 
     @property
     def begin(self) -> World:
@@ -319,17 +317,20 @@ class TaskReport(Protocol):
     def task(self) -> str: ...
     @property
     def seconds(self) -> float: ...
+    @property
+    def steps(self) -> tuple[StepReport, ...]: ...
 
 
 def task_blocks(task: TaskReport, unit: str) -> list[Block]:
-    """A task as ``planner-service pick-place`` prints it.
+    """A task as ``planner-service solve`` prints it: one without a plan also with how its steps fared.
 
     Args:
         unit: Unit of path lengths.
     """
     title = ": ".join(filter(None, ("planned" if task.failure is None else "no plan", task.task)))
     ending = [] if task.failure is None else [f"no plan: {task.failure}"]
-    return [CostTable(title, task_rows(task), unit), *task_lines(task), *ending]
+    fared: list[Block] = [] if task.failure is None or not task.steps else ["", step_table(task.steps)]
+    return [CostTable(title, task_rows(task), unit), *task_lines(task), *ending, *fared]
 
 
 def step_table(steps: Sequence[StepReport]) -> Table:

@@ -28,12 +28,29 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import MAX_BYTES, parse_json, read_json
 from planner_service.files.json_writer import indented_json
 from planner_service.files.reading import as_path
-from planner_service.files.schema import GrownRecord, Prose, Record, Text, at_most, read_record, recorded
+from planner_service.files.schema import (
+    Count,
+    GrownRecord,
+    Prose,
+    Record,
+    Text,
+    as_text,
+    at_most,
+    read_record,
+    recorded,
+)
 from planner_service.files.writing import write_whole
 from planner_service.geometry.validation import instance
 from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, Origin, PlanResult
-from planner_service.planning.task_result import SAME_WIDTH, Segment, TaskResult, require_joined, task_blocks
+from planner_service.planning.task_result import (
+    SAME_WIDTH,
+    Segment,
+    StepReport,
+    TaskResult,
+    require_joined,
+    task_blocks,
+)
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.old_versions import command_of
@@ -75,6 +92,7 @@ TASK_FORMAT = "planner-service/task"
 VERSION = 3
 
 MAX_SEGMENTS = 1_000
+MAX_STEPS = 1_000
 MAX_WAIT = 3_600.0
 MAX_DEPTH = 64
 """Of what is nested in a section."""
@@ -238,6 +256,7 @@ class SavedTask(_Saved):
             that is not known, or its planner or timing law has no name to be made from.
         made_with: As of ``SavedPlan``.
         sections: As of ``SavedPlan``.
+        steps: How each step of the task fared; empty if that is not known.
     """
 
     task: str
@@ -249,6 +268,7 @@ class SavedTask(_Saved):
     request: PlanRequest | None = None
     made_with: Mapping[str, str] = field(default_factory=_versions)
     sections: Mapping[str, Any] = field(default_factory=dict)
+    steps: tuple[StepReport, ...] = ()
 
     def __repr__(self) -> str:
         what = f"{len(self.segments)} motions" if self.failure is None else f"no plan, {self.failure.reason.value}"
@@ -263,9 +283,8 @@ class SavedTask(_Saved):
     @classmethod
     def of(cls, task: TaskResult) -> SavedTask:
         """A task that was planned in this process."""
-        return cls(
-            task.begin, task.task, task.segments, task.choosing, task.seconds, task.failure, task.notes, task.request
-        )
+        said = task.choosing, task.seconds, task.failure, task.notes, task.request
+        return cls(task.begin, task.task, task.segments, *said, steps=task.steps)
 
     @property
     def counts(self) -> CheckCounts:
@@ -313,6 +332,7 @@ class SavedTask(_Saved):
             self.seconds + after.seconds,
             notes=(*self._named_notes(), *after._named_notes()),
             request=request,
+            steps=(*self.steps, *after.steps),
         )
 
     def _named_notes(self) -> tuple[str, ...]:
@@ -530,7 +550,44 @@ class SegmentRecord(GrownRecord):
     wait: Annotated[float, Field(ge=0.0, le=MAX_WAIT)] = 0.0
 
 
-class TaskRecord(_Head):
+class ReasonRecord(Record):
+    """Why a step failed.
+
+    Attributes:
+        reason: In words.
+        times: How often.
+    """
+
+    reason: Prose
+    times: Count
+
+
+class StepReportRecord(Record):
+    """How a step of a task fared.
+
+    Attributes:
+        reasons: Why, the most frequent first.
+    """
+
+    about = StepReport
+
+    step: Prose
+    tried: Count
+    failed: Count
+    reasons: Annotated[list[ReasonRecord], at_most(MAX_SEGMENTS)]
+
+    @classmethod
+    def fields_of(cls, value: StepReport) -> dict[str, Any]:
+        reasons = [{"reason": as_text(reason), "times": times} for reason, times in value.reasons]
+        return super().fields_of(value) | {"reasons": reasons}
+
+    @cached_property
+    def value(self) -> StepReport:
+        reasons = tuple((each.reason, each.times) for each in self.reasons)
+        return StepReport(self.step, self.tried, self.failed, reasons)
+
+
+class TaskRecord(_Head, GrownRecord):
     """A task file.
 
     Attributes:
@@ -545,6 +602,7 @@ class TaskRecord(_Head):
         notes: What a person should know beside it.
         segments: The motions in order.
         sections: Further parts of the file by name.
+        steps: How each step of the task fared, in their order; not there if that is not known.
     """
 
     about = SavedTask
@@ -560,6 +618,7 @@ class TaskRecord(_Head):
     notes: Annotated[list[Prose], at_most(MAX_SEGMENTS)]
     segments: Annotated[list[SegmentRecord], at_most(MAX_SEGMENTS)]
     sections: Sections
+    steps: Annotated[list[StepReportRecord], at_most(MAX_STEPS)] = Field(default_factory=list)
 
     @classmethod
     def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:

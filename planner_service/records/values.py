@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, ValidationInfo
+from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from planner_service.constraints.values import MAX_CONSTRAINTS, JointRange, ToolRegion
-from planner_service.files.schema import Reading, Record, Text, Vector4, at_most, of_length
+from planner_service.files.schema import Reading, Record, Text, Vector3, Vector4, at_most, of_length
 from planner_service.geometry.shapes import Pose
 
-__all__ = ["Constraints", "KindRecord", "PoseRecord"]
+__all__ = ["Constraints", "KindRecord", "PoseRecord", "Target"]
 
 Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no bound")]
 
@@ -27,6 +27,16 @@ class PoseRecord(Record, makes=Pose):
     """
 
     quaternion: Vector4 = Field(alias="quaternion_wxyz")
+
+
+def _target_kind(value: Any) -> str:
+    return "displacement" if isinstance(value, list | tuple) else "pose"
+
+
+Target = Annotated[
+    Annotated[PoseRecord, Tag("pose")] | Annotated[Vector3, Tag("displacement")], Discriminator(_target_kind)
+]
+"""A pose of the tool, or its displacement."""
 
 
 class KindRecord(Record):

@@ -393,11 +393,7 @@ def _pick(call: _Call, body: bodies.PickBody) -> Answer:
 
 
 def _place(call: _Call, body: bodies.PlaceBody) -> Answer:
-    q = body.q
-    if q is None:
-        path = _finished(call.saved("after")).segments[-1].result.path
-        assert path is not None
-        q = path.waypoints[-1]
+    q = _where(call, body.q)
     task = place(call.service, q, body.carried, body.arguments["poses"], _handling(call, body.handling))
     return _task(call, SavedTask.of(task))
 
@@ -409,6 +405,23 @@ def _pick_place(call: _Call, body: bodies.PickPlaceBody) -> Answer:
         call.service, body.target, body.onto, request, poses=poses, upright=body.upright, cancel=cancel
     )
     return _task(call, SavedTask.of(task))
+
+
+def _solve(call: _Call, body: bodies.SolveBody) -> Answer:
+    q = _where(call, body.q)
+    request = None if body.request is None else call.request(body.request.value)
+    law = None if body.line_timing is None else body.line_timing.value
+    terms: Any = {"line_timing": law, "beam": body.beam, "searches": body.searches, "cancel": call.cancel}
+    return _task(call, SavedTask.of(call.service.solve(body.value, q, request=request, **terms)))
+
+
+def _where(call: _Call, q: Any) -> Any:
+    """Where the robot stands: as is said, or where the task before ended."""
+    if q is not None:
+        return q
+    path = _finished(call.saved("after")).segments[-1].result.path
+    assert path is not None
+    return path.waypoints[-1]
 
 
 def _handling(call: _Call, body: bodies.HandlingBody | None) -> Handling:
@@ -478,6 +491,7 @@ KINDS: Mapping[str, Callable[[_Call, Any], Answer]] = {
     "pick": _pick,
     "place": _place,
     "pick_place": _pick_place,
+    "solve": _solve,
     "move_linear": _move_linear,
     "replan": _replan,
     "explain": _explain,

@@ -36,12 +36,14 @@ from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry.scans import octomap as octomap_file
 from planner_service.geometry.scans import pcd as pcd_file
 from planner_service.records import plan_file, problem_set
+from planner_service.records import steps as step_file
 from planner_service.records.problems import moveit_folder
 from planner_service.roadmap import roadmap_file
 from planner_service.robot import toml_reader as robot_file
 from planner_service.robot import urdf_reader as urdf
 from planner_service.scene import moveit_scene, scene
 from planner_service.scene import toml_reader as scene_file
+from planner_service.tasks import steps as task_steps
 from tests.support.chromium import executable, headless, new_window
 
 ROOT = Path(__file__).parents[2]
@@ -238,6 +240,10 @@ CAPS: dict[str, tuple[int, ...]] = {
     "Problem set (JSON, YAML)": (
         *(json_file.MAX_BYTES, problem_set.MAX_PROBLEMS),
         *(problem_set.MAX_GOALS, scene.MAX_OBJECTS),
+    ),
+    "Steps of a task (JSON)": (
+        *(json_file.MAX_BYTES, task_steps.MAX_STEPS, task_steps.MAX_POSES),
+        step_file.MAX_DEPTH,
     ),
     "Log of a gate (JSON lines)": (gate_log.MAX_LOG, log_reader.MAX_LINES),
     "Roadmap": (roadmap_file.MAX_BYTES,),

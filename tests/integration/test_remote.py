@@ -20,6 +20,7 @@ import pytest
 
 import planner_service as library
 import planner_service as ps
+from planner_service import tasks
 from planner_service.client import Remote, ServerRefused
 from planner_service.constraints import KeepUpright
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -196,6 +197,37 @@ def test_picks_and_places_are_the_librarys_to_the_bit(here: Planner, there: Plan
     ]
     assert not results[0].ok
     assert task_bits(results[0]) == task_bits(results[1])
+
+
+PICKED = tasks.pick_steps("blue_block", handling=library.Handling(support="table"))
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        (*PICKED, tasks.MoveTo("home")),
+        (tasks.Alternatives([[tasks.MoveTo(LOW)], [tasks.MoveTo(ASIDE, name="aside")]]), tasks.Wait(0.5)),
+        (tasks.Connect(), tasks.Approach(), tasks.Grasp("tray")),
+    ],
+    ids=["a pick", "alternatives", "too wide"],
+)
+def test_tasks_of_steps_are_the_librarys_to_the_bit_with_how_each_step_fared(
+    here: Planner, there: Planner, steps: Any
+) -> None:
+    task, request = tasks.Task(steps, "by steps"), asked(HOME)
+    own, answer = (planner.service.solve(task, HOME, request=request, beam=2) for planner in (here, there))
+    assert task_bits(answer) == task_bits(own)
+    assert [str(step) for step in answer.steps] == [str(step) for step in own.steps]
+    assert len(own.steps) >= 2
+
+
+def test_a_task_that_names_what_is_not_there_is_refused_by_the_server_as_by_the_library(
+    here: Planner, there: Planner
+) -> None:
+    task = tasks.Task(tasks.pick_steps("blue_blok"))
+    for planner in (here, there):
+        with pytest.raises(ps.UnknownName, match="unknown obstacle 'blue_blok'; did you mean 'blue_block'"):
+            planner.service.solve(task, HOME)
 
 
 @pytest.mark.parametrize(

@@ -50,9 +50,11 @@ from planner_service.records.request import (
 )
 from planner_service.records.result import ExemptRecord
 from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanReading
-from planner_service.records.values import Constraints, PoseRecord
+from planner_service.records.steps import Steps, steps_of
+from planner_service.records.values import Constraints, PoseRecord, Target
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
+from planner_service.tasks.task import Task
 from planner_service.timing.laws import Trapezoidal
 
 __all__ = [
@@ -74,6 +76,7 @@ __all__ = [
     "SceneBody",
     "SceneVersion",
     "SettingsBody",
+    "SolveBody",
     "read_body",
     "sent",
 ]
@@ -519,15 +522,40 @@ class PickPlaceBody(InWorld):
         return PlanRequest(self.start, self.start, **settings)
 
 
+class SolveBody(InWorld):
+    """A task to be solved.
+
+    Attributes:
+        q: Where the robot stands: joint values in radians (metres for joints that slide), or the name of a pose.
+        steps: What is to be done, in order.
+        name: What is to be done, in words.
+        request: Planner, timing, seed, padding and limits of all motions.
+        line_timing: The timing law along straight lines of the tool; that of the request if not given.
+        beam: Ways of one step that are carried forward before the step before it has to offer another.
+        searches: Searches that may be tried in all.
+    """
+
+    q: Configuration | None = Field(default=None, description="Where the robot stands; where the task before ended")
+    steps: Steps
+    name: Text = ""
+    request: SettingsBody | None = None
+    line_timing: TimingBody | None = None
+    beam: Annotated[Count, Field(ge=1, le=1_000)] = 4
+    searches: Annotated[Count, Field(ge=1, le=1_000_000)] = 1_000
+
+    @cached_property
+    def value(self) -> Task:
+        if self.q is None and not isinstance(self.scene, AfterTask):
+            raise InvalidRequest("q", None, "joint values, as the scene is not what a task left")
+        return Task(steps_of(self.steps), self.name)
+
+
 def _target_kind(value: Any) -> str:
     if isinstance(value, list):
         return "displacement" if all(isinstance(entry, int | float) for entry in value) else "several"
     return "pose"
 
 
-Target = Annotated[
-    Annotated[PoseRecord, Tag("pose")] | Annotated[Vector3, Tag("displacement")], Discriminator(_target_kind)
-]
 Targets = Annotated[
     Annotated[PoseRecord, Tag("pose")]
     | Annotated[Vector3, Tag("displacement")]

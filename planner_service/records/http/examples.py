@@ -62,6 +62,19 @@ EXAMPLES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         }
     },
     "pick_place": {"a block onto a tray": {"scene": "bin", "target": "blue_block", "onto": "tray"}},
+    "solve": {
+        "a block is lifted": {
+            "scene": "bin",
+            "q": "home",
+            "name": "lift the block",
+            "steps": [
+                {"kind": "Connect", "name": "to pregrasp"},
+                {"kind": "Approach", "name": "descend"},
+                {"kind": "Grasp", "object": "blue_block", "support": "table"},
+                {"kind": "Retreat", "name": "lift"},
+            ],
+        }
+    },
     "move_linear": {
         "5 cm up": {"scene": "bin", "start": "ready", "goal": [0.0, 0.0, 0.05], "pace": {"max_tool_speed": 0.1}}
     },

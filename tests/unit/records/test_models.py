@@ -87,5 +87,5 @@ def test_what_a_body_does_not_say_is_as_the_class_has_it(body: type[Record], kin
 
 def test_the_table_of_verbs_says_which_answers_are_files() -> None:
     tasks = {name for name, verb in VERBS.items() if verb.is_task}
-    assert tasks == {"pick", "place", "pick_place"}
+    assert tasks == {"pick", "place", "pick_place", "solve"}
     assert {name for name, verb in VERBS.items() if verb.is_file} == tasks | {"plans", "move_linear", "replan"}
