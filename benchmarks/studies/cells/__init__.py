@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.cells import executed, solved
+from benchmarks.studies.cells import executed, failures, solved
 
 __all__ = ["run"]
 
 PARTS: dict[str, Callable[[int | None, int, str | None], Report]] = {
     "solved": solved.run,
     "executed": executed.run,
+    "failures": failures.run,
 }
 
 
