@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import planner_service as ps
+from benchmarks.studies.cells import executed, failures, solved
 from benchmarks.studies.cells.physics import Physics
 from benchmarks.worlds.cells import KINDS, ROBOTS, Cell, cell
 from planner_service.execute.mjcf import link_of
@@ -73,3 +74,31 @@ def test_a_simulated_arm_stands_still_where_it_is_told_to(name: str) -> None:
     for _ in range(500):
         mujoco.mj_step(physics.model, physics.data)
     assert np.abs(physics.positions() - robot.home).max() < 2e-3
+
+
+def test_jobs_are_solved_and_the_auditor_finds_nothing_touching() -> None:
+    report = solved.run(1, 0, "ur5_vacuum")
+    assert [row["ok"] for row in report.rows] == [True] * len(KINDS)
+    assert all(promise.kept for promise in report.promises)
+
+
+def test_jobs_are_carried_out_without_an_unexpected_contact() -> None:
+    report = executed.run(1, 0, "ur5_vacuum")
+    assert [row["contacts"] for row in report.rows] == [[]] * len(KINDS)
+    assert all(promise.kept for promise in report.promises)
+
+
+def test_a_motion_through_a_thing_is_an_unexpected_contact() -> None:
+    robot = ps.load_robot("ur5_vacuum")
+    goal = robot.home + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    plan = ps.PlannerService(robot, ps.Scene()).plan(ps.PlanRequest(robot.home, goal))
+    middle = robot.tool_pose(robot.home + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))[:3, 3]
+    post = ps.Obstacle("post", ps.Cylinder(0.02, 1.0), ps.Pose(tuple(middle.tolist())))
+    physics = Physics(robot, ps.Scene((post,)), robot.home, ())
+    outcome = physics.run([ps.planning.task_result.Segment("swing", plan, 0.0)])
+    assert any("post" in pair for pair in outcome.unexpected)
+
+
+def test_a_failure_of_a_cup_names_step_and_cause() -> None:
+    report = failures.run(None, 0, "ur5_vacuum")
+    assert all(promise.kept for promise in report.promises)
