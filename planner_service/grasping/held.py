@@ -8,6 +8,7 @@ sides they reach that is its extent.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,12 +92,14 @@ def held_by(target: Obstacle, grasp: Pose, robot: Robot) -> Held:
     assert gripper is not None
     axis = [_product(row, gripper.closing) for row in grasp.rotation_rows]
     local = _seen_from(target.pose, axis)
-    extent = _product(local, target.shape.support(local) - target.shape.support(-local))
-    centre = _product(local, target.shape.support(local) + target.shape.support(-local)) / 2.0
+    far, near = target.shape.support(local), target.shape.support(-local)
+    extent, centre = _product(local, far - near), _product(local, far + near) / 2.0
     shift = _product(axis, np.array(grasp.position) - np.array(target.pose.position)) - centre
     tips = _seen_from(target.pose, np.array(grasp.position) - np.array(target.pose.position))
     beyond = float(target.shape.distance(tips))
     whole = Held(extent, shift, beyond, True, extent)
+    if isinstance(target.shape, Box) and _within(target.shape, tips.tolist(), local.tolist()) >= extent - EXACT:
+        return whole
     seen = grasp.inverse() @ target.pose
     pieces = _near(pieces_of(target.shape), seen, robot)
     middle = _runs(pieces, seen, gripper, np.zeros((1, 3)))
@@ -104,6 +107,19 @@ def held_by(target: Obstacle, grasp: Pose, robot: Robot) -> Held:
     if convex and len(middle.line) and float(middle.leave[0] - middle.enter[0]) >= extent - EXACT:
         return whole
     return _between(pieces, seen, robot, whole, middle)
+
+
+def _within(box: Box, origin: Sequence[float], direction: Sequence[float]) -> float:
+    """Metres of a line, in the frame of a box, that are in it."""
+    enter, leave = -math.inf, math.inf
+    for at, way, half in zip(origin, direction, box.half, strict=True):
+        if way == 0.0:
+            if abs(at) > half:
+                return 0.0
+            continue
+        ends = (-half - at) / way, (half - at) / way
+        enter, leave = max(enter, min(ends)), min(leave, max(ends))
+    return max(0.0, leave - enter)
 
 
 def _between(pieces: Pieces, seen: Pose, robot: Robot, whole: Held, middle: Runs) -> Held:
