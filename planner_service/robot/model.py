@@ -372,6 +372,13 @@ class Robot:
             for u, v, w, at in ((a, b, c, x), (d, e, f, y), (g, h, i, z))
         ]
 
+    def tool_origins(self, Q: ArrayLike) -> FloatArray:
+        """Where the tool frame's origin is at configurations Q (m, n), (m, 3), bit for bit as in ``tool_pose``."""
+        R, t = self.body_poses_batch(Q)
+        turn, at = R[:, self.tool_body], t[:, self.tool_body]
+        x, y, z, one = self._tool_columns[3]
+        return np.asarray(turn[:, :, 0] * x + turn[:, :, 1] * y + turn[:, :, 2] * z + at * one)
+
     @cached_property
     def _tool_columns(self) -> list[list[float]]:
         return [list(column) for column in self.tool_placement.T.tolist()]

@@ -512,7 +512,7 @@ class Ways:
 
 def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:
     """Metres between the tool's origin at the first waypoint and at each."""
-    places = [[row[3] for row in robot.tool_rows(q)] for q in waypoints]
+    places = robot.tool_origins(waypoints).tolist()
     return [math.dist(places[0], place) for place in places]
 
 

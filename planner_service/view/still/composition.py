@@ -127,7 +127,7 @@ class View:
 def tool_path(robot: Robot, path: JointPath) -> Line:
     """The line of the tool frame's origin along a path."""
     places = path(path.length * (np.arange(POINTS) / (POINTS - 1)))
-    return Line(np.array([[row[3] for row in robot.tool_rows(q)] for q in places]), TOOL_PATH, 3.2)
+    return Line(robot.tool_origins(places), TOOL_PATH, 3.2)
 
 
 def bounds(robot: Robot, constraints: Sequence[Constraint], Q: FloatArray) -> tuple[Line, ...]:

@@ -232,3 +232,11 @@ def test_a_joint_without_a_range_is_fixed_where_it_is(tmp_path: Path) -> None:
     assert dict(robot.locked_joints)["slide"] == 0.1
     with pytest.raises(InvalidFile, match=r"joint 'slide': lower and upper are both 0.1, it cannot move; leave it out"):
         Robot.from_urdf(path, joints=["slide", "branch"])
+
+
+@pytest.mark.parametrize("name", ["wxai", "panda", "ur5_vacuum", "wxai_dual"])
+def test_the_tools_origin_along_many_configurations_is_that_of_each(name: str) -> None:
+    robot = load_robot(name)
+    Q = np.random.default_rng(0).uniform(robot.limits.lower, robot.limits.upper, (20, robot.n))
+    assert robot.tool_origins(Q).tolist() == [robot.tool_pose(q)[:3, 3].tolist() for q in Q]
+    assert robot.tool_origins(np.zeros((0, robot.n))).shape == (0, 3)
