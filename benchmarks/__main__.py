@@ -77,6 +77,7 @@ OPTIONS: dict[str, tuple[Callable[[str], Any], str, str]] = {
         "a published problem set, for --robot; for arms and differential the folder of sets and robots",
     ),
     "against": (Path, "PYTHON", "of an environment with what is compared"),
+    "keep": (Path, "FILE", "of what is done: the same command goes on after it"),
 }
 """Options that studies may have: how each is read, its metavar and its help."""
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import planner_service as ps
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.episode_audit import Stored
 from benchmarks.studies.gate.policies import Policy, attacker, follower
@@ -29,7 +30,7 @@ __all__ = ["ChunkWork", "planted", "run"]
 CHUNKS = 4000
 """Where no other number is asked for."""
 
-CHECKS = 20
+CHECKS = 50
 """Of a session, each of a chunk."""
 
 SOURCES = ("plan", "attack", "changing scene", "episode")
@@ -131,20 +132,24 @@ def _spoil(gate: ActionGate, fault: str) -> None:
     gate.certifier = _Faulty(gate.certifier, fault)  # type: ignore[assignment]
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """So many chunks, a quarter of them from each source."""
     sessions = max(len(SOURCES), round((CHUNKS if queries is None else queries) / CHECKS))
     robots = ROBOTS if robot is None else (robot,)
     found = dict[tuple[str, str], Tally]()
+    keys = [f"chunks {seed} {robot} {CHECKS} {item}" for item in range(sessions)]
+    left = [item for item, key in enumerate(keys) if kept.get(key) is None]
+    done = [(row["source"], row["robot"], Tally.of(row)) for key in keys if (row := kept.get(key)) is not None]
     with tempfile.TemporaryDirectory() as folder:
         work = EpisodeWork(ps.load_robot(ROBOTS[0]), episode_task("pick-place"), seed=seed)
         summary = write_episodes(folder, work, EPISODES)
-        answers = Processes().run(ChunkWork(folder, summary.episodes, robots, seed), range(sessions))
-        for _, answer in answers:
+        for item, answer in Processes().run(ChunkWork(folder, summary.episodes, robots, seed), left):
             if isinstance(answer, Lost):
                 raise ps.BrokenInvariant(f"a session was lost: {answer.detail}")
-            source, name, tally = answer
-            found.setdefault((source, name), Tally()).join(tally)
+            kept.put(keys[item], _row(*answer))
+            done.append(answer)
+    for source, name, tally in done:
+        found.setdefault((source, name), Tally()).join(tally)
     rows = [_row(source, name, tally) for (source, name), tally in sorted(found.items())]
     total = Tally()
     for tally in found.values():
@@ -165,7 +170,7 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
     return Report("gate", tuple(rows), (table_of("Chunks", lines, caption=caption),), promises)
 
 
-def planted(queries: int | None, seed: int, robot: str | None) -> Report:
+def planted(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Report:
     """What the judge finds where the gate is made to prove less."""
     sessions = FAULTS if queries is None else max(1, queries // CHECKS)
     rows = list[Row]()

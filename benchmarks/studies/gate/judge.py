@@ -25,8 +25,8 @@ TRUSTED = 0.9
 SLOPE = 1e-4
 """Radians (or metres) for the gap's slope."""
 
-ROUNDING = 1e-12
-"""Metres that are none."""
+ROUNDING, STILL = 1e-12, 1e-9
+"""Metres that are none, and on a whole piece."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +64,7 @@ class Judge:
 
     def gap(self, q: FloatArray) -> float:
         """The smallest of Coal's distances at q (n,), metres."""
-        self.looks += len(self.reaches)
-        return min(self._checker.gaps(q).values())
+        return float(self._gaps(q, np.arange(len(self.reaches))).min())
 
     def walked(self, points: FloatArray) -> Walked:
         """A look at a polyline (m + 1, n), from one end to the other."""
@@ -89,19 +88,32 @@ class Judge:
             off: How far each joint is on each way from where it is known, at most, (m, n).
             gaps: The gap of each pair there, (m, pairs).
         """
-        near = off @ self.reaches.T >= TRUSTED * gaps
-        for k in np.flatnonzero(near.any(axis=1)):
+        some = np.flatnonzero(self.reaches @ off.max(axis=0, initial=0.0) >= TRUSTED * gaps.min(axis=0, initial=np.inf))
+        near = off @ self.reaches[some].T >= TRUSTED * gaps[:, some]
+        now, spare, walked = np.zeros(len(some)), np.zeros(len(some)), np.full(len(some), -2)
+        for k in np.flatnonzero(near.any(axis=1)).tolist():
             pairs = np.flatnonzero(near[k])
-            gap, spare, least = np.zeros((3, len(pairs)))
-            touch, at = self._piece(a[k], b[k], pairs, gap, spare, least, None)
+            goes_on = k > 0 and np.array_equal(a[k], b[k - 1])
+            here, left = now[pairs], np.where(goes_on & (walked[pairs] == k - 1), spare[pairs], 0.0)
+            touch, at = self._piece(a[k], b[k], some[pairs], here, left, np.empty(len(pairs)), None)
             if touch is not None:
                 return touch, at
+            now[pairs], spare[pairs], walked[pairs] = here, left, k
         return None, np.empty(0)
 
     def slope(self, q: FloatArray) -> FloatArray:
         """By how much the smallest gap grows with each joint, metres a radian (or metre), (n,)."""
+        gaps = self._gaps(q, np.arange(len(self.reaches)))
+        near = np.flatnonzero(gaps <= gaps.min() + 2.0 * SLOPE * self.reaches.max())  # what may be the smallest beside
         steps = SLOPE * np.eye(len(q))
-        return np.array([(self.gap(q + step) - self.gap(q - step)) / (2.0 * SLOPE) for step in steps])
+        ends = ((self._gaps(q + step, near).min(), self._gaps(q - step, near).min()) for step in steps)
+        return np.array([(more - less) / (2.0 * SLOPE) for more, less in ends])
+
+    def _gaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
+        """Coal's distances of some pairs at q (n,)."""
+        self._checker.place(q)
+        self.looks += len(pairs)
+        return np.array([self._checker.gap_of(pair) for pair in pairs.tolist()])
 
     def touch(self, q: FloatArray) -> str | None:
         """What touches at q (n,), as ``a x b``; limits aside."""
@@ -127,28 +139,24 @@ class Judge:
             place: What is known there is kept for the next way; None to keep nothing.
         """
         rates = self.reaches[pairs] @ np.abs(b - a)
+        slowly = np.maximum(rates, STILL)
         at = 0.0
         least[:] = np.inf
         while True:
-            due = np.flatnonzero(spare <= 0.0)
+            due = np.flatnonzero(spare <= ROUNDING)
             if len(due):
                 q = a + (b - a) * at
-                self._checker.place(q)
-                self.looks += len(due)
-                for k in due.tolist():
-                    gaps[k] = gap = self._checker.gap_of(int(pairs[k]))
-                    spare[k] = max(LOOK, TRUSTED * gap)
-                    if gap <= 0.0:
-                        names = self._checker.pairs[int(pairs[k])]
-                        return f"{names[0]} x {names[1]}", q
+                gaps[due] = found = self._gaps(q, pairs[due])
+                spare[due] = np.maximum(LOOK, TRUSTED * found)
+                if found.min() <= 0.0:
+                    names = self._checker.pairs[int(pairs[due[found.argmin()]])]
+                    return f"{names[0]} x {names[1]}", q
             if place is not None:
                 self._known, place = (place, gaps.copy()), None
             if at >= 1.0:
                 return None, np.empty(0)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                step = min(1.0 - at, float(np.min(np.where(rates > 0.0, spare / rates, np.inf), initial=np.inf)))
+            step = min(1.0 - at, float((spare / slowly).min(initial=np.inf)))
             at = 1.0 if step >= 1.0 - at else at + step
             spare -= rates * step
-            spare[spare < ROUNDING] = np.minimum(spare[spare < ROUNDING], 0.0)
             gaps -= rates * step
             np.minimum(least, gaps, out=least)

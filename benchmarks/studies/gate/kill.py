@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.gate.driver import Driver
 from benchmarks.studies.gate.judge import Judge
@@ -61,7 +62,7 @@ class _State:
     rests: bool
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Report:
     """Turns, in each of which an arm is driven towards an obstacle until something ends."""
     rows = list[Row]()
     turns = TURNS if queries is None else queries

@@ -8,6 +8,7 @@ from itertools import count
 
 import numpy as np
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.gate.judge import Judge
 from benchmarks.studies.gate.worlds import ROBOTS, World, world
@@ -34,7 +35,7 @@ RAMP = 0.3
 """Seconds in which a chunk reaches the plan's own speed."""
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Report:
     """Chunks along plans, each begun at rest."""
     rows = [
         _counted(name, CHUNKS if queries is None else queries, seed) for name in (ROBOTS if robot is None else (robot,))

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 import planner_service as ps
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from planner_service.execute import GatedArm, SimulatedArm, TargetStream
 from planner_service.gate import ActionGate, TargetFilter, Tracking
@@ -42,7 +43,7 @@ AROUND = 0.8
 """Radians around the staged place where a leader goes; a third of that to begin with."""
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Report:
     """The same leader twice."""
     episodes = EPISODES if queries is None else queries
     rows = [_day(episodes, seed, gated=True), _day(episodes, seed, gated=False)]

@@ -7,8 +7,9 @@ the arm at a corner of its error, and at the corner that is nearest to contact.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +60,13 @@ class Tally:
     fast: int = 0
     outside: int = 0
     least: float = np.inf
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Tally:
+        """Of a row that was kept."""
+        touched = [Touched(each["what"], each["how"], tuple(each["at"])) for each in row["touched"]]
+        counts = {each.name: row[each.name] for each in fields(cls) if each.name not in ("touched", "least")}
+        return cls(**counts, touched=touched, least=row["least_gap"])
 
     def join(self, other: Tally) -> None:
         """Count what another one counted."""

@@ -8,6 +8,7 @@ from itertools import count
 
 import numpy as np
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.gate.driver import Driver
 from benchmarks.studies.gate.worlds import ROBOTS, World, world
@@ -26,8 +27,14 @@ GOAL_TIMES = {30.0: 0.1, 200.0: 0.02}
 ERROR = 0.005
 """Radians between arm and setpoint."""
 
-PACE = 0.6
-"""Of the plan's own speed."""
+PACES = (0.6, 0.5, 0.4, 0.3, 0.2)
+"""Of the plan's own speed, one after the other."""
+
+MOST = 400
+"""Checks in one world."""
+
+SENT = 0.1
+"""Of a chunk, the share that is sent before the next check."""
 
 STEP_P99, STEP_MAX, CHUNK_P99 = 2.0, 5.0, 5.0
 """Milliseconds that a check may take."""
@@ -36,10 +43,10 @@ EDGES = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Milliseconds, of the histogram."""
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """Checks of each robot, at both rates, of one target and of fifty."""
     rows = [
-        _measured(name, rate, size, CHECKS if queries is None else queries, seed)
+        _measured(name, rate, size, CHECKS if queries is None else queries, seed, kept)
         for name in (ROBOTS if robot is None else (robot,))
         for rate in RATES
         for size in (1, CHUNK)
@@ -58,46 +65,54 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
     return Report("gate", tuple(rows), (table_of("Times of a check", lines, caption=caption),), promises)
 
 
-def _measured(name: str, rate: float, size: int, checks: int, seed: int) -> Row:
-    cpu, wall, passed = list[float](), list[float](), 0
-    numbers = count()
-    while len(cpu) < checks:
-        place = world(name, seed, next(numbers))
-        place = replace(place, rate=rate, tracking=Tracking(GOAL_TIMES[rate], ERROR, 0.1 / rate))
-        if place.plan is None:
-            continue
-        passed += _followed(place, size, checks, cpu, wall)
-    row: Row = {"part": "times", "robot": name, "rate": rate, "targets": size, "checks": len(cpu), "passed": passed}
-    for key, values in (("cpu_ms", cpu), ("wall_ms", wall)):
+def _measured(name: str, rate: float, size: int, checks: int, seed: int, kept: Kept) -> Row:
+    found: dict[str, list[float]] = {"cpu_ms": [], "wall_ms": [], "passed": []}
+    for number in count():
+        if len(found["cpu_ms"]) >= checks:
+            break
+        most = min(MOST, checks)
+        key = f"times {seed} {name} {rate:g} {size} {most} {number}"
+        done = kept.get(key)
+        if done is None:
+            place = world(name, seed, number)
+            done = _followed(
+                replace(place, rate=rate, tracking=Tracking(GOAL_TIMES[rate], ERROR, 0.1 / rate)), size, most
+            )
+            kept.put(key, done)
+        for what, values in found.items():
+            values.extend(done[what])
+    row: Row = {"part": "times", "robot": name, "rate": rate, "targets": size, "checks": checks}
+    row["passed"] = round(sum(found["passed"][:checks]))
+    for what in ("cpu_ms", "wall_ms"):
+        values = found[what][:checks]
         ranks = dict(zip(("p50", "p99", "p999"), np.percentile(values, (50.0, 99.0, 99.9)).tolist(), strict=True))
-        row[key] = {**ranks, "max": max(values)}
-    row["histogram"] = [float(np.mean(np.array(cpu) <= edge)) for edge in EDGES]
+        row[what] = {**ranks, "max": max(values)}
+    row["histogram"] = [float(np.mean(np.array(found["cpu_ms"][:checks]) <= edge)) for edge in EDGES]
     return row
 
 
-def _followed(place: World, size: int, checks: int, cpu: list[float], wall: list[float]) -> int:
-    """Follow a plan to its end, checking each period a step, or a chunk of which half is sent; targets that pass."""
-    plan = place.plan
-    assert plan is not None
-    gate, driver, passed = place.gate(), place.driver(place.start), 0
-    gate.reset(place.start)
-    clock, sent = 0.0, None
-    for _ in range(round(plan.duration / PACE * place.rate)):
-        if len(cpu) >= checks:
-            break
-        times = clock + np.arange(1, size + 1) / place.rate
-        chunk = np.asarray(plan(np.minimum(PACE * times, plan.duration)))
-        began, used = time.perf_counter(), time.thread_time()
-        verdict = gate.check(driver.setpoint, chunk, sent=sent)
-        cpu.append((time.thread_time() - used) * 1e3)
-        wall.append((time.perf_counter() - began) * 1e3)
-        passed += verdict.accepted
-        sent = min(len(verdict.rows), max(1, size // 2))
-        driver = _sent(driver, verdict.rows[:sent], place.rate)
-        if verdict.accepted == 0:
-            break
-        clock += sent / place.rate
-    return passed
+def _followed(place: World, size: int, most: int) -> Row:
+    """Follow a plan to its end some times, checking each period a step, or a chunk: how long each took, and passed."""
+    plan, out = place.plan, Row(cpu_ms=[], wall_ms=[], passed=[])
+    for pace in PACES if plan is not None else ():
+        assert plan is not None
+        gate, driver = place.gate(), place.driver(place.start)
+        gate.reset(place.start)
+        clock, sent = 0.0, None
+        while pace * clock < plan.duration and len(out["cpu_ms"]) < most:
+            times = clock + np.arange(1, size + 1) / place.rate
+            chunk = np.asarray(plan(np.minimum(pace * times, plan.duration)))
+            began, used = time.perf_counter(), time.thread_time()
+            verdict = gate.check(driver.setpoint, chunk, sent=sent)
+            out["cpu_ms"].append(round((time.thread_time() - used) * 1e3, 4))
+            out["wall_ms"].append(round((time.perf_counter() - began) * 1e3, 4))
+            out["passed"].append(verdict.accepted)
+            sent = min(len(verdict.rows), max(1, round(SENT * size)))
+            driver = _sent(driver, verdict.rows[:sent], place.rate)
+            if verdict.accepted == 0:
+                break
+            clock += sent / place.rate
+    return out
 
 
 def _sent(driver: Driver, rows: FloatArray, rate: float) -> Driver:

@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, p50, table_of
 from benchmarks.studies.gate.judge import Judge
 from benchmarks.studies.gate.worlds import ROBOTS, world
@@ -29,7 +30,7 @@ PLACES, CLIMBS, DRAWS = 7, 3, 6
 HALVINGS = 14
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Report:
     """Tubes near contact."""
     wanted = TUBES if queries is None else queries
     rows = [_attacked(name, wanted, seed) for name in (ROBOTS if robot is None else (robot,))]

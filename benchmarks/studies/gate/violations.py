@@ -7,6 +7,7 @@ from itertools import count
 
 import numpy as np
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.gate.driver import Driver
 from benchmarks.studies.gate.policies import follower
@@ -42,7 +43,7 @@ def _kinds(driver: Driver) -> dict[str, Driver]:
     }
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Report:
     """Sessions that follow plans, each with one kind of driver."""
     sessions, name = SESSIONS if queries is None else max(1, queries // CHECKS), robot or ROBOTS[0]
     found: dict[str, Row] = {}

@@ -1,0 +1,37 @@
+"""What a long study has done is in its file, however it ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.harness.kept import Kept
+from benchmarks.studies.gate import chunks, times
+
+
+def test_what_was_done_is_there_again_and_a_line_that_was_cut_off_is_not(tmp_path: Path) -> None:
+    file = tmp_path / "done.jsonl"
+    kept = Kept(file)
+    kept.put("a", {"x": 1})
+    with file.open("a") as cut:
+        cut.write('["b", {"x"')
+    again = Kept(file)
+    assert again.get("a") == {"x": 1}
+    assert again.get("b") is None
+    again.put("b", {"x": 2})
+    assert Kept(file).get("b") == {"x": 2}
+
+
+def test_a_study_that_goes_on_says_what_one_at_once_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunks, "CHECKS", 2)
+    monkeypatch.setattr(chunks, "EPISODES", 1)
+    at_once = chunks.run(8 * chunks.CHECKS, 0, "wxai")
+    kept = Kept(tmp_path / "done.jsonl")
+    chunks.run(5 * chunks.CHECKS, 0, "wxai", kept)
+    assert chunks.run(8 * chunks.CHECKS, 0, "wxai", Kept(tmp_path / "done.jsonl")).rows == at_once.rows
+
+
+def test_times_that_were_taken_are_not_taken_again(tmp_path: Path) -> None:
+    first = times.run(5, 0, "wxai", Kept(tmp_path / "done.jsonl"))
+    assert times.run(5, 0, "wxai", Kept(tmp_path / "done.jsonl")).rows == first.rows
