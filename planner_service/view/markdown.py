@@ -15,6 +15,9 @@ __all__ = ["report_markdown", "result_markdown", "state_markdown"]
 
 MAX_CONTACTS = 5
 
+MAX_STEPS = 20
+"""Steps that failed once or more, of which is said why."""
+
 
 def report_markdown(report: CollisionReport) -> str:
     """Contacts and clearance of a configuration."""
@@ -60,9 +63,21 @@ def result_markdown(state: ViewState) -> str:
         rows.append(plan_row("total", results))
     lines = [f"**no plan**: {markdown_escaped(str(state.failure))}"] if state.failure is not None else []
     lines += ["**proven**: no plan exists"] if state.failure is not None and state.failure.proven else []
-    lines += [*_proof(results), *_motion(results), CostTable("", rows).markdown()]
+    lines += [*_steps(state), *_proof(results), *_motion(results), CostTable("", rows).markdown()]
     lines += [f"- {markdown_escaped(note)}" for result in results for note in result.notes]
     return "\n\n".join(lines)
+
+
+def _steps(state: ViewState) -> list[str]:
+    """What was in the way of steps of a task."""
+    failed = [step for step in state.steps if step.failed][:MAX_STEPS]
+    rows = [f"| {_cell(step.step)} | {step.failed} of {step.tried} | {_cell(step.why)} |" for step in failed]
+    return ["\n".join(["| step | failed | most frequent reasons |", "|---|---|---|", *rows])] if rows else []
+
+
+def _cell(text: str) -> str:
+    """A text in a cell of a table, on one line."""
+    return markdown_escaped(" ".join(text.split()))
 
 
 def _proof(results: list[PlanResult]) -> list[str]:

@@ -166,7 +166,7 @@ class Page:
             self._paths.show(self.state, self._chosen_layer)
             for name, box in self._show_layers.items():
                 update(box, visible=name in self._paths)
-            self._timeline.show(playback)
+            self._timeline.show(playback, self.state.steps)
             self._plots.show(playback)
 
     def _add_controls(self) -> None:

@@ -18,7 +18,7 @@ from planner_service.kinematics.inverse import closest_configuration
 from planner_service.planners import BalancedRRTConnect, planner_by_name
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
-from planner_service.planning.task_result import Segment, TaskResult
+from planner_service.planning.task_result import Segment, StepReport, TaskResult
 from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.scene.scene import Obstacle, Scene
@@ -215,6 +215,11 @@ class ViewState:
             self, base=base, cell=cell, service=base, reporter=CollisionReporter(base), seconds=None, playback=None,
             results=(), failure=None, kept=None, wanted=self.keeping, saved=None, errand=errand,
         )  # fmt: skip
+
+    @property
+    def steps(self) -> tuple[StepReport, ...]:
+        """How the steps of the task that is shown fared; none if it is no task of steps."""
+        return self.saved.steps if isinstance(self.saved, SavedTask) else ()
 
     @property
     def keeping(self) -> tuple[Constraint, ...]:

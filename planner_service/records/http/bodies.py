@@ -54,6 +54,7 @@ from planner_service.records.steps import Steps, steps_of
 from planner_service.records.values import Constraints, PoseRecord, Target
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
+from planner_service.tasks.solver import BEAM, SEARCHES
 from planner_service.tasks.task import Task
 from planner_service.timing.laws import Trapezoidal
 
@@ -540,8 +541,8 @@ class SolveBody(InWorld):
     name: Text = ""
     request: SettingsBody | None = None
     line_timing: TimingBody | None = None
-    beam: Annotated[Count, Field(ge=1, le=1_000)] = 4
-    searches: Annotated[Count, Field(ge=1, le=1_000_000)] = 1_000
+    beam: Annotated[Count, Field(ge=1, le=1_000)] = BEAM
+    searches: Annotated[Count, Field(ge=1, le=1_000_000)] = SEARCHES
 
     @cached_property
     def value(self) -> Task:

@@ -1,4 +1,4 @@
-"""The timeline: the motions one after another, and under them the proven clearance and the speed of the tool."""
+"""The timeline: the steps of a task, its motions one after another, and under them clearance and speed of the tool."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
+from planner_service.planning.task_result import StepReport
 from planner_service.view.playback import Playback
 from planner_service.view.updates import update
 
-__all__ = ["Timeline", "timeline_html"]
+__all__ = ["Timeline", "steps_html", "timeline_html"]
 
 WIDTH, HEIGHT = 1000, 100
 """Units of a curve's drawing, which is stretched to the width of the panel."""
@@ -36,6 +37,13 @@ MAX_CLEARANCE = 0.1
 LOW = 0.005
 """Metres of clearance below which the curve is marked."""
 
+MAX_STEPS = 40
+"""Of a task, that are drawn."""
+
+WORKED, TRIED_AGAIN, BLOCKED, UNTRIED = "#d9e8cf", "#f2ddc4", "#f3c1c1", "#e9ecef"
+"""Colours of steps that worked, that worked after others had failed, of which none worked, and that nobody came to."""
+
+CHIP = "font-size:10px;line-height:16px;padding:0 4px;border-radius:3px;color:#343a40;white-space:nowrap"
 LINE = f"line-height:{BAR}px"
 TEXT = "position:absolute;left:4px;top:2px;font-size:10px;line-height:1.1;color:#495057"
 
@@ -48,12 +56,14 @@ class Timeline:
     """
 
     def __init__(self, gui: Any) -> None:
+        self._steps = gui.add_html("", visible=False)
         self._drawing = gui.add_html("", visible=False)
         self._now = gui.add_html("", visible=False)
         self._duration = 0.0
 
-    def show(self, playback: Playback | None) -> None:
-        """Draw the motions of a playback; None for nothing."""
+    def show(self, playback: Playback | None, steps: Sequence[StepReport] = ()) -> None:
+        """Draw the motions of a playback, None for nothing, and how the steps of a task fared."""
+        update(self._steps, content=steps_html(steps), visible=bool(steps))
         if playback is not None:
             self._duration = playback.duration
             update(self._drawing, content=timeline_html(playback))
@@ -87,6 +97,25 @@ def timeline_html(playback: Playback) -> str:
     )
     bar = _bar([(clip.name, (clip.end - clip.begin) / duration) for clip in playback.clips])
     return f'<div class="timeline" style="margin:4px 12px 0">{bar}{"".join(curves)}</div>'
+
+
+def steps_html(steps: Sequence[StepReport]) -> str:
+    """The steps of a task as HTML, each in the colour of how it fared; of many those alone that failed once or more."""
+    shown = steps if len(steps) <= MAX_STEPS else [step for step in steps if step.failed][:MAX_STEPS]
+    chips = [_chip(step) for step in shown]
+    more = len(steps) - len(shown)
+    chips += [f'<span style="{CHIP}">and {more} more</span>'] if more else []
+    return f'<div class="steps" style="display:flex;flex-wrap:wrap;gap:2px;margin:4px 12px 8px">{"".join(chips)}</div>'
+
+
+def _chip(step: StepReport) -> str:
+    if not step.tried:
+        colour = UNTRIED
+    else:
+        colour = BLOCKED if step.failed == step.tried else TRIED_AGAIN if step.failed else WORKED
+    count = f" {step.tried - step.failed}/{step.tried}" if step.failed else ""
+    told, tip = html.escape(f"{step.step}{count}", quote=True), html.escape(str(step), quote=True)
+    return f'<span title="{tip}" style="{CHIP};background:{colour}">{told}</span>'
 
 
 def _bar(motions: Sequence[tuple[str, float]]) -> str:

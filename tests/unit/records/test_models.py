@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from planner_service.memory import memory_file
 from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.planning.result import Failure, MotionReport, PlanResult, StageReport
 from planner_service.planning.task_result import Handling, Segment
-from planner_service.records.http.bodies import HandlingBody, PaceBody, RequestBody
+from planner_service.records.http.bodies import HandlingBody, PaceBody, RequestBody, SolveBody
 from planner_service.records.http.replies import VERBS, RobotReply
 from planner_service.records.plan_file import PlanRecord, SavedPlan, SavedTask, SegmentRecord, TaskRecord
 from planner_service.records.request import RequestRecord
@@ -24,6 +25,7 @@ from planner_service.records.scene import SceneRecord
 from planner_service.roadmap import roadmap_file
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
+from planner_service.service import PlannerService
 
 MODELS = ("planner_service.records", memory_file.__name__, roadmap_file.__name__)
 """Where the models of files and bodies are; of other modules those that have been imported would come along."""
@@ -83,6 +85,12 @@ def test_what_a_body_does_not_say_is_as_the_class_has_it(body: type[Record], kin
         if field is not None and not field.is_required() and item.default is not MISSING:
             usual = field.get_default(call_default_factory=True)
             assert plain(usual.value if isinstance(usual, Record) else usual) == plain(item.default), item.name
+
+
+def test_a_task_is_solved_by_a_server_with_the_librarys_limits() -> None:
+    usual = inspect.signature(PlannerService.solve).parameters
+    for name in ("beam", "searches"):
+        assert SolveBody.model_fields[name].default == usual[name].default
 
 
 def test_the_table_of_verbs_says_which_answers_are_files() -> None:
