@@ -100,3 +100,10 @@ def test_a_drawer_and_a_door_are_opened_and_every_motion_is_proven_again(capsys:
     example = runpy.run_path(str(EXAMPLES / "13_doors_and_drawers.py"))
     for task in (example["open_drawer"](), example["open_door"]()):
         assert recertify(task).certified
+
+
+def test_a_pallet_is_filled_and_all_but_the_first_box_costs_less(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("14_fill_a_pallet.py", capsys)
+    states = [number(each) for each in re.findall(r"^box_\d+: [\d.]+ s of motion, ([\d,]+) states$", printed, re.M)]
+    assert len(states) == 24
+    assert max(states[1:]) < states[0] / 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.cells import cycles, executed, failures, solved
+from benchmarks.studies.cells import cycles, executed, failures, script, solved
 
 __all__ = ["run"]
 
@@ -13,6 +13,7 @@ PARTS: dict[str, Callable[[int | None, int, str | None], Report]] = {
     "solved": solved.run,
     "executed": executed.run,
     "failures": failures.run,
+    "script": script.run,
     "cycles": cycles.run,
 }
 
