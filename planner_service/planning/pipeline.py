@@ -133,10 +133,9 @@ def _stages(context: PlanContext) -> PlanResult:
     if ends.arrived_at is not None:
         return _stay(context, ends, ends.arrived_at)
     known = _known(context, ends)
-    if known and not len(known[0].inner):  # a line
-        proof = _remembered(context, ends, known[:1])
-        if proof is not None:
-            return _finish(context, ends, proof)
+    proof = _remembered(context, ends, [hint for hint in known if not len(hint.inner)][:1])
+    if proof is not None:
+        return _finish(context, ends, proof)
     candidates, narrow = _straight_line(context, ends)
     if candidates is None and narrow is None:
         proof = _remembered(context, ends, [hint for hint in known if len(hint.inner)])

@@ -296,3 +296,14 @@ def test_contact_that_is_meant_on_a_remembered_line_is_still_the_only_one() -> N
     assert touched.exempt == fresh.exempt
     with pytest.raises(UnknownName):
         cell().follow(line(), contacts=[AllowedStretch(0, 1, (("nobody", "nothing"),), "")], memory=first.memory)
+
+
+def test_a_remembered_line_is_tried_before_a_nearer_detour() -> None:
+    start = cell().robot.home + np.array([0.2, 0.1, 0.1, 0.0, 0.0, 0.0])
+    goal, aside = start + np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0])
+    names = cell().robot.joint_names
+    memory = Memory().with_motion([start + aside, goal + aside], names)
+    memory = memory.with_motion([start, start + aside, goal], names)
+    result = cell().plan(PlanRequest(start, goal), memory=memory)
+    assert waypoints(result).tolist() == [start.tolist(), goal.tolist()]
+    assert result.stage(Stage.STRAIGHT_LINE).counts.states == 0
