@@ -23,12 +23,14 @@ from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
 from planner_service.constraints import load_constraints
 from planner_service.files.disk_cache import DiskCache
 from planner_service.files.package_data import data_folder
+from planner_service.gate import ActionGate, Tracking
+from planner_service.gate.log_reader import read_log
 from planner_service.geometry.arrays import FloatArray
 from planner_service.memory import Memory
 from planner_service.records import plan_file, read_problems
 from planner_service.records.request import RequestRecord
 from planner_service.scene import read_moveit_scene, read_urdf_scene
-from planner_service.tasks import plan_pick_place
+from planner_service.tasks import Alternatives, MoveTo, Repeat, Task, Wait, pick_steps, plan_pick_place
 
 __all__ = ["Attack"]
 
@@ -104,6 +106,12 @@ class _Stock:
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
+        Task((*pick_steps(TAKEN), Repeat([Alternatives([MoveTo("home"), Wait(1.0)])], 2))).save(folder / "steps.json")
+        self._tree("steps", (folder / "steps.json").read_bytes())
+        gate = ActionGate(service, rate=30, tracking=Tracking(0.1, 0.005), log=folder / "gate.jsonl")
+        for k in range(4):
+            gate.check(home, home + 0.3 * k, sent=0 if k else None)
+        self.contents["gate log"] = (folder / "gate.jsonl").read_bytes()
         self.result.memory.save(folder / "memory.json")
         self._tree("memory", (folder / "memory.json").read_bytes())
         points = rng.normal(size=(8, 3)) * 0.1
@@ -139,6 +147,8 @@ class _Stock:
             "plan": ("f.json", plan_file.load_plan_or_task),
             "task": ("f.json", plan_file.load_plan_or_task),
             AMONG_CELLS: ("f.json", plan_file.load_plan_or_task),
+            "steps": ("f.json", Task.load),
+            "gate log": ("f.jsonl", lambda path: read_log(path, 6)),
             "roadmap": ("f.npz", ps.Roadmap.load),
             "memory": ("f.json", Memory.load),
             "npy": ("f.npy", lambda path: ps.PointCloud.from_file(path, 0.01)),
@@ -169,6 +179,8 @@ TEXTS = frozenset(
     {
         "plan",
         "task",
+        "steps",
+        "gate log",
         "obj",
         "stl text",
         "dae",
@@ -186,7 +198,7 @@ TEXTS = frozenset(
 
 class Attack(Part):
     name = "files"
-    what = "files of 29 kinds, bytes, words, lines and structure mutated"
+    what = "files of 32 kinds, bytes, words, lines and structure mutated"
 
     @cached_property
     def _stock(self) -> _Stock:

@@ -248,7 +248,10 @@ def _channel_status(link: socket.socket, data: bytes) -> str:
     return "101"
 
 
-ROUTES = ("plans", "certify", "check", "pick", "place", "pick_place", "move_linear", "replan", "explain", "roadmaps")
+ROUTES = (
+    *("plans", "certify", "check", "pick", "place", "pick_place", "solve", "move_linear", "replan", "explain"),
+    "roadmaps",
+)
 
 NAMES = (
     *("bin", "..", "../../etc/passwd", "%2e%2e%2fetc%2fpasswd", "a" * 5000, "\x00", "'; drop table scenes; --"),
@@ -265,6 +268,16 @@ BODIES: tuple[dict[str, Any], ...] = (
     {"scene": "bin", "q": "home", "target": "blue_block", "deadline": 0.05},
     {"scene": "bin", "target": "blue_block", "onto": "tray", "deadline": 0.05},
     {"scene": "bin", "start": "home", "goal": [0.0, 0.0, 0.01], "deadline": 0.5},
+    {
+        "scene": "bin",
+        "q": "home",
+        "deadline": 0.5,
+        "steps": [
+            {"kind": "MoveTo", "goal": [{"joints": "home"}, {"pose": {"position": [0.2, 0.0, 0.2]}}]},
+            {"kind": "Alternatives", "branches": [[{"kind": "Wait", "seconds": 0.1}], []]},
+            {"kind": "Repeat", "times": 2, "steps": [{"kind": "MoveLinear", "goal": [[0.0, 0.0, 0.01]]}]},
+        ],
+    },
     {"plan": "0" * 32, "at_time": 0.1},
     {"scene": "bin", "planner": {"name": "prm", "settings": {"milestones": 5}}, "deadline": 0.1},
     {"obstacles": [{"name": "a", "shape": {"kind": "box", "size": [1.0, 1.0, 1.0]}, "pose": {"position": [0, 0, 0]}}]},

@@ -33,6 +33,9 @@ from planner_service import (
 from planner_service.certify import Certifier
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.gate import Kind, Refused
+from planner_service.gate.log import Logged
+from planner_service.gate.log_reader import read_log
 from planner_service.records.evidence import save_plan
 from planner_service.records.exports.trajectory_export import write_csv
 from planner_service.records.plan_file import SavedTask, load_plan, load_plan_or_task, load_task
@@ -40,10 +43,11 @@ from planner_service.records.problems import read_problems
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
+from planner_service.tasks import MoveTo, Task
 from planner_service.view.still import pictures
 from planner_service.view.still.motion_plot import write_plot
-from planner_service.view.still.moving import draw_motions
-from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
+from planner_service.view.still.moving import draw_motions, draw_refusals
+from planner_service.view.still.pictures import draw_check, draw_plan, draw_refusal, draw_task, write_png
 
 SECONDS = 5
 """A call that takes longer hangs."""
@@ -132,8 +136,17 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "load_plan": (".json", load_plan),
     "load_task": (".json", load_task),
     "load_plan_or_task": (".json", load_plan_or_task),
+    "Task.load": (".json", Task.load),
+    "read_log": (".jsonl", lambda path: read_log(path, 6)),
 }
 """Each with the suffix it takes: what is refused must be what is there, not its name."""
+
+
+def refusal(world: World) -> Logged:
+    """A line of a gate's log."""
+    home = tuple(world.service.robot.home.tolist())
+    return Logged(0.0, 1, 0, 1.0, False, True, Refused(Kind.CONTACT, 0, "too close", at=home), home, home)
+
 
 WRITERS: dict[str, tuple[str, Callable[[World, Path], object]]] = {
     "save_scene": (".toml", lambda world, path: save_scene(world.service.scene, path)),
@@ -147,6 +160,9 @@ WRITERS: dict[str, tuple[str, Callable[[World, Path], object]]] = {
     "draw_plan": (".png", lambda world, path: draw_plan(world.service, world.request, world.result, path)),
     "draw_task": (".png", lambda world, path: draw_task(world.service, world.saved, path)),
     "draw_motions": (".webp", lambda world, path: draw_motions([world.result], path, speed=10.0)),
+    "Task.save": (".json", lambda world, path: Task((MoveTo(),)).save(path)),
+    "draw_refusal": (".png", lambda world, path: draw_refusal(world.service, refusal(world), path)),
+    "draw_refusals": (".webp", lambda world, path: draw_refusals(world.service, [refusal(world)], path)),
     "draw_check": (
         ".png",
         lambda world, path: draw_check(
