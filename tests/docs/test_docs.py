@@ -55,7 +55,8 @@ RUN_HERE = (
     *(f"docs/guides/{name}.md" for name in ("tool-motions", "constraints", "replanning", "when-there-is-no-plan")),
     *(f"docs/guides/{name}.md" for name in ("start-in-collision", "coming-from", "depth-camera", "palletising")),
     *("docs/guides/proofs-for-others.md", "docs/guides/exporting.md", "docs/reference/command-line.md"),
-    *("docs/guides/gate.md", "docs/guides/tasks.md"),
+    *("docs/guides/gate.md", "docs/guides/tasks.md", "docs/guides/sort-a-bin.md"),
+    "docs/guides/task-constructor.md",
     *(f"docs/explanation/{name}.md" for name in ("concepts", "counting", "timing", "how-it-works", "background")),
 )
 """Pages whose Python and commands are run below; other pages are with the tests of what they are about."""
