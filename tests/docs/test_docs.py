@@ -35,6 +35,7 @@ from planner_service.geometry import mesh_formats as mesh_file
 from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry.scans import octomap as octomap_file
 from planner_service.geometry.scans import pcd as pcd_file
+from planner_service.memory import memory
 from planner_service.records import plan_file, problem_set
 from planner_service.records import steps as step_file
 from planner_service.records.problems import moveit_folder
@@ -56,7 +57,7 @@ RUN_HERE = (
     *(f"docs/guides/{name}.md" for name in ("start-in-collision", "coming-from", "depth-camera", "palletising")),
     *("docs/guides/proofs-for-others.md", "docs/guides/exporting.md", "docs/reference/command-line.md"),
     *("docs/guides/gate.md", "docs/guides/tasks.md", "docs/guides/sort-a-bin.md"),
-    "docs/guides/task-constructor.md",
+    *("docs/guides/task-constructor.md", "docs/guides/memory.md"),
     *(f"docs/explanation/{name}.md" for name in ("concepts", "counting", "timing", "how-it-works", "background")),
 )
 """Pages whose Python and commands are run below; other pages are with the tests of what they are about."""
@@ -248,6 +249,7 @@ CAPS: dict[str, tuple[int, ...]] = {
     ),
     "Log of a gate (JSON lines)": (gate_log.MAX_LOG, log_reader.MAX_LINES),
     "Roadmap": (roadmap_file.MAX_BYTES,),
+    "Memory (JSON)": (json_file.MAX_BYTES, memory.MAX_MOTIONS, memory.MAX_GRIPS, memory.MAX_WAYPOINTS),
 }
 
 
