@@ -21,7 +21,14 @@ from numpy.typing import ArrayLike
 from planner_service import tasks
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.client.answer import Answer
-from planner_service.client.claims import of_server, require_asked, require_there, task_result
+from planner_service.client.claims import (
+    of_server,
+    require_asked,
+    require_carried,
+    require_there,
+    sure_grasps,
+    task_result,
+)
 from planner_service.client.connection import Connection
 from planner_service.client.problems import ServerUnavailable
 from planner_service.client.server import Server
@@ -61,6 +68,7 @@ from planner_service.scene.scene import Scene
 from planner_service.search.problem import require_seed
 from planner_service.service import PlannerService
 from planner_service.tasks.solver import BEAM, SEARCHES
+from planner_service.tasks.steps import Grasp
 from planner_service.tasks.task import Task
 from planner_service.timing.laws import Timing
 
@@ -455,7 +463,7 @@ class Remote:
             "searches": whole("searches", searches, 1, 1_000_000),
         }
         asked = PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)
-        return self._task("solve", body, asked, cancel)
+        return self._task("solve", body, asked, cancel, grasps=sure_grasps(task.stages))
 
     @unless_cancelled
     def build_roadmap(
@@ -537,12 +545,14 @@ class Remote:
         *,
         taken: str = "",
         upright: Sequence[Constraint] = (),
+        grasps: Sequence[Grasp] = (),
     ) -> TaskResult:
         """The outcome of a task.
 
         Args:
             request: The request of all its motions; it starts where the robot stands.
             taken: The object that is carried with one of the constraints ``upright``, if there are any.
+            grasps: Those that a task with all motions has: what they take is carried, as upright as they ask for.
         """
         answer = self._work(kind, body, cancel)
         saved = self._reader.task(answer.document(), answer.url)
@@ -554,6 +564,8 @@ class Remote:
         held = [each for scene in scenes for each in scene.attached if each.name == taken]
         if upright and not all(set(each.constraints) & set(upright) for each in held):
             raise InvalidFile(answer.url, [f"{taken}: carried without the constraint that was asked for"])
+        if task.ok:
+            require_carried(answer, grasps, [each for scene in scenes for each in scene.attached])
         return task
 
 

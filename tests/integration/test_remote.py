@@ -383,9 +383,25 @@ def test_a_motion_that_begins_elsewhere_is_refused_whatever_its_request_says(url
             lambda: remote.plan(asked(ROUND)),
             lambda: ps.client.move_linear(remote, HOME, (0.0, 0.0, 0.02)),
             lambda: ps.client.pick(remote, HOME, "blue_block", grasps, ps.Handling("bin_floor", request=asked(HOME))),
+            lambda: remote.solve(tasks.Task(PICKED), HOME, request=asked(HOME)),
         ):
             with pytest.raises(ps.InvalidFile, match="path: it begins at"):
                 ask()
+
+
+class Idle(Deaf):
+    """A server that stays where it is, whatever is to be done."""
+
+    def _heard(self, asked: Any) -> Any:
+        return asked | ({"steps": [{"kind": "MoveTo", "goal": [{"joints": asked["q"]}]}]} if "steps" in asked else {})
+
+
+def test_a_task_whose_object_is_never_taken_is_refused(url: str) -> None:
+    with asked_through(Idle, url) as remote, pytest.raises(ps.InvalidFile, match="blue_block: never carried"):
+        remote.solve(tasks.Task(PICKED), HOME)
+
+
+LEVEL = tasks.Grasp("blue_block", support="bin_floor", upright=0.3)
 
 
 def test_the_answer_to_another_question_is_refused(deaf: Remote) -> None:
@@ -402,6 +418,8 @@ def test_the_answer_to_another_question_is_refused(deaf: Remote) -> None:
         lambda: ps.client.pick(deaf, HOME, "blue_block", grasps, ps.Handling("bin_floor", upright=0.3)),
         lambda: ps.client.plan_pick_place(deaf, "blue_block", "tray", slowly),
         lambda: ps.client.plan_pick_place(deaf, "blue_block", "tray", asked(HOME), upright=0.3),
+        lambda: deaf.solve(tasks.Task(PICKED), HOME, request=slowly),
+        lambda: deaf.solve(tasks.Task((tasks.Connect(), tasks.Approach(), LEVEL, tasks.Retreat())), HOME),
     ):
         with pytest.raises(ps.InvalidFile, match=r"(was sent|was asked|asked for)$"):
             ask()
