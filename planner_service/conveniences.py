@@ -12,12 +12,11 @@ from typing import Any
 
 from planner_service.concurrency.library_import import loaded
 from planner_service.memory.memory import Memory, load_memory, save_memory
-from planner_service.planning.result import save_plan
+from planner_service.planning.result import load_steps, save_plan, save_steps
 from planner_service.presentation.page import OpenPage, recording_bytes, show_page
 from planner_service.roadmap.roadmap import Roadmap, load_roadmap, save_roadmap
 from planner_service.robot.model import Robot, group_of, lock_joints, robot_from_urdf
 from planner_service.service import PlannerService, solve_task
-from planner_service.tasks.task import load_steps, save_steps
 
 __all__ = list[str]()
 

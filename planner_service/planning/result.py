@@ -55,6 +55,10 @@ __all__ = [
 save_plan: Provided[..., None] = Provided()
 """Writes a plan or a task to a file."""
 
+save_steps: Provided[..., None] = Provided()
+load_steps: Provided[..., Any] = Provided()
+"""Write the steps of a task to a file, and read them."""
+
 TIMING_LAWS = {"toppra": "TOPP-RA", "trapezoidal": "trapezoid", "s-curve": "S-curve"}
 
 

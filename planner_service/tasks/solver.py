@@ -212,6 +212,7 @@ class _Search:
         self._service = motions.begin(service)
         self._inspector = Inspector(task.stages)
         self._ahead = LookAhead(motions, self._inspector)
+        self._lines: dict[tuple[int, PlannerService, bytes], PlanResult | NoMotion] = {}
         self._remembers, self._named = memory is not None, named
         self._deepest = _State(self._service, start, task.stages, memory=memory or NOTHING)
         self._stuck: Visit | None = None
@@ -346,6 +347,7 @@ class _Search:
         if stage.connect is None:
             lines = ways.lines(way, visit)
             self._ahead.look(rest, way, visit)
+            self._lines_ahead(rest, way, visit)
             return self._gone(base, ways, way, lines, visit, ())
         before = way.contact.before
         try:
@@ -356,6 +358,7 @@ class _Search:
         way = way.turned(before.robot, visit.q)
         lines = ways.lines(way, visit)
         self._ahead.look(rest, way, visit)
+        self._lines_ahead(rest, way, visit)
         connect = stage.connect.step
         with visit.trying(stage.connect, f"{connect.name}: ", Rank.SEARCH):
             to = self._motions.searched(before, base.q, way.begin, connect.constraints, one_of_many=True)
@@ -408,8 +411,7 @@ class _Search:
                 if followed is not None:
                     yield followed
                 return
-            with visit.trying(stage.motion, f"{step.name}: ", Rank.PROOF):
-                result = self._along(state, step)
+            result = self._along(stage, state.service, state.q, visit)
             yield state.after(self._segment(state, step.name, result, line=True))
         except NoMotion as none:
             visit.failure = None if none.result is None else none.result.failure
@@ -474,9 +476,50 @@ class _Search:
             else:
                 yield np.asarray(goal, dtype=np.float64)
 
-    def _along(self, state: _State, step: MoveLinear | MoveCircular) -> PlanResult:
-        """The motion of the tool along a line or an arc."""
-        service, frame = state.service, frame_of(state.service, step.frame)
+    def _along(self, stage: MotionStage, service: PlannerService, q: FloatArray, visit: Visit) -> PlanResult:
+        """The motion of the tool along a line or an arc from q (n,); planned once and remembered.
+
+        Raises:
+            NoMotion: There is none; ``visit`` was told.
+        """
+        key = (id(stage), service, q.tobytes())
+        if key not in self._lines:
+            try:
+                with visit.trying(stage.motion, f"{stage.motion.step.name}: ", Rank.PROOF):
+                    self._lines[key] = self._planned_along(stage.motion.step, service, q)
+            except NoMotion as none:
+                self._lines[key] = none
+        known = self._lines[key]
+        if isinstance(known, NoMotion):
+            visit.failure = None if known.result is None else known.result.failure
+            raise known
+        return known
+
+    def _lines_ahead(self, rest: tuple[Stage, ...], way: Way, visit: Visit) -> None:
+        """Refuse a way after which the tool cannot go the lines and arcs that follow at once, as with a drawer.
+
+        Raises:
+            NoMotion: It cannot.
+        """
+        service, q = way.contact.after, way.end
+        for stage in rest:
+            step = stage.motion.step if isinstance(stage, MotionStage) else None
+            if isinstance(step, Wait):
+                continue
+            if not isinstance(stage, MotionStage) or not isinstance(step, MoveLinear | MoveCircular):
+                return
+            ahead = Visit(self._inspector, stage, service, q)
+            try:
+                q = _end(self._along(stage, service, q, ahead))
+            except NoMotion as none:
+                visit.ahead = ahead
+                assert isinstance(visit.stage, ContactStage)
+                why = f"then {step} has no plan: {none}"
+                visit.refuse(visit.stage.act, why, f"way {way.number}: {why}", Rank.AHEAD)
+                raise NoMotion(why) from none
+
+    def _planned_along(self, step: MoveLinear | MoveCircular, service: PlannerService, q: FloatArray) -> PlanResult:
+        frame = frame_of(service, step.frame)
 
         def placed(target: Any) -> Any:
             if frame is None:
@@ -487,9 +530,9 @@ class _Search:
 
         def move(**settings: Any) -> PlanResult:
             if isinstance(step, MoveCircular):
-                return move_circular(service, state.q, placed(step.via), placed(step.goal), **settings)
+                return move_circular(service, q, placed(step.via), placed(step.goal), **settings)
             goals = [placed(target) for target in step.goal]
-            return move_linear(service, state.q, goals[0] if len(goals) == 1 else goals, zone=step.zone, **settings)
+            return move_linear(service, q, goals[0] if len(goals) == 1 else goals, zone=step.zone, **settings)
 
         return self._motions.along(move, step.constraints)
 

@@ -11,7 +11,7 @@ from typing import Any
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import set_fields
 from planner_service.geometry.validation import text, unusable_text
-from planner_service.provided import Provided
+from planner_service.planning.result import load_steps, save_steps
 from planner_service.tasks.steps import (
     MAX_STEPS,
     Alternatives,
@@ -26,15 +26,9 @@ from planner_service.tasks.steps import (
     flat_steps,
 )
 
-__all__ = ["ChoiceStage", "ContactStage", "MotionStage", "Numbered", "Stage", "Task", "load_steps", "save_steps"]
+__all__ = ["ChoiceStage", "ContactStage", "MotionStage", "Numbered", "Stage", "Task"]
 
 MAX_TITLE = 1_000
-
-save_steps: Provided[..., None] = Provided()
-"""Writes a task to a file."""
-
-load_steps: Provided[..., Any] = Provided()
-"""Reads it."""
 
 
 @dataclass(frozen=True)

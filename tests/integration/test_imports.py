@@ -16,7 +16,7 @@ import planner_service
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "planner_service"
 
-MAX_LEVELS = 15
+MAX_LEVELS = 16
 MAX_FILES = 15
 MAX_ROOT_NAMES = 60
 

@@ -400,3 +400,22 @@ def test_a_stage_is_given_up_when_its_searches_use_up_their_checks(cell: ps.Plan
     connect = task.steps[0]
     assert connect.tried == connect.failed == 3, "two searches, and that it was given up"
     assert ("given up: 2 searches used up their checks, or proved that there is no path", 1) in connect.reasons
+
+
+def test_a_grasp_with_which_the_line_that_follows_is_impossible_costs_no_search(cell: ps.PlannerService) -> None:
+    raised = cell.with_scene(cell.scene.moved("block", turned(0.28, 0.10, HALF + 0.001)))
+    grasps = ps.top_grasps(cell.robot, raised.scene.obstacle("block"))
+    able = [
+        raised.solve(Task((Connect(), Approach("in", (0.02,)), Grasp("block", [grasp]), rise)), cell.robot.home).ok
+        for rise in (MoveLinear((0.0, 0.0, 0.09), name="rise"),)
+        for grasp in grasps
+    ]
+    order = sorted(range(len(grasps)), key=lambda k: able[k])  # those with which it is impossible come first
+    assert not able[order[0]]
+    assert able[order[-1]]
+    mixed = Grasp("block", [grasps[order[0]], grasps[order[1]], grasps[order[-1]]])
+    steps = (Connect(), Approach("in", (0.02,)), mixed, MoveLinear((0.0, 0.0, 0.09), name="rise"))
+    task = raised.solve(Task(steps), cell.robot.home)
+    assert task.ok
+    assert task.steps[0].tried == 1, "one search"
+    assert any(reason.startswith("then MoveLinear rise has no plan") for reason, _ in task.steps[2].reasons)
