@@ -82,6 +82,26 @@ def written(folder: Path, steps: Any, **head: Any) -> Path:
     return file
 
 
+def test_what_a_file_does_not_say_is_as_the_library_has_it(tmp_path: Path) -> None:
+    minimal: tuple[tuple[Any, dict[str, Any]], ...] = (
+        (MoveTo(), {"kind": "MoveTo"}),
+        (MoveLinear((0.0, 0.0, 0.1)), {"kind": "MoveLinear", "goal": [[0.0, 0.0, 0.1]]}),
+        (
+            MoveCircular((0.1, 0, 0), (0, 0, 0.1)),
+            {"kind": "MoveCircular", "via": [0.1, 0.0, 0.0], "goal": [0.0, 0.0, 0.1]},
+        ),
+        (Connect(), {"kind": "Connect"}),
+        (Follow([[0.0], [0.1]]), {"kind": "Follow", "waypoints": [[0.0], [0.1]]}),
+        (Connect(), {"kind": "Connect"}),
+        (Approach(), {"kind": "Approach"}),
+        (Grasp("block"), {"kind": "Grasp", "object": "block"}),
+        (Retreat(), {"kind": "Retreat"}),
+        (Release("block"), {"kind": "Release", "object": "block"}),
+    )
+    task = Task.load(written(tmp_path, [step for _, step in minimal]))
+    assert task.steps == tuple(step for step, _ in minimal)
+
+
 @pytest.mark.parametrize(
     ("steps", "said"),
     [
