@@ -504,7 +504,7 @@ class Search {
     bool contract(Box& box, Gap& gap) {
         unsigned changed = ~0U;
         for (std::size_t j = 0; j < loop_.joints.size(); ++j) place(j, box);
-        for (int round = 0; round < 8 && changed != 0; ++round) {
+        for (int round = 0; round < 3 && changed != 0; ++round) {
             unsigned moved = 0;
             for (const Equation& equation : equations_) {
                 if ((equation.joints & (changed | moved)) == 0) continue;
@@ -523,7 +523,7 @@ class Search {
                         if (now < 0.99 * before)
                             for (std::size_t k = 0; k < loop_.joints.size(); ++k)
                                 if (loop_.joints[k].q == loop_.joints[joint].q) place(k, box);
-                        if (now < 0.8 * before && before > 1e-9) moved |= 1U << loop_.joints[joint].q;
+                        if (now < 0.6 * before && before > 1e-9) moved |= 1U << loop_.joints[joint].q;
                     }
             }
             changed = moved;
@@ -542,19 +542,17 @@ class Search {
         for (int round = 0; round < 6; ++round) {
             if (known(box, out)) return false;
             const double before = widest(box);
-            if (!linearised(box)) return false;
-            const double now = widest(box);
-            if (now < lone_width) {
-                if (known(box, out)) return false;
+            if (before < lone_width) {
                 std::vector<double> q(n);
                 for (std::size_t j = 0; j < n; ++j) q[j] = box[j].middle();
-                if (std::optional<Solution> found = proof_.from(q, std::max(2.0 * now, 0.05))) {
-                    const bool fresh = !known(found->box, out);
-                    if (fresh) out.solutions.push_back(std::move(*found));
-                    if (fresh && known(box, out)) return false;
+                std::optional<Solution> found = proof_.from(q, std::max(2.0 * before, 0.05));
+                if (found && !known(found->box, out)) {
+                    out.solutions.push_back(std::move(*found));
+                    if (known(box, out)) return false;
                 }
             }
-            if (now > 0.7 * before) return true;
+            if (!linearised(box)) return false;
+            if (widest(box) > 0.7 * before) return true;
         }
         return true;
     }

@@ -54,13 +54,34 @@ struct Term {
 using Vectors = std::vector<Term<Vector>>;
 using Numbers = std::vector<Term<double>>;
 
+std::size_t count_of(std::uint64_t used) {
+    std::size_t count = 0;
+    for (used = (used | (used >> 1)) & 0x5555555555555555U; used != 0; used &= used - 1) ++count;
+    return count;
+}
+
+double size_of(double x) { return std::fabs(x); }
+double size_of(const Vector& v) { return norm(v); }
+
+// How many joints stand in terms that count.
+template <class Value>
+std::size_t joints_of(const std::vector<Term<Value>>& terms) {
+    std::uint64_t used = 0;
+    for (const auto& [key, value] : terms)
+        if (size_of(value) > 100.0 * negligible) used |= key;
+    return count_of(used);
+}
+
 // A point or direction as seen from a cut of the chain; for a point the sum begins with the term of key 0.
 struct Seen {
     Vectors terms;
     bool point;
     double lost = 0.0;  // bounds the terms that were left out
+    bool open = true;   // not yet through so many joints that no equation comes of it
 
     void move(const Joint& joint, std::size_t index, double sign) {
+        open = open && joints_of(terms) <= Polynomial::most_joints;
+        if (!open) return;
         Vectors out;
         const auto add = [&](std::uint64_t key, const Vector& v, bool keep) {
             const double size = norm(v);
@@ -108,6 +129,7 @@ class Writer {
 
     // left = right, up to ``slack``.
     void write(const Numbers& left, const Numbers& right, double slack) {
+        if (joints_of(left) + joints_of(right) > most_joints) return;
         Equation out;
         out.slack = slack;
         std::size_t count = 0;
@@ -232,6 +254,7 @@ void write_pair(const Loop& loop, const Pair& at, const Pair* towards, Writer& w
         across = size > 1e-6 ? across * (1.0 / size) : perpendicular(axis);
         std::vector<Vector> along{axis, across, cross(axis, across)};
         if (size > 1e-6 && size < 1.0 - 1e-12) along.push_back(next);
+        if (!left.open || !right.open) continue;
         for (const Vector& v : along) writer.write(left.along(v), right.along(v), slack);
     }
     if (towards == nullptr || !turns) return;
@@ -243,7 +266,9 @@ void write_pair(const Loop& loop, const Pair& at, const Pair* towards, Writer& w
     std::vector<Numbers> squares(m), products(m);
     squares[m - 1] = square(at.own, loop.joints[m - 1].point);
     products[m - 1] = product(at.own, towards->own, loop.joints[m - 1].point);
-    for (std::size_t k = m - 1; k-- > 0;) {
+    std::size_t first = m - 1;  // cut whose right side is known
+    for (; first > 0 && points[1][first].open && directions[1][first].open; --first) {
+        const std::size_t k = first - 1;
         const Vector step = apart(k) * -1.0;
         squares[k] = squares[k + 1];
         append(squares[k], points[1][k + 1].along(step, 2.0));
@@ -258,9 +283,11 @@ void write_pair(const Loop& loop, const Pair& at, const Pair* towards, Writer& w
     double product_slack = at.error + far * towards->error;
     for (std::size_t k = 0;; ++k) {
         const double lost = 2.0 * loop.longest;
-        writer.write(left_square, squares[k], square_slack + lost * (points[0][k].lost + points[1][k].lost));
-        writer.write(left_product, products[k], product_slack + lost * (directions[0][k].lost + directions[1][k].lost));
-        if (k + 1 == m) return;
+        if (k >= first) {
+            writer.write(left_square, squares[k], square_slack + lost * (points[0][k].lost + points[1][k].lost));
+            writer.write(left_product, products[k], product_slack + lost * (directions[0][k].lost + directions[1][k].lost));
+        }
+        if (k + 1 == m || !points[0][k + 1].open || !directions[0][k + 1].open) return;
         const Vector step = apart(k);
         append(left_square, points[0][k + 1].along(step, 2.0));
         append(left_square, {{0, dot(step, step) - 2.0 * dot(step, loop.joints[k].point)}});
