@@ -26,7 +26,7 @@ from planner_service.robot.model import Robot
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["InverseSolutions", "complete_solutions"]
+__all__ = ["InverseSolutions", "complete_solutions", "most_joints"]
 
 POSE_ERROR = 1e-11
 """Metres and radians within which two poses are one to the proof: far above the rounding of a pose."""
@@ -142,16 +142,24 @@ def _nearest(line: FloatArray, other: FloatArray) -> FloatArray | None:
     return np.asarray(line[6:] + a * (float(cross(apart, b) @ normal) / square))
 
 
-def complete_solutions(robot: Robot, goal: PoseGoal) -> InverseSolutions:
+def most_joints(goal: PoseGoal) -> int:
+    """Joints up to which an arm has no infinitely many solutions for a goal: as many as that has equations."""
+    return ROWS[_wanted(goal)]
+
+
+def _wanted(goal: PoseGoal) -> int:
+    return POSITION if goal.orientation_tolerance >= math.pi else POSE if goal.free_axis is None else AXIS
+
+
+def complete_solutions(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_BOXES) -> InverseSolutions:
     """All solutions of an arm whose joints all move its tool.
 
     Raises:
         InvalidRequest: It has more joints than the goal determines.
     """
-    wanted = POSITION if goal.orientation_tolerance >= math.pi else POSE if goal.free_axis is None else AXIS
-    if robot.n > ROWS[wanted]:
-        excess = robot.n - ROWS[wanted]
-        expected = f"an arm of at most {ROWS[wanted]} joints for this goal: {robot.name!r} has {robot.n}"
+    excess = robot.n - most_joints(goal)
+    if excess > 0:
+        expected = f"an arm of at most {most_joints(goal)} joints for this goal: {robot.name!r} has {robot.n}"
         raise InvalidRequest(
             "complete", True, f"{expected}, hence infinitely many solutions; lock {excess} (robot.locked)"
         )
@@ -163,7 +171,9 @@ def complete_solutions(robot: Robot, goal: PoseGoal) -> InverseSolutions:
         max(each, POSE_ERROR) + ROUNDING * (1.0 + length)
         for each in (goal.position_tolerance, goal.orientation_tolerance)
     )
-    found, left, boxes = loop.solve(rows.ravel(), goal.free_axis or (0.0, 0.0, 0.0), wanted, shift, turn, MOST_BOXES)
+    found, left, boxes = loop.solve(
+        rows.ravel(), goal.free_axis or (0.0, 0.0, 0.0), _wanted(goal), shift, turn, most_boxes
+    )
     _require_reached(robot, goal, found[:, 0])
     return _within_limits(robot, circles, found, left, boxes)
 

@@ -18,7 +18,7 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, flag, instance, items, whole
-from planner_service.kinematics.complete_inverse import InverseSolutions, complete_solutions
+from planner_service.kinematics.complete_inverse import InverseSolutions, complete_solutions, most_joints
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.tool_arm import descended, tool_arm
 from planner_service.presentation.measures import range_text
@@ -31,6 +31,7 @@ __all__ = [
     "configurations_at",
     "inverse_is_complete",
     "inverse_kinematics",
+    "is_out_of_reach",
     "nearest_configuration",
     "sampled_range",
     "tool_error",
@@ -41,6 +42,9 @@ STARTS = 24
 
 MAX_ROUNDS = 4
 """Rounds of the numeric search; it stops after the first that finds a solution."""
+
+BOXES_OF_A_FAILURE = 2_000
+"""Boxes for a proof that a goal is out of reach, which nobody asked for: at most 0.1 s."""
 
 DISTINCT = 1e-2
 """Numeric solutions closer than this (rad, L2) are one."""
@@ -200,6 +204,16 @@ def inverse_is_complete(robot: Robot, pose: Pose) -> bool:
     if robot.inverse != "wxai":
         return False
     return tool_arm(ToolChain.of(robot, robot.home).robot).determined([*pose.position, *pose.quaternion])
+
+
+def is_out_of_reach(robot: Robot, goal: Pose | PoseGoal, *, still: FloatArray) -> bool:
+    """Whether it is proven that no configuration within the limits reaches a goal; False also for too many joints."""
+    chain = ToolChain.of(robot, still).robot
+    goal = PoseGoal(goal) if isinstance(goal, Pose) else goal
+    if chain.n > most_joints(goal):
+        return False
+    found = complete_solutions(chain, goal, most_boxes=BOXES_OF_A_FAILURE)
+    return found.complete and not len(found)
 
 
 def _numeric_solutions(

@@ -17,7 +17,12 @@ from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
-from planner_service.kinematics.inverse import configurations_at, inverse_is_complete, inverse_kinematics
+from planner_service.kinematics.inverse import (
+    configurations_at,
+    inverse_is_complete,
+    inverse_kinematics,
+    is_out_of_reach,
+)
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
@@ -298,7 +303,9 @@ def _configurations(
         x, y, z = (given if isinstance(given, Pose) else given.pose).position
         tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
         detail = f"{name}: the arm cannot reach {tried} ({x:.4f}, {y:.4f}, {z:.4f}) within its joint limits"
-        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail, proven=_all_known(robot, given)))
+        raise NoPlan(
+            Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail, proven=is_out_of_reach(robot, given, still=begin))
+        )
     if isinstance(given, PoseGoal):
         solutions.sort(key=lambda q: joint_distance(begin, q))
     return solutions

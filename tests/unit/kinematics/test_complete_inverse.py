@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import InvalidRequest, Pose, PoseGoal, inverse_kinematics, load_robot
+from planner_service import (
+    InvalidRequest,
+    PlannerService,
+    PlanRequest,
+    Pose,
+    PoseGoal,
+    Reason,
+    inverse_kinematics,
+    load_robot,
+)
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import InverseSolutions
 from planner_service.kinematics.complete_inverse import SEAM
@@ -18,6 +27,7 @@ from planner_service.kinematics.inverse import ToolChain
 from planner_service.kinematics.tool_arm import descended
 from planner_service.robot.model import Robot
 from tests.reference.inverse import complaints
+from tests.support.optional import present
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import built
 
@@ -223,6 +233,20 @@ def test_joints_that_do_not_move_the_tool_stay_where_they_are() -> None:
     assert fixed
     for each in (found.q, found.lower, found.upper):
         assert np.array_equal(each[:, fixed], np.repeat(q[None, fixed], len(found), axis=0))
+
+
+@pytest.mark.parametrize(
+    ("name", "proven"),
+    [("ur5", True), ("wxai", True), ("panda", False)],
+    ids=["six joints", "closed form", "seven joints"],
+)
+def test_a_plan_says_that_a_goal_is_proven_to_be_out_of_reach(name: str, proven: bool) -> None:
+    service = PlannerService(name, "empty")
+    inside = Pose((0.0, 0.0, 5.0)) if name == "panda" else Pose((0.02, 0.0, 0.1), (0.0, 0.0, 1.0, 0.0))
+    for goal in (inside, PoseGoal(inside, position_tolerance=0.005, orientation_tolerance=0.01)):
+        failure = present(service.plan(PlanRequest(service.robot.home, goal)).failure)
+        assert failure.reason is Reason.NO_IK_SOLUTION
+        assert failure.proven == proven
 
 
 @pytest.mark.parametrize(
