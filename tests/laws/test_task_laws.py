@@ -74,18 +74,31 @@ def task(rng: np.random.Generator, spots: list[tuple[float, float]]) -> Task:
     )
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_what_is_solved_is_proven_again_and_what_is_not_names_a_step(seed: int) -> None:
+def solved(seed: int, *, farther: float = 1.0) -> tuple[Task, ps.TaskResult]:
+    """A random task, with the places so many times as far away, and what came of it."""
     rng = np.random.default_rng(seed)
     service, spots = cell(rng)
-    asked, home = task(rng, spots), service.robot.home
+    asked, home = task(rng, [(farther * x, farther * y) for x, y in spots]), service.robot.home
     request = ps.PlanRequest(home, home, time_limit=None, max_checks=4_000)
-    result = service.solve(asked, home, request=request, searches=8)
-    if result.ok:
-        assert recertify(result).certified
-        assert np.array_equal(result.q, home)
-        assert "one" in [obstacle.name for obstacle in result.world.scene.obstacles]
-        return
+    return asked, service.solve(asked, home, request=request, searches=8)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_solved_is_proven_again(seed: int) -> None:
+    _, result = solved(seed)
+    assert result.ok
+    assert recertify(result).certified
+    assert np.array_equal(result.q, ps.load_robot("wxai").home)
+    assert "one" in [obstacle.name for obstacle in result.world.scene.obstacles]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_not_solved_names_a_step_that_failed_whenever_it_was_tried(seed: int) -> None:
+    asked, result = solved(seed, farther=3.0)
     detail = present(result.failure).detail
-    assert any(detail.startswith(f"{step}: ") for step in asked.steps) or "searches were tried" in detail
-    assert any(step.tried == step.failed > 0 for step in result.steps)
+    named = [step for step in asked.steps if detail.startswith(f"{step}: ")]
+    assert [step.kind for step in named] == ["Release"]
+    report = next(report for report in result.steps if report.step.endswith(str(named[0])))
+    assert report.tried == report.failed > 0
+    assert sum(times for _, times in report.reasons) == report.failed
+    assert not result.segments
