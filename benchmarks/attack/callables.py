@@ -34,7 +34,7 @@ from planner_service.geometry.composite import Solid
 from planner_service.kinematics import straight_tool_line
 from planner_service.memory import Memory
 from planner_service.optimize import Chomp, TrajOpt
-from planner_service.ordering import Branch, Visit, order
+from planner_service.ordering import Branch, Move, Visit, order, order_moves
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.records import (
@@ -418,6 +418,22 @@ def _tasks(folder: Path) -> Calls:
             ),
         ),
         _call(Branch, q=robot.home, end=robot.home, motions=(), before=service, after=service),
+        _call(
+            Move, object="blue_block", poses=[tray.pose], grasps=grasp, handling=handling, onto="tray", after=("held",)
+        ),
+        _call(
+            order_moves,
+            service=service,
+            moves=[Move("blue_block", [block.pose])],
+            request=ps.PlanRequest(robot.home, robot.home),
+            end=robot.home,
+            gap=0.1,
+            plans=10,
+            grasps=1,
+            places=1,
+            engine=None,
+            cancel=ps.CancelToken(),
+        ),
         _call(Visit, name="here", branches=[robot.home], then=None, after=("there",)),
         _call(
             order,

@@ -17,7 +17,7 @@ from planner_service.parallel import Engine
 from planner_service.planning.request import PlanRequest, clamped
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import SAME_WIDTH
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Attached
 from planner_service.service import PlannerService
 from planner_service.timing.least_time import least_times
 
@@ -91,7 +91,7 @@ class LegTable:
     inside: list[range] = field(default_factory=list)
     planned: dict[Place, Leg] = field(default_factory=dict)
     spent: CheckCounts = field(default_factory=CheckCounts)
-    _scenes: list[Scene] = field(default_factory=list)
+    _carried: list[tuple[Attached, ...]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         exits = [self.start, *(branch for stops in self.stops[1:] for branch in stops[-1])]
@@ -111,20 +111,18 @@ class LegTable:
             for rows in ([branch.end for branch in starts], [branch.q for branch in goals])
         )
         least = least_times(robot, pace.limits(robot), pace.timing, Q, P)
-        after = np.array([self._scene(branch.after) for branch in starts])
-        before = np.array([self._scene(branch.before) for branch in goals])
+        after = np.array([self._load(branch.after) for branch in starts])
+        before = np.array([self._load(branch.before) for branch in goals])
         known = after[:, None] != before[None, :]
         least[known] = IMPOSSIBLE
         return _Table(starts, goals, least, least.copy(), known)
 
-    def _scene(self, service: PlannerService | None) -> int:
-        """The number of a service's scene; equal scenes have one."""
-        scene = (service or self.service).scene
-        for k, other in enumerate(self._scenes):
-            if scene is other or scene == other:
-                return k
-        self._scenes.append(scene)
-        return len(self._scenes) - 1
+    def _load(self, service: PlannerService | None) -> int:
+        """The number of what the arm carries in a service's scene; what is equal has one."""
+        carried = (service or self.service).scene.attached
+        if carried not in self._carried:
+            self._carried.append(carried)
+        return self._carried.index(carried)
 
     def least(self) -> list[FloatArray]:
         """Seconds that any motion takes at least, table by table."""

@@ -70,7 +70,7 @@ def order(
 
     Args:
         service: What plans the legs. They are planned in its scene, whatever was visited before, so objects that are
-            moved must stand both where they were and where they will be (``pick_and_place`` sees to it).
+            moved must stand both where they were and where they will be (``order_moves`` sees to it).
         visits: What is to be visited.
         request: Its start is where the arm starts. Planner, timing, seed, scales, padding and limits are those of all
             legs, and its goal is not used.

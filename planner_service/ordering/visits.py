@@ -35,7 +35,7 @@ class Branch:
         motions: Proven motions from q to there, such as those of a ``ProvenWay``.
         before: What plans the way to it; the service of ``order`` if None.
         after: What plans on, as a pick leaves the arm with an object; the same if None. Two branches follow one another
-            only if the scene after the first is the scene before the second.
+            only if the arm carries the same after the first as before the second.
 
     Raises:
         InvalidRequest: the motions do not lead from q to the end.

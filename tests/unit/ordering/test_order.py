@@ -153,8 +153,9 @@ def test_motions_of_a_branch_are_made_and_count(service: ps.PlannerService) -> N
     assert found.duration == pytest.approx(sum(s.result.unwrap()[1].duration for s in found.task.segments))
 
 
-def test_branches_follow_one_another_only_in_one_scene(service: ps.PlannerService) -> None:
-    carrying = service.with_scene("empty")
+def test_branches_follow_one_another_only_with_the_same_load(service: ps.PlannerService) -> None:
+    held = ps.Attached("held", ps.Sphere(0.01), ps.Pose(), touch_links=("forearm",))
+    carrying = service.with_scene(service.scene.with_attached(held))
     one, two, three, four = free(service, 4, 6)
     pick = [Branch(one, after=carrying), Branch(two)]
     place = [Branch(three, before=carrying), Branch(four, before=carrying)]
