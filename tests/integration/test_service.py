@@ -187,6 +187,8 @@ def test_services_of_one_world_share_what_is_compiled_and_count_apart() -> None:
         service.checker.variant(padding=0.01).state_is_free(home)
     ] * 2
     assert (service.checker.counts.states, again.checker.counts.states) == (2, 1)
+    assert service.checker.state_is_free(home)
+    assert not again.checker.variant(padding=0.1).state_is_free(home)
     allowed = ps.PlannerService(service.robot, service.scene, allowed=[("link_5", "bin_floor")])
     assert allowed.checker.pair_count < again.checker.pair_count
     coarse = ps.PlannerService(service.robot, service.scene, edge_step=ps.JointStep(0.5))

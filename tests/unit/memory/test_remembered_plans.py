@@ -191,7 +191,9 @@ def test_a_forged_memory_costs_proofs_and_changes_no_plan() -> None:
     into_the_table = np.array([[0.0, np.pi / 2, 0.0, np.pi / 2, 0.0, 0.0]])
     outside = np.array([upper + 1.0])
     huge = np.array([lower * 1e300])
-    result = cell().plan(asked(), memory=forged(into_the_table, outside, huge))
+    at_the_edge = 0.5 * (waypoints(searched())[1] + 0.5 * (np.asarray(asked().start) + np.asarray(asked().goal)))[None]
+    result = cell().plan(asked(), memory=forged(into_the_table, outside, huge, at_the_edge))
+    assert result.notes == searched().notes
     assert same_plan(result, searched())
     assert result.counts.states == searched().counts.states
 

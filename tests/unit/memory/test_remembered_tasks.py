@@ -139,3 +139,16 @@ def replace_openings(grip: FloatArray) -> FloatArray:
     out = grip.copy()
     out[-2:] = out[-2:][::-1]
     return out
+
+
+def test_a_grasp_like_one_that_worked_is_tried_first() -> None:
+    service = facing(ps.PlannerService("wxai", palletising().scene), 0)
+    job, home = palletising().jobs[0], service.robot.home
+    handling = ps.Handling(support=job.support)
+    grasps = ps.top_grasps(service.robot, service.scene.obstacle(job.name))[:2]
+    usual, other = (ps.pick(service, home, job.name, given, handling) for given in (grasps, grasps[1:]))
+    assert usual.notes[0].startswith("way 1 of 2")
+    again = ps.pick(service, home, job.name, grasps, handling, memory=other.memory)
+    assert again.notes[0].startswith("way 2 of 2")
+    assert motions([again]) == motions([other])
+    assert again.counts.states < other.counts.states
