@@ -45,6 +45,7 @@ class Job:
         via: The obstacle that it then stands on.
         side: Whether it is to be taken from the side, which is how a thing gets onto a shelf.
         plain: Whether grasps from above about its middle will do.
+        inserted: Whether it goes straight down into a hole.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Job:
     via: str = ""
     side: bool = False
     plain: bool = False
+    inserted: bool = False
 
     @property
     def obstacle(self) -> ps.Obstacle:
@@ -277,6 +279,7 @@ def kitting(
                 "kit_floor",
                 station=tuple(station),
                 via="station",
+                inserted=True,
             )
         )
     things += [job.obstacle for job in jobs]
@@ -314,7 +317,7 @@ def screws(
         place = (x + (i - 2.5) * pitch, y + (j - 2.0) * pitch, top + GAP)
         at = ps.Pose((u, v, w + GAP))
         places = tuple(_turned(place, 0.25 * math.pi * k) for k in range(8))
-        jobs.append(Job(f"screw_{len(jobs)}", shape, at, "feeder", places, "plate"))
+        jobs.append(Job(f"screw_{len(jobs)}", shape, at, "feeder", places, "plate", inserted=True))
     return scene, jobs
 
 

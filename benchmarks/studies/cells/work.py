@@ -76,16 +76,16 @@ def steps(job: Job) -> Task:
     stops = [(job.station, job.via)] if job.station else []
     stops.append((job.places, job.onto))
     found: list[Step] = []
-    support, grasps = job.support, None if job.plain else Around()
+    support, grasps = job.support, None if job.plain else Around(above=not job.side)
     for places, onto in stops:
         if job.side:
             found += [Connect("to pregrasp"), Approach("in"), Grasp(job.name, grasps, support=support)]
             found += [Retreat("up", (RISE,), UP), Connect("transfer"), Approach("in")]
             found += [Approach("down", (RISE,), direction=DOWN), Release(job.name, places, support=onto)]
             found += [Retreat("out", LINES)]
-        elif places is job.places and job.station:
-            found += pick_steps(job.name, grasps, Handling(support=support))
-            found += [Connect("transfer"), Approach("lower", LINES, direction=DOWN)]
+        elif places is job.places and job.inserted:
+            found += [Connect("to pregrasp"), Approach("descend"), Grasp(job.name, grasps, support=support)]
+            found += [Retreat("lift", LINES, UP), Connect("transfer"), Approach("lower", LINES, direction=DOWN)]
             found += [Release(job.name, places, support=onto), Retreat("retreat", LINES)]
         else:
             found += pick_steps(job.name, grasps, Handling(support=support))
@@ -96,7 +96,13 @@ def steps(job: Job) -> Task:
 
 @dataclass(frozen=True)
 class Around:
-    """Grasps all around a thing: about its middle, or near either of its ends if it is long."""
+    """Grasps all around a thing: near its ends if it is long, or about its middle.
+
+    Attributes:
+        above: Whether those that come most from above are the first.
+    """
+
+    above: bool
 
     def poses(self, robot: ps.Robot, obstacle: ps.Obstacle) -> tuple[ps.Pose, ...]:
         """See ``GraspSource``."""
@@ -114,7 +120,7 @@ class Around:
             elif size[k] <= gripper.upper - 0.004:
                 long = max(((k + 1) % 3, (k + 2) % 3), key=lambda axis: float(size[axis]))
                 ends = size[long] / 2.0 - min(END, size[long] / 4.6)
-                for aside in (0.0, ends, -ends) if ends else (0.0,):
+                for aside in (ends, 0.0, -ends) if ends else (0.0,):
                     for t in TURNS:
                         a = u * math.cos(t) + v * math.sin(t)
                         found.append(((a, E[k]), middle + aside * E[long]))
@@ -124,6 +130,9 @@ class Around:
             T[:3, :3] = tool_rotation(gripper, approach, closing)
             T[:3, 3] = tip
             made.append(obstacle.pose @ ps.Pose.from_matrix(T))
+        if self.above:
+            approach = np.array(gripper.approach)
+            made.sort(key=lambda pose: round(float(pose.rotation[2] @ approach), 3))
         return tuple(made)
 
 
