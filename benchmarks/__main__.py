@@ -52,6 +52,7 @@ STUDIES = {
     "gate": "no target that passes the gate touches, by Coal, whatever is asked of it and however the driver follows",
     "cells": "five work cells for three robots: what can be done is done, proven, and carried out without a contact",
     "ik": "complete inverse kinematics misses no solution that a thousand starts find, and is seldom in doubt",
+    "two-arms": "two arms, each with its own clock, do not touch, by Coal, however late they are",
     "differential": "the kernel says what FCL says pair by pair, with every instruction set, and how fast",
 }
 """What each study shows; its module in ``studies`` has a ``run`` whose parameters are its options."""
@@ -59,6 +60,7 @@ STUDIES = {
 LONG = (
     *("cells", "arms", "suites", "robots", "evidence", "mcp", "frames", "serve", "differential", "starts", "gate"),
     "ik",
+    "two-arms",
 )
 """Studies that are not among all: what they find changes with the code alone, and they take long."""
 
@@ -87,7 +89,7 @@ INTERRUPTED = 130
 
 def study(name: str) -> Any:
     """The module of a study."""
-    return importlib.import_module(f"benchmarks.studies.{name}")
+    return importlib.import_module(f"benchmarks.studies.{name.replace('-', '_')}")
 
 
 def options_of(name: str) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from planner_service.certify.prover import LIMIT_SLACK, Charge, Prover
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, IntArray, joint_distance
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, joint_distance
 from planner_service.geometry.validation import finite_numbers, function_or_none, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import range_text
@@ -275,6 +275,18 @@ class Certifier:
         names = self._names_at(found.pair, at[None])
         gap = float(self.prover.near(at[None], np.array([found.pair]), math.inf)[2].gaps.min(initial=math.inf))
         return TubeProof(found.free, int(found.bounds), names, tuple(at.tolist()), gap, found.collides)
+
+    def certify_each(
+        self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike, *, padding: float = 0.0
+    ) -> tuple[BoolArray, int]:
+        """Of each straight edge whether it is proven free with its room, (k,), and the bounds that were asked.
+
+        Arguments and errors are those of ``certify_tubes``. Edges that are near each other should follow each other:
+        what is far from many is looked at once.
+        """
+        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        free, bounds = self.prover.each(*self._tubes(starts, ends, room), padding + MARGIN, padding - MARGIN)
+        return free, int(bounds)
 
     def tube_boxes(self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike) -> FloatArray:
         """Where straight edges with room take the robot: boxes along the axes of the base frame.

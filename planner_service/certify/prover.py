@@ -14,7 +14,7 @@ from planner_service.certify.interval_proof import EdgeVerdict, Judged, Obstruct
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.native.loading import load_proof
 from planner_service.certify.separation import Bounds
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["LIMIT_SLACK", "Charge", "Proof", "Prover", "Tubes", "instruction_sets", "proof_terms"]
@@ -109,6 +109,13 @@ class Prover:
         each joint. An edge itself on which a pair is nearer than ``nearer`` collides.
         """
         return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer))
+
+    def each(
+        self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float
+    ) -> tuple[BoolArray, float]:
+        """Of each edge whether it is free, as in ``tubes``, (k,), and the bounds that were asked."""
+        free = np.zeros(len(starts), dtype=np.bool_)
+        return free, self._prover.each(starts, ends, room, enough, nearer, free)
 
     def boxes(self, starts: FloatArray, ends: FloatArray, room: FloatArray, out: FloatArray) -> None:
         """Boxes that riding pieces do not leave on edges with room, low and high corner, into ``out`` (riding, 6)."""

@@ -56,7 +56,7 @@ RUN_HERE = (
     *(f"docs/guides/{name}.md" for name in ("tool-motions", "constraints", "replanning", "when-there-is-no-plan")),
     *(f"docs/guides/{name}.md" for name in ("start-in-collision", "coming-from", "depth-camera", "palletising")),
     *("docs/guides/proofs-for-others.md", "docs/guides/exporting.md", "docs/reference/command-line.md"),
-    *("docs/guides/gate.md", "docs/guides/tasks.md", "docs/guides/sort-a-bin.md"),
+    *("docs/guides/gate.md", "docs/guides/two-arms.md", "docs/guides/tasks.md", "docs/guides/sort-a-bin.md"),
     *("docs/guides/task-constructor.md", "docs/guides/memory.md"),
     *(f"docs/explanation/{name}.md" for name in ("concepts", "counting", "timing", "how-it-works", "background")),
 )

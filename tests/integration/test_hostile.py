@@ -15,7 +15,8 @@ import pytest
 
 import planner_service
 from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
-from planner_service import JointPath, PlannerService, Scene, load_robot
+from planner_service import JointPath, PlannerService, PlanRequest, Pose, Scene, load_robot
+from planner_service.cell import Arm, Cell
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
@@ -30,7 +31,7 @@ MEMORY = 1_500_000_000
 SECONDS = 5.0
 
 PACKAGES = (
-    *("certify", "collision", "constraints", "gate", "grasping", "optimize", "parallel", "path"),
+    *("cell", "certify", "collision", "constraints", "gate", "grasping", "optimize", "parallel", "path"),
     *("infeasibility", "memory", "ordering", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
 )
 """Subpackages of which every name is attacked, as of the root."""
@@ -38,6 +39,7 @@ PACKAGES = (
 ANSWERS = {
     *(
         "Built",
+        "CellPlan",
         "Counts",
         "Course",
         "Decision",
@@ -55,6 +57,7 @@ ANSWERS = {
         "ImproveReport",
         "NoPath",
         "Occupied",
+        "OwnClock",
         "Optimum",
         "Reached",
         "Refused",
@@ -94,6 +97,18 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         "ActionGate.check": Call(
             lambda **given: gate().check(**given), {"q": arm.home, "chunk": [arm.home], **when, "around": ()}
         ),
+        "Arm": Call(Arm, {"robot": arm, "base": Pose()}),
+        "Cell": Call(Cell, {"arms": {"one": arm}, "scene": scene}),
+        "Cell.of": Call(
+            Cell.of, {"robot": arm, "groups": {"one": list(arm.joint_names)}, "scene": scene, "tools": None}
+        ),
+        "Cell.plan": Call(
+            Cell({"one": arm}, scene).plan,
+            {"requests": {"one": PlanRequest(arm.home, arm.home)}, "standing": None, "delay": 0.0, "cancel": None},
+        ),
+        "Cell.arm": Call(Cell({"one": arm}, scene).arm, {"name": "one", "standing": None}),
+        "Cell.joined": Call(Cell({"one": arm}, scene).joined, {"values": {"one": arm.home}}),
+        "Cell.of_arm": Call(Cell({"one": arm}, scene).of_arm, {"name": "one", "q": arm.home}),
         "ActionGate.update": Call(lambda **given: gate().update(**given), {"scene": scene, **when}),
         "ActionGate.occupied": Call(lambda **given: gate().occupied(**given), {"name": "arm", "base": None}),
         "TargetFilter": Call(TargetFilter, {"gate": gate(), "jump": 0.2, "speed": 0.5}),

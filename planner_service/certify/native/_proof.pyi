@@ -79,6 +79,16 @@ class Prover:
         nearer: float,
         /,
     ) -> tuple[int, float, int, float, bool]: ...
+    def each(
+        self,
+        starts: NDArray[np.float64],
+        ends: NDArray[np.float64],
+        room: NDArray[np.float64],
+        enough: float,
+        nearer: float,
+        out: NDArray[np.bool_],
+        /,
+    ) -> float: ...
     def boxes(
         self,
         starts: NDArray[np.float64],

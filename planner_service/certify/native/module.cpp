@@ -228,6 +228,17 @@ class Prover {
         return nb::make_tuple(free, tubes.asked(), free < count ? found.pair : -1, found.s, found.verdict == Verdict::colliding);
     }
 
+    // Of each straight edge between rows whether it is free with its room, into ``out``; the bounds that were asked.
+    double each(const Rows& starts, const Rows& ends, const Rows& room, double enough, double nearer,
+                const nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>& out) const {
+        require_alike(starts, ends, room);
+        require(out.shape(0) == starts.shape(0), "a verdict for each edge");
+        nb::gil_scoped_release release;
+        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), enough, nearer);
+        tubes.each(roots_, out.data());
+        return tubes.asked();
+    }
+
     // Boxes that pieces do not leave on straight edges with room, six numbers each, into ``out``.
     void boxes(const Rows& starts, const Rows& ends, const Rows& room,
                const nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>& out) const {
@@ -695,6 +706,7 @@ NB_MODULE(_proof, m) {
              nb::arg("walked").none())
         .def("edge", &Prover::edge)
         .def("tubes", &Prover::tubes)
+        .def("each", &Prover::each)
         .def("boxes", &Prover::boxes)
         .def("clearances", &Prover::clearances)
         .def("near", &Prover::near)

@@ -1,0 +1,202 @@
+"""A cell: several arms in one scene, each planned alone and on its own clock, proven against each other.
+
+::
+
+    cell = Cell({"left": Arm(robot, Pose((0, 0.25, 0))), "right": Arm(robot, Pose((0, -0.25, 0)))}, "table")
+    both = cell.plan({"left": PlanRequest(...), "right": PlanRequest(...)}, delay=0.1)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import NoneType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.cell.arms import Arm, Part, parts_at_places, parts_of
+from planner_service.cell.planning import plan_arms
+from planner_service.cell.result import CellPlan
+from planner_service.cell.services import Services
+from planner_service.collision import CancelToken
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import checked_name, instance, number, numbers
+from planner_service.planning.request import PlanRequest
+from planner_service.robot.model import Robot, joint_vector
+from planner_service.robot_setup.loading import load_robot
+from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Scene
+from planner_service.service import PlannerService
+
+__all__ = ["Cell"]
+
+MAX_ARMS = 4
+"""Of a cell: orders in which they may start are all tried."""
+
+MAX_DELAY = 10.0
+"""Seconds; more is a mistake in the unit."""
+
+
+class Cell:
+    """Arms in one scene.
+
+    Args:
+        arms: Robots by the names of the arms, each a robot or the name of one, at the cell's origin, or an ``Arm`` with
+            its place.
+        scene: What stands there, in the cell's frame. No arm carries anything at the start.
+
+    Attributes:
+        robot: All arms as one robot, with joints such as ``left_joint_0`` in the order of the arms.
+        scene: The scene.
+
+    Raises:
+        InvalidRequest: There are not one to four arms, or their names do not keep their parts apart.
+    """
+
+    def __init__(self, arms: Mapping[str, Arm | Robot | str], scene: Scene | str | Path) -> None:
+        instance("arms", arms, Mapping, "robots by the names of the arms")
+        if not 1 <= len(arms) <= MAX_ARMS:
+            raise InvalidRequest("arms", len(arms), f"1 to {MAX_ARMS} arms")
+        placed = {}
+        for name, given in arms.items():
+            checked_name("arms", name)
+            found = load_robot(given) if isinstance(given, str) else given
+            instance(f"arms[{name!r}]", found, (Arm, Robot), "an Arm, a Robot, or the name of one")
+            placed[name] = found if isinstance(found, Arm) else Arm(found)
+        self._set(*parts_at_places(placed), scene)
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot | str,
+        groups: Mapping[str, Sequence[str]],
+        scene: Scene | str | Path,
+        *,
+        tools: Mapping[str, str] | None = None,
+    ) -> Cell:
+        """A cell of one robot with several arms.
+
+        Args:
+            groups: The joints of each arm, by its name. A joint of none stays at home.
+            tools: The link that is the tool, for arms whose tool is not the robot's.
+
+        Raises:
+            InvalidRequest: There are not one to four arms, a joint is in two, or one arm carries another.
+            UnknownName: No such joint, link or arm.
+        """
+        whole = load_robot(robot) if isinstance(robot, str) else instance("robot", robot, Robot, "a Robot")
+        instance("groups", groups, Mapping, "names of joints by the names of the arms")
+        instance("tools", tools, (Mapping, NoneType), "names of links by the names of the arms, or None")
+        if not 1 <= len(groups) <= MAX_ARMS:
+            raise InvalidRequest("groups", len(groups), f"1 to {MAX_ARMS} arms")
+        for name in groups:
+            checked_name("groups", name)
+        cell = object.__new__(cls)
+        cell._set(whole, parts_of(whole, groups, tools or {}), scene)
+        return cell
+
+    def _set(self, robot: Robot, parts: Sequence[Part], scene: Scene | str | Path) -> None:
+        self.robot = robot
+        self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        if self.scene.attached:
+            carried = [item.name for item in self.scene.attached]
+            raise InvalidRequest("scene", carried, "a scene in which nothing is carried")
+        self._services = Services(robot, self.scene, parts)
+
+    def __repr__(self) -> str:
+        return f"<Cell: {', '.join(self.arms)} in {self.scene.name or 'a scene'}>"
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Their names, in order."""
+        return tuple(self._services.parts)
+
+    @property
+    def service(self) -> PlannerService:
+        """Plans for all arms as one robot, with one clock."""
+        return self._services.whole
+
+    def arm(self, name: str, standing: Mapping[str, ArrayLike] | None = None) -> PlannerService:
+        """A service of one arm, with its own joints, tool and gripper, in the cell's frame.
+
+        Args:
+            standing: Where other arms stand, by their names, the joints of each; those that are not named are away,
+                but for their fixed bases.
+
+        Raises:
+            UnknownName: No such arm.
+            InvalidRequest: An arm stands beside itself, or at no configuration of it.
+        """
+        self._services.part(name)
+        others = self._joints("standing", {} if standing is None else standing)
+        if name in others:
+            raise InvalidRequest("standing", name, "other arms than this one")
+        return self._services.alone(name, others)
+
+    def joined(self, values: Mapping[str, ArrayLike]) -> FloatArray:
+        """q of the whole (n,), arms and joints that are not named at home.
+
+        Raises:
+            UnknownName: No such arm.
+            InvalidRequest: Values do not fit an arm.
+        """
+        return self._services.joined(self._joints("values", values))
+
+    def of_arm(self, name: str, q: ArrayLike) -> FloatArray:
+        """The joints of one arm from q of the whole, shape (..., n).
+
+        Raises:
+            UnknownName: No such arm.
+            InvalidRequest: ``q`` is not of the whole.
+        """
+        columns = list(self._services.part(name).columns)
+        expected = f"joint values of shape (..., {self.robot.n})"
+        values = numbers("q", q, expected)
+        if values.ndim == 0 or values.shape[-1] != self.robot.n:
+            raise InvalidRequest("q", values.shape, expected)
+        return np.asarray(values[..., columns])
+
+    def plan(
+        self,
+        requests: Mapping[str, PlanRequest],
+        *,
+        standing: Mapping[str, ArrayLike] | None = None,
+        delay: float = 0.0,
+        cancel: CancelToken | None = None,
+    ) -> CellPlan:
+        """Motions of several arms, each on its own clock, that start as early as their proofs allow.
+
+        Each arm is planned alone. If there is no order of starts in which the motions are proven apart, each is planned
+        around those that are through or wait; if that does not do either, all arms as one robot, with one clock.
+
+        Args:
+            requests: What each arm is to do, by its name, joints and poses as of ``arm(name)``.
+            standing: Where the other arms stand, by their names; at home if not named.
+            delay: Seconds by which any arm may be late at any time, each for itself, without touching another.
+            cancel: Ends the call before its next check.
+
+        Raises:
+            UnknownName: No such arm.
+            InvalidRequest: There is no request, an arm that moves is said to stand, or values do not fit an arm.
+        """
+        number("delay", delay, f"seconds in [0, {MAX_DELAY:g}]", 0.0, MAX_DELAY)
+        instance("requests", requests, Mapping, "requests by the names of arms")
+        if not requests:
+            raise InvalidRequest("requests", {}, "at least one")
+        for name, request in requests.items():
+            instance(f"requests[{name!r}]", request, PlanRequest, "a PlanRequest")
+            joint_vector(f"requests[{name!r}].start", request.start, self._services.part(name).robot)
+        still = self._joints("standing", {} if standing is None else standing)
+        both = sorted(still.keys() & requests.keys())
+        if both:
+            raise InvalidRequest("standing", both[0], "an arm without a request")
+        return plan_arms(self._services, requests, still, delay, cancel)
+
+    def _joints(self, field: str, values: object) -> dict[str, FloatArray]:
+        """Joints by the names of arms, checked."""
+        given = instance(field, values, Mapping, "joints by the names of arms")
+        return {
+            name: joint_vector(f"{field}[{name!r}]", q, self._services.part(name).robot) for name, q in given.items()
+        }

@@ -1,0 +1,244 @@
+"""How motions of several arms are brought together: each alone, in turns, or all as one.
+
+Each arm is planned with the others away, and starts as early as the proof between the motions allows, in the best of
+all orders. If none is proven, arms are planned around those that are through and those that wait. If that does not do
+either, or an arm has to wait, all are planned as one robot that shares a clock, and the shorter motion is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations, permutations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.cell.clocks import Between, Clock, best_start, tolerated
+from planner_service.cell.result import CellPlan, OwnClock
+from planner_service.cell.services import Services
+from planner_service.collision import CancelToken
+from planner_service.geometry.arrays import FloatArray
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, PlanResult, Reason, Stage
+from planner_service.scene.names import Names
+
+__all__ = ["plan_arms"]
+
+SLOWER, SLOWEST = 1.1, 10.0
+"""How much slower than it seems to need a motion on a shared clock is made, and at most."""
+
+ROOMIER = (0.01, 0.03)
+"""Metres of padding with which it is planned where it tolerates no delay otherwise."""
+
+SLOWER, SLOWEST = 1.1, 10.0
+"""How much slower than it seems to need a motion on a shared clock is made, and at most."""
+
+ROOMIER = (0.01, 0.03)
+"""Metres of padding with which it is planned where it tolerates no delay otherwise."""
+
+
+class _Schedule(NamedTuple):
+    """When each arm starts, what is proven between each two, and when all are through."""
+
+    starts: dict[str, float]
+    pairs: dict[tuple[str, str], Between]
+    end: float
+
+
+def plan_arms(
+    services: Services,
+    requests: Mapping[str, PlanRequest],
+    standing: Mapping[str, FloatArray],
+    delay: float,
+    cancel: CancelToken | None,
+) -> CellPlan:
+    """Motions of arms, each of which may be ``delay`` seconds late.
+
+    Args:
+        standing: Where arms without a request stand; at home if not named.
+    """
+    return _Planning(services, requests, standing, delay, cancel).plan()
+
+
+class _Planning:
+    """One call: what it has tried, and what that cost."""
+
+    def __init__(
+        self,
+        services: Services,
+        requests: Mapping[str, PlanRequest],
+        standing: Mapping[str, FloatArray],
+        delay: float,
+        cancel: CancelToken | None,
+    ) -> None:
+        self._services, self._requests, self._delay, self._cancel = services, requests, delay, cancel
+        home = services.joined({})
+        self._idle = {
+            name: standing.get(name, home[list(part.columns)])
+            for name, part in services.parts.items()
+            if name not in requests
+        }
+        self._starts = {name: _inside(services, name, request.start) for name, request in requests.items()}
+        self._start = services.joined({**self._idle, **self._starts})
+        self._padding = max(request.padding for request in requests.values())
+        self._tried: list[PlanResult] = []
+        self._asked: list[Between] = []
+
+    def plan(self) -> CellPlan:
+        """The motions, or why there are none."""
+        trouble = self._start_trouble()
+        if trouble is not None:
+            return self._failed(trouble)
+        plans = {name: self._planned(name, self._idle) for name in self._requests}
+        for name, plan in plans.items():
+            if plan.failure is not None:
+                return self._failed(replace(plan.failure, detail=f"{name}: {plan.failure.detail}"))
+        goals = {name: plan.unwrap()[0].waypoints[-1] for name, plan in plans.items()}
+        longest = max(plan.unwrap()[1].duration for plan in plans.values())
+        found = self._own_clocks(plans, goals)
+        if found is not None and found.duration <= longest:
+            return found
+        together = self._together(goals)
+        return together if found is None or (together.ok and together.duration < found.duration) else found
+
+    def _own_clocks(self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray]) -> CellPlan | None:
+        """The arms' own plans, or if these cannot be brought together, plans in turns; None if none are proven."""
+        orders = list(permutations(plans))
+        schedule = self._best([self._schedule(order, plans) for order in orders])
+        if schedule is not None:
+            return self._done(plans, schedule, ())
+        in_turn = [(order, self._in_turn(order, goals)) for order in orders]
+        turns = [(turn, self._schedule(order, turn)) for order, turn in in_turn if turn is not None]
+        schedule = self._best([schedule for _, schedule in turns])
+        if schedule is None:
+            return None
+        plans = next(turn for turn, each in turns if each is schedule)
+        return self._done(plans, schedule, ("each arm is planned around those that are through, and those that wait",))
+
+    def _start_trouble(self) -> Failure | None:
+        """That two arms touch, or an arm that stands and the scene; of one that moves, its plan tells the rest."""
+        checker = self._services.whole.checker
+        names = Names(self._services.robot, self._services.scene)
+        arm_of = {names.link(link): name for name, part in self._services.parts.items() for link in part.moving}
+        for a, b in sorted(checker.touching(self._start)):
+            arms = {arm_of[label] for label in (a, b) if label in arm_of}
+            if len(arms) != 1 or not arms <= self._requests.keys():
+                return Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, f"{a} x {b} touch at the start")
+        return None
+
+    def _planned(self, name: str, standing: Mapping[str, FloatArray], goal: FloatArray | None = None) -> PlanResult:
+        request = self._requests[name] if goal is None else replace(self._requests[name], goal=goal)
+        plan = self._services.alone(name, standing).plan(request, cancel=self._cancel)
+        self._tried.append(plan)
+        return plan
+
+    def _in_turn(self, order: Sequence[str], goals: Mapping[str, FloatArray]) -> dict[str, PlanResult] | None:
+        """Each arm planned with those before it at their goals, those after it at their starts; None if one fails."""
+        plans = {}
+        for k, name in enumerate(order):
+            through = {other: goals[other] for other in order[:k]}
+            waiting = {other: self._starts[other] for other in order[k + 1 :]}
+            plans[name] = self._planned(name, {**self._idle, **through, **waiting}, goals[name])
+            if plans[name].failure is not None:
+                return None
+        return plans
+
+    def _schedule(self, order: Sequence[str], plans: Mapping[str, PlanResult]) -> _Schedule | None:
+        """The earliest starts of arms in an order, those before being kept; None if one has none."""
+        clocks = {name: self._clock(name, plan) for name, plan in plans.items()}
+        latest = sum(clock.duration for clock in clocks.values()) + len(order) * self._delay
+        starts: dict[str, float] = {}
+        pairs: dict[tuple[str, str], Between] = {}
+        for name in order:
+            for other in starts:
+                certifier = self._services.between(other, name, self._start)
+                pairs[other, name] = Between(certifier, clocks[other], clocks[name], self._start, self._padding)
+                self._asked.append(pairs[other, name])
+            wait = best_start([(pairs[other, name], start) for other, start in starts.items()], self._delay, latest)
+            if wait is None:
+                return None
+            starts[name] = wait
+        return _Schedule(starts, pairs, max(starts[name] + clocks[name].duration for name in order))
+
+    def _clock(self, name: str, plan: PlanResult) -> Clock:
+        return Clock.of(plan.unwrap()[1], self._services.part(name).columns)
+
+    @staticmethod
+    def _best(schedules: Sequence[_Schedule | None]) -> _Schedule | None:
+        return min((each for each in schedules if each is not None), key=lambda each: each.end, default=None)
+
+    def _done(self, plans: Mapping[str, PlanResult], schedule: _Schedule, notes: tuple[str, ...]) -> CellPlan:
+        lates = [
+            tolerated(between, schedule.starts[second] - schedule.starts[first], self._delay)
+            for (first, second), between in schedule.pairs.items()
+        ]
+        clocks = [
+            OwnClock((name,), plans[name], start, tuple(self._services.part(name).columns))
+            for name, start in sorted(schedule.starts.items(), key=lambda item: item[1])
+        ]
+        return self._result(clocks, min(lates, default=math.inf), None, notes)
+
+    def _together(self, goals: Mapping[str, FloatArray]) -> CellPlan:
+        """All arms as one robot; how late each may be is proven as for clocks of their own."""
+        first = next(iter(self._requests.values()))
+        goal = self._services.joined({**self._idle, **goals})
+        request = replace(first, start=self._start, goal=goal)
+        best = 0.0
+        for padding in (first.padding, *(each for each in ROOMIER if each > first.padding)):
+            slower, notes = 1.0, ["all arms are planned as one robot and share a clock"]
+            while slower <= SLOWEST:
+                plan = self._services.whole.plan(_paced(request, padding, slower), cancel=self._cancel)
+                self._tried.append(plan)
+                if plan.failure is not None:
+                    break
+                late = self._shared_clock(plan)
+                if late >= self._delay:
+                    clock = OwnClock(tuple(self._requests), plan, 0.0, tuple(range(self._services.robot.n)))
+                    return self._result([clock], late, None, tuple(notes))
+                best = max(best, late)
+                slower *= SLOWER * self._delay / late if late > 0.0 else math.inf
+                notes[1:] = [f"{slower:.1f} times as slow as it could be, so that arms may be late"]
+            if plan.failure is not None and padding == first.padding:
+                return self._failed(replace(plan.failure, detail=f"all arms as one: {plan.failure.detail}"))
+        detail = f"no motion was found that tolerates {self._delay:g} s of delay; one tolerates {best:.3f} s"
+        return self._failed(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail))
+
+    def _shared_clock(self, plan: PlanResult) -> float:
+        """The delay that arms that share a clock tolerate."""
+        trajectory, clocks = plan.unwrap()[1], dict[str, Clock]()
+        for name in self._requests:
+            own = self._services.part(name).columns
+            clocks[name] = Clock.of(trajectory, own, own)
+        lates = []
+        for a, b in combinations(clocks, 2):
+            certifier = self._services.between(a, b, self._start)
+            between = Between(certifier, clocks[a], clocks[b], self._start)  # padding is kept at samples of the search
+            self._asked.append(between)
+            proven = self._delay > 0.0 and not len(between.in_the_way(0.0, self._delay))
+            lates.append(tolerated(between, 0.0, self._delay if proven else 0.0))
+        return min(lates)
+
+    def _failed(self, failure: Failure) -> CellPlan:
+        return self._result([], 0.0, failure, ())
+
+    def _result(
+        self, clocks: Sequence[OwnClock], late: float, failure: Failure | None, notes: tuple[str, ...]
+    ) -> CellPlan:
+        rectangles, bounds = (sum(getattr(each, what) for each in self._asked) for what in ("rectangles", "bounds"))
+        return CellPlan(tuple(clocks), late, failure, self._start, rectangles, bounds, tuple(self._tried), notes)
+
+
+def _inside(services: Services, name: str, given: ArrayLike) -> FloatArray:
+    """A start within the limits, as a plan clamps it."""
+    q = np.asarray(given, dtype=np.float64)
+    limits = services.part(name).robot.around(q).limits
+    return np.clip(q, limits.lower, limits.upper)
+
+
+def _paced(request: PlanRequest, padding: float, slower: float) -> PlanRequest:
+    """A request with more padding, and its motion slower along the same path."""
+    scales = request.velocity_scale / slower, request.acceleration_scale / slower**2
+    return replace(request, padding=padding, velocity_scale=scales[0], acceleration_scale=scales[1])
