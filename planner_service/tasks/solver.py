@@ -223,7 +223,7 @@ class _Search:
         try:
             last = self._last()
         except Ended as ended:
-            tried = [] if self._visit is None else self._visit.tried[:6]
+            tried = [] if self._visit is None else [*dict.fromkeys(self._visit.tried)][:6]
             detail = "; ".join([ended.failure.detail, *tried])
             late = ended.failure.reason is not Reason.PREEMPTED
             return self._result(self._deepest, replace(ended.failure, detail=detail) if late else ended.failure)
@@ -574,7 +574,7 @@ class _Search:
             detail = f"{step}{report.failed} of {report.tried} tries failed: {report.why}"
         else:
             none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
-            detail = f"{step}{none}{'; '.join(tried[:6])}"
+            detail = f"{step}{none}{'; '.join([*dict.fromkeys(tried)][:6])}"
         return self._explained(visit, Failure(PlanStage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
     def _explained(self, visit: Visit, failure: Failure) -> Failure:

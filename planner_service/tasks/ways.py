@@ -196,6 +196,7 @@ class Ways:
     motions: Motions
     stage: ContactStage
     service: PlannerService
+    _cramped: bool = False
     _told: dict[Contact, list[str]] = field(default_factory=dict)
     _narrower: dict[tuple[Contact, int], Contact | None] = field(default_factory=dict)
     _fitting: dict[tuple[Contact, bytes], tuple[list[tuple[int, FloatArray]], list[str]]] = field(default_factory=dict)
@@ -441,7 +442,13 @@ class Ways:
     def _proven(self, way: Way, visit: Visit) -> Lines:
         contact = way.contact
         with visit.trying(self.stage.act, contact.note, Rank.GRIPPER), self._telling(contact, wanted=True):
-            grip = self.motions.gripper(contact.before, way.q, contact.then, contact.fingers)
+            if self._cramped:
+                self._require_room(contact, way.q)
+            try:
+                grip = self.motions.gripper(contact.before, way.q, contact.then, contact.fingers)
+            except NoMotion:
+                self._cramped = True
+                raise
         inward: list[PlanResult] = []
         for k, line in enumerate(way.inward):
             step = self.stage.approaches[-1 - k]
@@ -451,6 +458,19 @@ class Ways:
             for k, (step, line) in enumerate(zip(self.stage.retreats, way.outward, strict=True))
         ]
         return Lines(tuple(inward), grip, tuple(outward))
+
+    def _require_room(self, contact: Contact, q: FloatArray) -> None:
+        """Refuse a contact where something is in the way once the gripper has moved: a state costs less than a proof.
+
+        Raises:
+            NoMotion: Something is.
+        """
+        checker = contact.after.checker
+        meant = [pair for touch in (contact.fingers, *contact.standing) for pair in touch.pairs]
+        lenient = checker.variant(allowed=(*checker.allowed, *meant))
+        if not self.motions.counted(lenient, lambda asked: asked.state_is_free(q)):
+            (first, *_) = self.motions.counted(lenient, lambda asked: asked.contacts(q))
+            raise NoMotion(f"{first.a} x {first.b} touch where the gripper is {'closed' if contact.takes else 'open'}")
 
     def _require_apart(self, checker: CollisionChecker, q: FloatArray) -> None:
         """Refuse a retreat at whose end the fingers still touch what they have left.

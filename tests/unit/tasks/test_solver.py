@@ -419,3 +419,19 @@ def test_a_grasp_with_which_the_line_that_follows_is_impossible_costs_no_search(
     assert task.ok
     assert task.steps[0].tried == 1, "one search"
     assert any(reason.startswith("then MoveLinear rise has no plan") for reason, _ in task.steps[2].reasons)
+
+
+def test_fingers_that_cannot_close_are_refused_by_a_state_once_a_proof_has_failed() -> None:
+    scene = ps.load_scene("table")
+    scene = scene.with_obstacle(ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), turned(0.28, 0.14, HALF - 0.001)))
+    for sign in (-1, 1):
+        there = ps.Pose((0.28, 0.14 + sign * 0.031, 0.03))
+        scene = scene.with_obstacle(ps.Obstacle(f"plate {sign}", ps.Box((0.07, 0.01, 0.06)), there))
+    service = ps.PlannerService("wxai", scene)
+    task = service.solve(Task(pick_steps("block", None, ON_TABLE)), service.robot.home)
+    assert not task.ok
+    reasons = dict(next(step for step in task.steps if "Grasp" in step.step).reasons)
+    proofs = sum(times for reason, times in reasons.items() if "the gripper cannot close" in reason)
+    states = sum(times for reason, times in reasons.items() if "touch where the gripper is closed" in reason)
+    assert proofs == 1
+    assert states > 10
