@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.harness.report import Promise, Report, Row, cpu_ms, spread, table_of
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, p50, spread, table_of
 from planner_service import Pose, PoseGoal, Robot, inverse_kinematics, load_robot
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
@@ -252,7 +252,14 @@ def _line(name: str, rows: list[Row]) -> Row:
 def _promises(rows: list[Row]) -> tuple[Promise, ...]:
     wrong = sum(len(row["contradictions"]) for row in rows)
     doubt = sum(not row["complete"] for row in rows)
+    times = {some: [row["ms"] for row in rows if bool(row["solutions"]) == some] or [0.0] for some in (True, False)}
+    half = [p50(times[some]) for some in (True, False)]
     return (
         Promise("0 solutions that other solvers find are missing", f"{wrong}", wrong == 0),
         Promise("at most 0.5 % of poses in doubt", f"{doubt} of {len(rows):,}", doubt <= 0.005 * len(rows)),
+        Promise(
+            "half of the poses with solutions take at most 3 ms of CPU, half of those without at most 10 ms",
+            f"{half[0]:.1f}, {half[1]:.1f} ms",
+            half[0] <= 3.0 and half[1] <= 10.0,
+        ),
     )
