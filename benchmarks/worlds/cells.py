@@ -443,7 +443,7 @@ _SIZES: dict[str, dict[str, dict[str, Any]]] = {
     "kitting": {
         "wxai": {
             "floor": 0.0, "size_pin": (0.08, 0.022, 0.022), "at_tray": (0.27, -0.17, 0.02),
-            "at_station": (0.4, 0.0, 0.12), "foot": (0.05, 0.05), "at_kit": (0.28, 0.17, 0.01), "room": 0.004,
+            "at_station": (0.4, 0.0, 0.12), "foot": (0.05, 0.05), "at_kit": (0.28, 0.17, 0.01), "room": 0.006,
             "pitch": 0.055,
         },
         "panda": {
