@@ -30,6 +30,7 @@ class FlatFace:
         inward: Unit vectors (e, 3) in its plane, from each straight rim to its inside; none for a disc.
         rims: Where the rims are: the face has ``inward . x >= rims``, (e,).
         radius: Of a disc; infinite for a face with straight rims.
+        reach: Metres from the middle to the farthest point of a rim.
     """
 
     outward: FloatArray
@@ -37,6 +38,7 @@ class FlatFace:
     inward: FloatArray
     rims: FloatArray
     radius: float
+    reach: float
 
     def room(self, points: FloatArray) -> FloatArray:
         """Metres from points (k, 3) of its plane to its nearest rim, (k,); negative beside the face."""
@@ -64,18 +66,17 @@ def _faces_of(shape: Shape, R: FloatArray, place: FloatArray, radius: float) -> 
     if isinstance(shape, Box):
         for k, size in enumerate(shape.size):
             others = [j for j in range(3) if j != k]
+            u, v = (shape.size[j] / 2.0 for j in others)
+            if min(u, v) < radius:
+                continue
             inward = np.concatenate([sign * R[:, others].T for sign in (1.0, -1.0)])
-            half = np.array([shape.size[j] / 2.0 for j in others] * 2)
-            for sign in (1.0, -1.0):
-                yield FlatFace(
-                    sign * R[:, k], place + sign * size / 2.0 * R[:, k], inward, along(inward, place) - half, math.inf
-                )
-    if isinstance(shape, Cylinder):
-        half_length = shape.length / 2.0
-        for sign in (1.0, -1.0):
-            yield FlatFace(
-                sign * R[:, 2], place + sign * half_length * R[:, 2], np.zeros((0, 3)), np.zeros(0), shape.radius
-            )
+            rims = (inward * place).sum(axis=1) - np.array([u, v, u, v])
+            for outward in (R[:, k], -R[:, k]):
+                yield FlatFace(outward, place + size / 2.0 * outward, inward, rims, math.inf, math.hypot(u, v))
+    if isinstance(shape, Cylinder) and shape.radius >= radius:
+        for outward in (R[:, 2], -R[:, 2]):
+            middle = place + shape.length / 2.0 * outward
+            yield FlatFace(outward, middle, np.zeros((0, 3)), np.zeros(0), shape.radius, shape.radius)
     if isinstance(shape, Mesh):
         yield from _facets(shape, R, place, radius)
 
@@ -92,7 +93,9 @@ def _facets(mesh: Mesh, R: FloatArray, place: FloatArray, radius: float) -> Iter
         inward, starts = _rims(mesh, rows, normal)
         world = np.stack([along(R, row) for row in inward])
         rims = (inward * starts).sum(axis=1) + (world * place).sum(axis=1)
-        yield FlatFace(along(R, normal), along(R, middle) + place, world, rims, math.inf)
+        corners = mesh.vertices[mesh.faces[rows].reshape(-1)] - middle
+        reach = math.sqrt(float((corners * corners).sum(axis=1).max()))
+        yield FlatFace(along(R, normal), along(R, middle) + place, world, rims, math.inf, reach)
 
 
 def _in_one_plane(mesh: Mesh) -> IntArray:

@@ -24,6 +24,7 @@ __all__ = [
     "MEANT_OVERLAP",
     "PUSHED_ASIDE",
     "grasp_objection",
+    "hand_objection",
     "reach_objection",
     "rim_gaps",
     "tool_frames",
@@ -60,8 +61,12 @@ MAX_SAMPLES = 4000
 Pair = tuple[str, str]
 
 
-def grasp_objection(target: Obstacle, grasp: Pose, robot: Robot) -> str:
-    """Why fingers that close at a grasp, or its cup, would not hold an object where it stands; empty if they would."""
+def grasp_objection(target: Obstacle, grasp: Pose, robot: Robot, hand: HandCheck | None = None) -> str:
+    """Why fingers that close at a grasp, or its cup, would not hold an object where it stands; empty if they would.
+
+    Args:
+        hand: The robot's hand and the object, if there is one already.
+    """
     gripper = robot.gripper
     if gripper is None:
         return f"{robot.name} has no gripper"
@@ -78,20 +83,27 @@ def grasp_objection(target: Obstacle, grasp: Pose, robot: Robot) -> str:
         return f"closing would push {target.name} {held.aside * 1000:.0f} mm aside"
     if not held.reached:
         return f"the fingers would not reach both sides of {target.name}"
-    return "" if held.whole else _closed_objection(target, grasp, robot, held)
+    return "" if held.whole else _closed_objection(target, grasp, robot, held, hand)
 
 
-def _closed_objection(target: Obstacle, grasp: Pose, robot: Robot, held: Held) -> str:
-    """Why fingers would not stop where they are said to meet a part of an object; FCL decides."""
+def _closed_objection(target: Obstacle, grasp: Pose, robot: Robot, held: Held, hand: HandCheck | None) -> str:
+    """Why fingers would not stop where they are said to meet a part of an object."""
     gripper = robot.gripper
     assert gripper is not None
     x, y, z = (held.shift * axis for axis in gripper.closing)  # by which they push the object
-    seen, hand = Pose((x, y, z)) @ grasp.inverse() @ target.pose, HandCheck(robot, target.shape)
-    inside = hand.touching(seen, held.width + 2.0 * MEANT_OVERLAP)
+    seen = Pose((x, y, z)) @ grasp.inverse() @ target.pose
+    return hand_objection(hand or HandCheck(robot, target.shape), robot, target, seen, held.width)
+
+
+def hand_objection(hand: HandCheck, robot: Robot, target: Obstacle, seen: Pose, width: float) -> str:
+    """Why a hand would not hold an object between fingers ``width`` metres apart; FCL decides, to a millimetre."""
+    gripper = robot.gripper
+    assert gripper is not None
+    inside = hand.touching(seen, width + 2.0 * MEANT_OVERLAP)
     if inside:
         links = ", ".join(sorted(inside))
-        return f"closed to {held.width * 1000:.1f} mm, the gripper would stand inside {target.name}: {links}"
-    meeting = hand.touching(seen, max(gripper.lower, held.width - 2.0 * MEANT_OVERLAP))
+        return f"closed to {width * 1000:.1f} mm, the gripper would stand inside {target.name}: {links}"
+    meeting = hand.touching(seen, max(gripper.lower, width - 2.0 * MEANT_OVERLAP))
     if len(hand.sides(meeting)) < 2:
         return f"the fingers would not reach both sides of {target.name}"
     return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -74,10 +73,12 @@ def _extent(shape: Shape, pose: Pose, axes: FloatArray) -> tuple[list[float], li
     return low.tolist(), high.tolist()
 
 
-@dataclass(frozen=True)
-class _Part:
-    link: str
-    shape: Shape
+class _Placed(NamedTuple):
+    """Where the parts of a hand stand in the tool frame: rotations (p, 3, 3), positions and middles of balls (p, 3)."""
+
+    turns: FloatArray
+    places: FloatArray
+    middles: FloatArray
 
 
 class HandCheck:
@@ -86,17 +87,19 @@ class HandCheck:
     def __init__(self, robot: Robot, solid: Solid) -> None:
         gripper = robot.gripper
         assert gripper is not None
-        self._robot, self._gripper, self._tool = robot, gripper, Pose.from_matrix(robot.tool_placement).inverse()
+        self._robot, self._gripper = robot, gripper
+        self._tool = Pose.from_matrix(robot.tool_placement).inverse()
         palm = [item for item in robot.shapes if item.body == robot.tool_body and item.link not in gripper.links]
+        self._fixed = [self._tool @ item.pose for item in palm]
+        self._links = [item.link for item in (*gripper.closed, *palm)]
         self._pieces = pieces_of(solid)
-        parts = [_Part(item.link, item.shape) for item in (*gripper.closed, *palm)]
-        self._parts, self._fixed = parts, [self._tool @ item.pose for item in palm]
-        shapes = [*(part.shape for part in parts), *self._pieces.kinds]
+        shapes = [*(item.shape for item in (*gripper.closed, *palm)), *self._pieces.kinds]
         self._objects = FclObjects(shapes, lambda k: np.eye(4), {})
-        self._balls = [_ball(shape) for shape in shapes]
-        kinds = self._pieces.numbers + len(parts)
-        self._middles = np.array([middle for middle, _ in self._balls])[kinds]
-        self._radii = np.array([radius for _, radius in self._balls])[kinds]
+        middles, radii = (np.array(each) for each in zip(*(_ball(shape) for shape in shapes), strict=True))
+        self._hand_middles, self._hand_radii = middles[: len(self._links)], radii[: len(self._links)]
+        kinds = self._pieces.numbers + len(self._links)
+        self._middles, self._radii = middles[kinds], radii[kinds]
+        self._at_width: dict[float, _Placed] = {}
 
     def sides(self, links: frozenset[str]) -> set[float]:
         """On which sides of the grip the fingers among some links are, 1 and -1."""
@@ -109,29 +112,35 @@ class HandCheck:
         Args:
             seen: The pose of the object in the tool frame.
         """
-        moved = [self._tool @ item.pose for item in self._gripper.shapes(width)]
+        hand = self._placed(width)
         R, at = seen.rotation, np.array(seen.position)
         count = len(self._pieces)
-        rotations = np.broadcast_to(self._pieces.rotations, (count, 3, 3))
-        turns = np.stack([along(R, rotations[:, :, k]) for k in range(3)], axis=-1).reshape(count, 3, 3)
+        columns = [along(R, self._pieces.rotations[:, :, k]).reshape(-1, 3) for k in range(3)]
+        turns = np.broadcast_to(np.stack(columns, axis=-1), (count, 3, 3))
         places = along(R, self._pieces.positions).reshape(count, 3) + at
         middles = (turns * self._middles[:, None, :]).sum(axis=2) + places
+        away = middles - hand.middles[:, None]
+        near = np.sqrt((away * away).sum(axis=2)) <= self._radii + self._hand_radii[:, None]
         touched = set[str]()
-        for number, (part, pose) in enumerate(zip(self._parts, [*moved, *self._fixed], strict=True)):
-            if part.link in touched:
+        for number in np.flatnonzero(near.any(axis=1)).tolist():
+            if self._links[number] in touched:
                 continue
-            middle, radius = self._balls[number]
-            away = middles - (along(pose.rotation, middle) + np.array(pose.position))
-            near = np.flatnonzero(np.sqrt((away * away).sum(axis=1)) <= self._radii + radius).tolist()
-            if near:
-                self._objects.place(number, pose.rotation, np.array(pose.position))
-            for piece in near:
-                kind = len(self._parts) + int(self._pieces.numbers[piece])
+            self._objects.place(number, hand.turns[number], hand.places[number])
+            for piece in np.flatnonzero(near[number]).tolist():
+                kind = len(self._links) + int(self._pieces.numbers[piece])
                 self._objects.place(kind, turns[piece], places[piece])
                 if self._objects.collide(number, kind):
-                    touched.add(part.link)
+                    touched.add(self._links[number])
                     break
         return frozenset(touched)
+
+    def _placed(self, width: float) -> _Placed:
+        if width not in self._at_width:
+            poses = [*(self._tool @ item.pose for item in self._gripper.shapes(width)), *self._fixed]
+            turns, places = np.stack([pose.rotation for pose in poses]), np.array([pose.position for pose in poses])
+            middles = (turns * self._hand_middles[:, None, :]).sum(axis=2) + places
+            self._at_width[width] = _Placed(turns, places, middles)
+        return self._at_width[width]
 
 
 def _ball(shape: Shape) -> tuple[FloatArray, float]:

@@ -1,188 +1,81 @@
-"""Turning fingers and suction cups: where they stand, what they take, and that a task with them is proven again."""
+"""Grasps from the side, and all kinds of grasps as one value."""
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from functools import cache
 
 import numpy as np
 import pytest
 
-from auditor.schema import Invalid
-from auditor.verify import verify
-from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Scene, Sphere
-from planner_service.certify import certify_gripper
-from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.package_data import data_folder
-from planner_service.geometry.arrays import FloatArray
-from planner_service.grasping import top_grasps
-from planner_service.records.evidence import save_plan, with_evidence
-from planner_service.records.plan_file import load_task
-from planner_service.records.recertify import recertify
-from planner_service.robot.model import Robot
-from planner_service.robot_setup.loading import load_robot
-from planner_service.scene.loading import load_scene
-from planner_service.tasks.pick_place import plan_pick_place
+from planner_service import Box, Cylinder, Obstacle, Pose, load_robot, top_grasps
+from planner_service.errors import InvalidRequest
+from planner_service.grasping import GraspKind, GraspKinds, antipodal_grasps, side_grasps, suction_grasps
+from planner_service.grasping.guards import grasp_objection
 from tests.support.optional import present
 
-
-@pytest.fixture(scope="module")
-def kinova() -> Robot:
-    return load_robot("kinova_gripper")
+loaded = cache(load_robot)
+CAN = Obstacle("can", Cylinder(0.03, 0.12), Pose((0.35, 0.0, 0.06)))
 
 
-def tip_gap(robot: Robot) -> float:
-    """Metres between the two finger tips along the axis on which they close, by the corners of their hulls."""
-    gripper, T = present(robot.gripper), np.linalg.inv(robot.tool_placement)
-    ends = []
-    for tip in gripper.tips:
-        (item,) = (item for item in robot.shapes if item.link == tip)
-        M = T @ item.pose.matrix
-        along = (item.shape.vertices @ M[:3, :3].T + M[:3, 3]) @ np.array(gripper.closing)  # type: ignore[attr-defined]
-        ends.append((along.min(), along.max()))
-    (a, b), (c, d) = sorted(ends)
-    return float(c - b) if d > b else float(a - d)
+@pytest.mark.parametrize("name", ["wxai", "panda"])
+def test_side_grasps_come_level_or_from_somewhat_above_and_close_level_around_the_middle(name: str) -> None:
+    robot = loaded(name)
+    gripper = present(robot.gripper)
+    grasps = side_grasps(robot, CAN)
+    rises = [float((grasp.rotation @ np.array(gripper.approach))[2]) for grasp in grasps]
+    assert np.diff(rises).max() < 1e-12
+    assert rises[:8] == pytest.approx([0.0] * 8, abs=1e-12)
+    assert rises[-1] == pytest.approx(-math.sin(math.radians(30.0)))
+    for grasp in grasps:
+        assert abs((grasp.rotation @ np.array(gripper.closing))[2]) < 1e-12
+        assert math.dist(grasp.position, CAN.pose.position) < 1e-12
+        assert grasp_objection(CAN, grasp, robot) == ""
 
 
-def test_turning_fingers_stand_as_far_apart_as_they_are_told(kinova: Robot) -> None:
-    gripper = present(kinova.gripper)
-    for width in np.linspace(gripper.lower, gripper.upper, 9).tolist():
-        assert tip_gap(kinova.with_gripper(width)) == pytest.approx(width, abs=1e-9)
-        assert gripper.width_at(gripper.position(width)) == pytest.approx(width, abs=1e-9)
-
-
-def test_turning_fingers_are_where_pinocchio_says(kinova: Robot) -> None:
-    pin = pytest.importorskip("pinocchio")
-    gripper = present(kinova.gripper)
-    model = pin.buildModelFromUrdf(str(data_folder("robots") / "kinova_gripper" / "kinova_gripper.urdf"))
-    data, q = model.createData(), pin.neutral(model)
-    for width in (0.0, 0.045, gripper.upper):
-        for name in gripper.joints:
-            q[model.joints[model.getJointId(name)].idx_q] = gripper.position(width)
-        pin.framesForwardKinematics(model, data, q)
-        palm = data.oMf[model.getFrameId("fingertips")].inverse()
-        tool = Pose.from_matrix(kinova.tool_placement).inverse()
-        for item in kinova.with_gripper(width).shapes:
-            if item.link in gripper.links:
-                there = (palm * data.oMf[model.getFrameId(item.link)]).homogeneous
-                np.testing.assert_allclose((tool @ item.pose).matrix, there, atol=1e-9)
-
-
-def test_a_thin_plate_between_the_fingers_stops_them(kinova: Robot) -> None:
-    plate = Obstacle(
-        "plate", Box((0.02, 0.001, 0.02)), Pose.from_matrix(kinova.tool_pose(kinova.home)) @ Pose((0.0, 0.04, 0.0))
-    )
-    scene, gripper = Scene(obstacles=(plate,)), present(kinova.gripper)
-    ends = [CollisionChecker(kinova.with_gripper(w), scene).state_is_free(kinova.home) for w in (0.0, gripper.upper)]
-    found = certify_gripper(kinova, scene, kinova.home, (gripper.upper, 0.0))
-    assert ends == [True, True]
-    assert "the gripper cannot close from 122.0 to 0.0 mm" in found.refused
-    width = float(found.refused.split("width of ")[1].split()[0]) / 1e3
-    assert 0.0 < width < gripper.upper
-
-
-def test_a_locked_wrist_keeps_the_fingers_where_they_were(kinova: Robot) -> None:
-    def shapes(robot: Robot) -> list[FloatArray]:
-        bodies = [np.array(body) for body in robot.body_poses(kinova.home[: robot.n])]
-        placed = [(bodies[item.body], item.pose.matrix) for item in robot.with_gripper(0.05).shapes]
-        return [body[:9].reshape(3, 3) @ M[:3] + np.outer(body[9:], M[3]) for body, M in placed]
-
-    locked = kinova.locked({"j2s6s200_joint_6": float(kinova.home[5])})
-    np.testing.assert_allclose(shapes(locked), shapes(kinova), atol=1e-9)
+def test_what_is_too_wide_or_leans_too_far_is_refused_from_the_side_too() -> None:
+    robot = loaded("wxai")
+    with pytest.raises(InvalidRequest, match=r"target: got 'crate'; expected an object at most 0.080 m wide"):
+        side_grasps(robot, Obstacle("crate", Box((0.2, 0.2, 0.2))))
+    with pytest.raises(InvalidRequest, match=r"leans\[0\]: got 4.0; expected an angle"):
+        side_grasps(robot, CAN, leans=(4.0,))
+    with pytest.raises(InvalidRequest, match=r"leans: got .*; expected at least one angle"):
+        side_grasps(robot, CAN, leans=())
+    with pytest.raises(InvalidRequest, match="robot: got 'ur5_vacuum, whose gripper is a cup'"):
+        side_grasps(loaded("ur5_vacuum"), CAN)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["kinova_gripper", "xarm7_vacuum"])
-def test_a_block_is_taken_out_of_the_bin_and_the_file_shows_others_the_proof(name: str, tmp_path: Path) -> None:
-    service = PlannerService(name, load_scene("bin"))
-    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(service.robot.home, service.robot.home))
-    assert task.failure is None, task.failure
-    assert all(present(segment.result.certificate).certified for segment in task.segments)
-    save_plan(task, tmp_path / "task.json")
-    again = load_task(tmp_path / "task.json")
-    document = json.loads(with_evidence(again).file_text())
-    assert list(verify(document))
-    document["sections"]["evidence"]["proofs"][-1]["moved"] = [0.1, 0.1]
-    with pytest.raises(Invalid, match="fingers elsewhere"):
-        list(verify(document))
-    moving = [segment for segment in task.segments if segment.gripper is not None]
-    assert (len(moving) > 0) == (present(service.robot.gripper).kind != "vacuum")
+def test_all_kinds_come_one_after_the_other_as_the_gripper_can() -> None:
+    robot, cup = loaded("wxai"), loaded("ur5_vacuum")
+    fingers = (*top_grasps(robot, CAN), *side_grasps(robot, CAN), *antipodal_grasps(robot, CAN, seed=3, most=20))
+    assert GraspKinds(seed=3, most=20).poses(robot, CAN) == tuple(dict.fromkeys(fingers))
+    cups = (*top_grasps(cup, CAN), *suction_grasps(cup, CAN))
+    assert GraspKinds().poses(cup, CAN) == tuple(dict.fromkeys(cups))
+    assert GraspKinds((GraspKind.SIDE,)).poses(robot, CAN) == side_grasps(robot, CAN)
+    assert GraspKinds([GraspKind.SIDE]) == GraspKinds((GraspKind.SIDE,))
 
 
-@pytest.mark.parametrize(
-    ("shape", "turn"), [(Box((0.05, 0.06, 0.07)), (0.3, 0.2, 0.5)), (Cylinder(0.03, 0.08), (0.2, 0.1, 0.0))]
-)
-def test_a_cup_lies_on_the_face_that_looks_up(shape: Box | Cylinder, turn: tuple[float, float, float]) -> None:
-    robot, target = load_robot("ur5_vacuum"), Obstacle("thing", shape, Pose.from_rpy((0.4, 0.1, 0.2), turn))
-    gripper = present(robot.gripper)
-    for grasp in top_grasps(robot, target):
-        angles = np.linspace(0.0, 2.0 * math.pi, 12)
-        rim = [Pose((gripper.radius * math.cos(a), gripper.radius * math.sin(a), 0.0)) for a in angles]
-        local = np.array([(target.pose.inverse() @ grasp @ at).position for at in rim])
-        assert np.abs(shape.distance(local)).max() < 1e-12
-        above = np.array([(target.pose.inverse() @ grasp @ Pose((0.0, 0.0, -1e-4))).position])
-        assert shape.distance(above)[0] == pytest.approx(1e-4)
-        assert (grasp.rotation @ np.array(gripper.approach))[2] < -0.5
+def test_a_kind_that_finds_nothing_is_passed_over_and_all_that_do_are_named() -> None:
+    robot = loaded("wxai")
+    crate = Obstacle("crate", Box((0.2, 0.2, 0.2)), Pose((0.3, 0.0, 0.1)))
+    with pytest.raises(InvalidRequest, match=r"target: got 'crate'; expected top: .* side: .* antipodal: "):
+        GraspKinds().poses(robot, crate)
+    with pytest.raises(InvalidRequest, match=r"kinds: got 'suction'; expected some that a parallel gripper can do"):
+        GraspKinds((GraspKind.SUCTION,)).poses(robot, CAN)
 
-
-NO_FACE = [Sphere(0.03), Box((0.02, 0.1, 0.1)), Cylinder(0.01, 0.1)]
-
-
-def test_what_has_no_face_for_the_cup_is_refused() -> None:
-    shape: Any
-    for shape in NO_FACE:
-        target = Obstacle("thing", shape, Pose((0.4, 0.0, 0.1)))
-        with pytest.raises(
-            InvalidRequest, match=r"target: got 'thing'; expected .* flat face that looks up, at least 0.030 m"
-        ):
-            top_grasps(load_robot("ur5_vacuum"), target)
-
-
-def test_a_cup_beside_its_object_is_no_grasp_in_a_file(tmp_path: Path) -> None:
-    service = PlannerService("ur5_vacuum", load_scene("bin"))
-    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(service.robot.home, service.robot.home))
-    save_plan(task, tmp_path / "task.json")
-    saved = load_task(tmp_path / "task.json")
-    block = saved.scene.obstacle("blue_block")
-    aside = replace(block, pose=Pose((0.015, 0.0, 0.0)) @ block.pose)
-    scene = saved.scene.without("blue_block").with_obstacle(aside)
-    moved = saved.within(replace(saved.begin, scene=scene))
-    assert not recertify(moved).certified
-
-
-# ---- files
-
-
-def robot_file(folder: Path, text: str) -> Path:
-    path = folder / "robot.toml"
-    path.write_text(text, "utf-8")
-    return path
-
-
-TOOL = (data_folder("robots") / "ur5_vacuum" / "robot.toml").read_text("utf-8")
 
 REFUSED = [
-    ('base = "ur5"', 'base = "ur6"', "unknown robot of base 'ur6'"),
-    ('link = "suction_tool"', 'link = "tool0"', "tool.link: got 'tool0'; expected a name that no link"),
-    ("radius = 0.015\napproach", "approach", "gripper.radius is missing; a vacuum gripper needs it"),
-    ('kind = "vacuum"', 'kind = "vacuum"\nclosing = [1.0, 0.0, 0.0]', "gripper.closing: a vacuum gripper has none"),
+    ({"kinds": ()}, "kinds: got .*; expected at least one GraspKind, each once"),
+    ({"kinds": (GraspKind.TOP, GraspKind.TOP)}, "kinds: got .*; expected at least one GraspKind, each once"),
+    ({"kinds": ("top",)}, "kinds"),
+    ({"friction": 0.0}, "friction: got 0.0"),
+    ({"seed": 0.5}, "seed: got 0.5"),
+    ({"most": 1_001}, "most: got 1001"),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "said"), REFUSED)
-def test_a_mistake_about_a_tool_is_named(tmp_path: Path, old: str, new: str, said: str) -> None:
-    assert old in TOOL
-    with pytest.raises(InvalidFile, match=said):
-        load_robot(robot_file(tmp_path, TOOL.replace(old, new, 1)))
-
-
-def test_a_robot_based_on_another_is_that_but_for_what_it_says(tmp_path: Path) -> None:
-    text = 'name = "mine"\nbase = "ur5"\n\n[poses]\nhome = [0.0, -1.0, 1.0, 0.0, 0.0, 0.0]\n'
-    robot, base = load_robot(robot_file(tmp_path, text)), load_robot("ur5")
-    assert (robot.name, list(robot.poses), robot.home.tolist()) == ("mine", ["home"], [0.0, -1.0, 1.0, 0.0, 0.0, 0.0])
-    assert robot.limits.velocity.tolist() == base.limits.velocity.tolist()
-    assert replace(robot, name="ur5", named_poses=base.named_poses).hash == base.hash
+@pytest.mark.parametrize(("given", "said"), REFUSED)
+def test_a_value_out_of_its_range_is_named(given: dict[str, object], said: str) -> None:
+    with pytest.raises(InvalidRequest, match=said):
+        GraspKinds(**given)  # type: ignore[arg-type]
