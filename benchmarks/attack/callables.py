@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import planner_service as ps
+from planner_service import grasping
 from planner_service import planners as algorithms
 from planner_service.certify import Certifier, ExemptInterval
 from planner_service.collision import Known
@@ -169,7 +170,9 @@ SKIPPED: Mapping[str, str] = {
         ),
         "an error",
     ),
-    **dict.fromkeys(("EdgeVerdict", "Kind", "Known", "Outcome", "Reason", "Stage", "Verdict"), "an enumeration"),
+    **dict.fromkeys(
+        ("EdgeVerdict", "GraspKind", "Kind", "Known", "Outcome", "Reason", "Stage", "Verdict"), "an enumeration"
+    ),
     **dict.fromkeys(("CancelToken", "Sequential", "Trapezoidal", "robot_names", "scene_names"), "takes nothing"),
     "Step": "what the steps of tasks have in common",
     "Robot": "made by load_robot and Robot.from_urdf",
@@ -449,6 +452,12 @@ def _tasks(folder: Path) -> Calls:
         _call(pick_steps, object="blue_block", grasps=grasp, handling=handling),
         _call(place_steps, object="held", poses=[tray.pose], handling=handling),
         _call(ps.top_grasps, robot=robot, target=block, tilts=(0.0,)),
+        _call(grasping.side_grasps, robot=robot, target=block, leans=(0.0,)),
+        _call(grasping.antipodal_grasps, robot=robot, target=block, friction=0.5, seed=0, most=4),
+        _call(grasping.suction_grasps, robot=ps.load_robot("ur5_vacuum"), target=block, most=4),
+        _call(grasping.grasp_quality, robot=robot, target=block, grasp=grasp[0], friction=0.5),
+        _call(grasping.GraspKinds, kinds=(grasping.GraspKind.SIDE,), friction=0.5, seed=0, most=4),
+        _call(grasping.GraspKinds((grasping.GraspKind.SIDE,)).poses, robot=robot, target=block),
         _call(places_on, target=block, support=tray),
         _call(service.torque_limits, scale=0.5),
         _call(service.certify_gripper, q=robot.home, start=0.0, end=0.01),

@@ -67,7 +67,7 @@ ANSWERS = {
         "Terms",
         "Trail",
     ),
-    *("FailedLeg", "OrderResult", "Stop", "Whereabouts", "World", "load_solver"),
+    *("FailedLeg", "GraspQuality", "OrderResult", "Stop", "Whereabouts", "World", "load_solver"),
 }
 """What is made of values that have been checked, or takes none."""
 
