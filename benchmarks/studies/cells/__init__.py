@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.cells import cycles, executed, failures, script, solved
+from benchmarks.studies.cells import cycles, executed, failures, order, script, solved
 
 __all__ = ["run"]
 
@@ -15,6 +15,7 @@ PARTS: dict[str, Callable[[int | None, int, str | None], Report]] = {
     "failures": failures.run,
     "script": script.run,
     "cycles": cycles.run,
+    "order": order.run,
 }
 
 
