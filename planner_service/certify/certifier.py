@@ -21,7 +21,15 @@ from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, joint_distance
-from planner_service.geometry.validation import finite_numbers, function_or_none, instance, items, number, numbers
+from planner_service.geometry.validation import (
+    finite_numbers,
+    function_or_none,
+    instance,
+    items,
+    number,
+    numbers,
+    whole,
+)
 from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import range_text
 from planner_service.robot.model import AllowedContact, Robot
@@ -249,7 +257,9 @@ class Certifier:
             names = self._names_at(judged.pair, np.asarray(at))
         return EdgeProof(judged.verdict, judged.s, *names)
 
-    def certify_tubes(self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike, *, padding: float = 0.0) -> TubeProof:
+    def certify_tubes(
+        self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike, *, padding: float = 0.0, parts: int = 64
+    ) -> TubeProof:
         """The proof that straight edges are free with room: at all that is off an edge by so much in each joint.
 
         Edges are judged in their order, up to the first that is not free.
@@ -259,14 +269,17 @@ class Certifier:
             ends: The same.
             room: Radians (or metres) that each joint may be off the edge, even beyond its limits, (k, n).
             padding: Metres that every pair is to keep.
+            parts: Where a room is too much as a whole it is halved in one joint after the other; so many parts are
+                looked at for all edges together, at most 10,000. With 0 less is proven, in less time.
 
         Raises:
             InvalidRequest: other shapes, numbers that are not finite, configurations outside the joint limits, room
-                below 0, or a padding outside [0, 0.1].
+                below 0, a padding outside [0, 0.1], or other parts.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        parts = whole("parts", parts, 0, 10_000)
         first, last, off = self._tubes(starts, ends, room)
-        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN)
+        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN, parts)
         if found.free == len(first):
             return TubeProof(found.free, int(found.bounds))
         line = np.array([first[found.free], last[found.free]])

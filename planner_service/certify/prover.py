@@ -102,13 +102,16 @@ class Prover:
             return NOT_TAKEN
         return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
 
-    def tubes(self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float) -> Tubes:
+    def tubes(
+        self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float, parts: int
+    ) -> Tubes:
         """How many edges from ``starts`` to ``ends`` are free with ``room``, (k, n) each, before the first that is not.
 
         Every pair is proven more than ``enough`` metres apart at whatever is off the edge by no more than its room in
-        each joint. An edge itself on which a pair is nearer than ``nearer`` collides.
+        each joint. An edge itself on which a pair is nearer than ``nearer`` collides. ``parts`` of rooms may be looked
+        at, for all edges together, where the whole of one is too much.
         """
-        return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer))
+        return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer, parts))
 
     def each(
         self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float

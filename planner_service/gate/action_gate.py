@@ -47,6 +47,10 @@ UNKNOWN = "where the arm is is not known before its first check"
 TRIES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675)
 """How many targets are taken back, one after the other, until what brakes the arm after the rest is free."""
 
+PARTS = 12
+"""Of rooms that are too much as a whole: so many are looked at of a chunk, and of what brakes the arm after it: they
+take some milliseconds at most; with more, less than one chunk in a hundred more passes."""
+
 SLOWER = 6
 """Halvings of the interval in which the largest speed is looked for that keeps the limits."""
 
@@ -438,7 +442,7 @@ class ActionGate:
         for back in (*(each for each in TRIES if each < passing), passing):
             start = course.at(passing - back)
             rows = self.limits.braking(start)
-            found = None if rows is None else self._stop_proof(start, rows, by)
+            found = None if rows is None else self._stop_proof(start, rows, by, 0 if back else PARTS)
             bounds += 0 if found is None else found.distances
             if rows is not None and found is not None and found.pair is None:
                 refused = self._no_stop(passing - back, refused, blocked) if back else refused
@@ -508,16 +512,18 @@ class ActionGate:
     def _course(self, now: Setpoint, targets: FloatArray) -> Course:
         return now.course(targets, self._shares, self.tracking.goal_time)
 
-    def _stop_proof(self, now: Setpoint, rows: FloatArray, by: Certifier) -> TubeProof | None:
+    def _stop_proof(self, now: Setpoint, rows: FloatArray, by: Certifier, parts: int = PARTS) -> TubeProof | None:
         """The proof of rows that brake, from where the setpoint is; none if they are outside the joint limits."""
         if not self.limits.inside(rows):
             return None
-        return self._proof(self._course(now, rows), rows, by)
+        return self._proof(self._course(now, rows), rows, by, parts)
 
-    def _proof(self, course: Course, targets: FloatArray, by: Certifier) -> TubeProof:
+    def _proof(self, course: Course, targets: FloatArray, by: Certifier, parts: int = PARTS) -> TubeProof:
         """How many of the ways to targets (k, n) are free, from the first on, with what may be beside them."""
         k = len(targets)
-        return by.certify_tubes(course.places[:k], targets, course.radii[:k] + self._error, padding=self.padding)
+        return by.certify_tubes(
+            course.places[:k], targets, course.radii[:k] + self._error, padding=self.padding, parts=parts
+        )
 
     def _contact(self, proof: TubeProof) -> Refused:
         assert proof.pair is not None

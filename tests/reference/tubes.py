@@ -21,8 +21,8 @@ from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["Joint", "Solid", "Tubes", "approach", "moved_height"]
 
-DEPTH = 9
-"""Halvings of an edge."""
+DEPTH, PARTS = 9, 100
+"""Halvings of an edge, and parts of its room that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +125,41 @@ class Tubes:
     def __init__(self, second: IndependentChecker) -> None:
         self._model, self._geometry = second.model, second.geometry
         self._data, self._shapes = self._model.createData(), self._geometry.createData()
+        joints = [self._model.joints[self._model.getJointId(name)] for name in second.joints]
+        self._slides = [each.shortname().startswith("JointModelP") for each in joints]
         self._columns = [self._model.joints[self._model.getJointId(name)].idx_q for name in second.joints]
 
     def free(self, a: FloatArray, b: FloatArray, room: FloatArray, enough: float) -> bool:
         """Whether every pair is proven more than ``enough`` metres apart on the edge and beside it."""
-        return all(self._free(k, a, b, room, enough, DEPTH) for k in range(len(self._geometry.collisionPairs)))
+        return all(self._apart(k, a, b, room, enough) for k in range(len(self._geometry.collisionPairs)))
+
+    def _apart(self, pair: int, a: FloatArray, b: FloatArray, room: FloatArray, enough: float) -> bool:
+        """By the whole room, else by halves of it in the joint that moves the pair most."""
+        left = [(a, b, room)]
+        for _ in range(PARTS):
+            if not left:
+                return True
+            a, b, room = left.pop()
+            if self._free(pair, a, b, room, enough, DEPTH):
+                continue
+            _, n, sides = self._facing(pair, 0.5 * (a + b))
+            moves = [0.0 if self._slides[k] else _closer(sides, n, one) for k, one in enumerate(np.diag(room))]
+            side = 0.5 * np.eye(len(room))[int(np.argmax(moves))] * room
+            if not side.any() or self._near(pair, 0.5 * (a + b), room, enough):
+                return False
+            left += [(a - side, b - side, room - side), (a + side, b + side, room - side)]
+        return False
+
+    def _near(self, pair: int, q: FloatArray, room: FloatArray, enough: float) -> bool:
+        """Whether a pair is too near at q or at a corner of its room, to which its gap shrinks joint by joint."""
+        least = self._facing(pair, q)[0]
+        for one in np.diag(room):
+            (least, _, q), *_ = sorted(
+                (self._facing(pair, q + side * one)[0], side, q + side * one) for side in (-1, 1)
+            )
+            if least <= enough:
+                return True
+        return least <= enough
 
     def _free(self, pair: int, a: FloatArray, b: FloatArray, room: FloatArray, enough: float, depth: int) -> bool:
         """By what is known in the middle, else by halves; by none once the room alone is too much."""
@@ -171,7 +201,7 @@ class Tubes:
 
 
 def _closer(
-    sides: Sequence[tuple[Solid, Sequence[Joint]]], n: FloatArray, moved: FloatArray, *, enough: float
+    sides: Sequence[tuple[Solid, Sequence[Joint]]], n: FloatArray, moved: FloatArray, *, enough: float = np.inf
 ) -> float:
     """How much closer two solids get; the least order's answer that is less than ``enough``."""
     out = np.inf

@@ -115,12 +115,12 @@ class _Faulty:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._right, name)
 
-    def certify_tubes(self, starts: Any, ends: Any, room: Any, *, padding: float = 0.0) -> TubeProof:
+    def certify_tubes(self, starts: Any, ends: Any, room: Any, **options: Any) -> TubeProof:
         """As the certifier's, but for the fault."""
         if self._fault == "nothing proven":
             return TubeProof(len(starts), 0)
         share = {"no room": 0.0, "half the room": 0.5}.get(self._fault, 1.0)
-        proof: TubeProof = self._right.certify_tubes(starts, ends, share * np.asarray(room), padding=padding)
+        proof: TubeProof = self._right.certify_tubes(starts, ends, share * np.asarray(room), **options)
         return proof
 
 

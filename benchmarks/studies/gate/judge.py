@@ -25,6 +25,9 @@ TRUSTED = 0.9
 SLOPE = 1e-4
 """Radians (or metres) for the gap's slope."""
 
+SWEEPS = 4
+"""Over all joints, in the search for the corner of a room that is nearest to contact."""
+
 ROUNDING, STILL = 1e-12, 1e-9
 """Metres that are none, and on a whole piece."""
 
@@ -108,6 +111,25 @@ class Judge:
         steps = SLOPE * np.eye(len(q))
         ends = ((self._gaps(q + step, near).min(), self._gaps(q - step, near).min()) for step in steps)
         return np.array([(more - less) / (2.0 * SLOPE) for more, less in ends])
+
+    def lowest(self, q: FloatArray, room: FloatArray) -> float:
+        """The smallest gap found at corners of a room about q, (n,) each, joint by joint as long as it shrinks."""
+        gaps = self._gaps(q, np.arange(len(self.reaches)))
+        moved = self.reaches @ room
+        near = np.flatnonzero(gaps - moved <= (gaps + moved).min())  # what may be the smallest anywhere in it
+        side = -np.sign(self.slope(q))
+        best = float(self._gaps(q + side * room, near).min())
+        for _ in range(SWEEPS):
+            before = best
+            for joint in range(len(q)):
+                other = side.copy()
+                other[joint] = -1.0 if side[joint] > 0.0 else 1.0
+                gap = float(self._gaps(q + other * room, near).min())
+                if gap < best:
+                    best, side = gap, other
+            if best == before:
+                break
+        return min(best, float(gaps.min()))
 
     def _gaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
         """Coal's distances of some pairs at q (n,)."""

@@ -12,6 +12,7 @@ from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.gate.judge import Judge
 from benchmarks.studies.gate.worlds import ROBOTS, World, world
+from planner_service.gate import ActionGate, Setpoint
 from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["run"]
@@ -29,7 +30,7 @@ LONGEST, STARTS = 50, 6
 """Targets of a chunk, and chunks that begin somewhere on a plan."""
 
 NEAREST, PLACES = 3, 4
-"""Places of a chunk at which the worst corner of its room is looked for, and places on each edge."""
+"""Places of a chunk at which the worst corner of its room is searched for, and places on each edge."""
 
 RAMP = 0.3
 """Seconds in which a chunk reaches the plan's own speed."""
@@ -53,7 +54,7 @@ def run(queries: int | None, seed: int, robot: str | None, _: Kept = NONE) -> Re
     ]
     text = f"at most {100 * MOST:g} % of the chunks with {1e3 * CLEARANCE:g} mm beyond the tube are refused"
     told = f"{refused} of {clear:,} ({100 * refused / clear:.2f} %)"
-    caption = "Clear: at the places nearest to contact, the corner of the room towards it is still so far apart."
+    caption = "Clear: no corner of the room is nearer to contact, of the chunk and its stop, that a search finds."
     table = table_of("Refusals", lines, caption=caption)
     return Report("gate", tuple(rows), (table,), (Promise(text, told, refused <= MOST * clear),))
 
@@ -71,7 +72,7 @@ def _counted(name: str, wanted: int, seed: int) -> Row:
         verdict = gate.check(chunk[0], chunk[1:])
         if verdict.refused is not None and verdict.refused.kind.value not in ("contact", "stop"):
             continue  # too fast for the limits, whatever is near
-        if _gap(place, chunk) < CLEARANCE:
+        if _gap(place, np.concatenate([chunk, _stop(place, gate, chunk)])) < CLEARANCE:
             continue
         clear += 1
         if not verdict.ok:
@@ -97,6 +98,17 @@ def _chunks(name: str, seed: int) -> Iterator[tuple[World, FloatArray]]:
             yield place, np.asarray(plan(np.minimum(begun + gone, plan.duration)))
 
 
+def _stop(place: World, gate: ActionGate, chunk: FloatArray) -> FloatArray:
+    """The targets that brake an arm after a chunk, which are to be free as well; they are the limits' to say."""
+    share = 0.5 * sum(place.tracking.shares(1.0 / place.rate))
+    before = after = chunk[0]
+    for target in chunk[1:]:
+        before, after = after, after + share * (target - after)
+    speed = (after - before) / share / place.tracking.goal_time
+    rows = gate.limits.braking(Setpoint(after, np.zeros(place.n), speed, np.zeros(place.n)))
+    return np.empty((0, place.n)) if rows is None else rows
+
+
 def _gap(place: World, chunk: FloatArray) -> float:
     """About the smallest gap anywhere in the room of a chunk, never less than it is, by Coal."""
     judge, tracking = place.judge, place.tracking
@@ -118,5 +130,5 @@ def _least(judge: Judge, places: FloatArray, rooms: FloatArray) -> float:
     for k in np.argsort(gaps - rooms @ judge.reach)[:NEAREST]:
         if least < CLEARANCE:
             break
-        least = min(least, judge.gap(places[k] - np.sign(judge.slope(places[k])) * rooms[k]))
+        least = min(least, judge.lowest(places[k], rooms[k]))
     return least

@@ -77,6 +77,7 @@ class Prover:
         room: NDArray[np.float64],
         enough: float,
         nearer: float,
+        parts: int,
         /,
     ) -> tuple[int, float, int, float, bool]: ...
     def each(

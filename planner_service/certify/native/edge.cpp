@@ -35,7 +35,7 @@ LineVerdict judge_line(const Model& model, const Variant& variant, const double*
     const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, &line, &blend, nullptr});
     Edge edge(model, variant, curve, enough, nearer, room);
     const EdgeResult result = edge.run(roots);
-    return {true, result, edge.asked()};
+    return {true, result, edge.asked(), edge.whole(), edge.lost()};
 }
 
 EdgeResult Edge::run(const std::vector<int>& roots) {
@@ -54,6 +54,7 @@ std::size_t Edge::place(double s) {
 bool Edge::charge(std::size_t count, int pair, double s) {
     asked_ += static_cast<double>(count);
     if (asked_ <= terms_.edge_most) return true;
+    whole_ = false;
     lose(pair, s);
     return false;
 }
@@ -61,6 +62,7 @@ bool Edge::charge(std::size_t count, int pair, double s) {
 // A pair that is neither apart nor overlaps as far as can be told; the others are looked at all the same.
 void Edge::lose(int pair, double s) {
     if (out_.verdict == Verdict::free) out_ = {Verdict::undecided, pair, s};
+    if (roomy_) lost_.push_back({pair, s});
 }
 
 // Whether a pair is far enough apart at a node for all of its room; if it is not, no halving helps.

@@ -16,10 +16,17 @@ struct EdgeResult {
     double s = 0.0;
 };
 
+struct Lost {
+    int pair;
+    double s;
+};
+
 struct LineVerdict {
     bool taken = false;  // or the edge is too long for numbers
     EdgeResult result;
     double asked = 0.0;
+    bool whole = true;          // all pairs were looked at; not where there was no end to it
+    std::vector<Lost> lost;     // with room: of these it cannot be told
 };
 
 // The verdict on the straight edge from q1 to q2, n numbers each; the rest is as for ``Edge``.
@@ -34,6 +41,8 @@ class Edge {
 
     EdgeResult run(const std::vector<int>& roots);
     double asked() const { return asked_; }
+    bool whole() const { return whole_; }
+    const std::vector<Lost>& lost() const { return lost_; }
 
   private:
     struct Stretch {
@@ -61,6 +70,8 @@ class Edge {
     Places places_;
     EdgeResult out_;
     double asked_ = 0.0;
+    bool whole_ = true;
+    std::vector<Lost> lost_;
     std::vector<double> q_, travel_;
     std::vector<Stretch> stretches_;
     std::vector<Row> rows_;

@@ -5,8 +5,16 @@
 
 namespace proof {
 
+namespace {
+
+struct Part {
+    std::vector<double> start, end, room, moves;
+};
+
+}  // namespace
+
 Tubes::Tubes(const Model& model, const Variant& variant, std::size_t count, const double* starts, const double* ends,
-             const double* room, double enough, double nearer)
+             const double* room, double enough, double nearer, int parts)
     : model_(model),
       variant_(variant),
       n_(static_cast<std::size_t>(model.dof)),
@@ -16,6 +24,7 @@ Tubes::Tubes(const Model& model, const Variant& variant, std::size_t count, cons
       room_(room),
       enough_(enough),
       nearer_(nearer),
+      parts_(parts),
       places_(model, variant),
       middle_(n_),
       reach_(n_),
@@ -112,7 +121,90 @@ bool Tubes::edge(std::size_t k, const std::vector<int>& pairs) {
     const auto judged = judge_line(model_, variant_, starts_ + n_ * k, ends_ + n_ * k, enough_, nearer_, room_ + n_ * k, pairs);
     asked_ += judged.asked;
     found_ = judged.result;
-    return judged.taken && found_.verdict == Verdict::free;
+    if (!judged.taken) return false;
+    if (found_.verdict != Verdict::undecided || !judged.whole) return found_.verdict == Verdict::free;
+    for (const Lost& lost : judged.lost)
+        if (!apart_by_parts(k, lost)) {
+            found_ = {Verdict::undecided, lost.pair, lost.s};
+            return false;
+        }
+    found_ = EdgeResult{};
+    return true;
+}
+
+// A lower bound of the gap of a pair at q.
+double Tubes::gap_at(const double* q, const Pair& pair) {
+    places_.clear();
+    places_.leave_room(nullptr);
+    places_.add(0.0, q, still_.data());
+    Bound bound{};
+    asked_ += 1.0;
+    variant_.refined(model_.terms, places_.facing(pair, 0), static_cast<int>(model_.terms.rounds), bound);
+    return bound.gap;
+}
+
+// Whether a pair is not far enough apart at some corner of its room about q, towards which its gap shrinks, joint by joint.
+bool Tubes::corner_near(std::vector<double> q, const double* room, const Pair& pair) {
+    if (!(gap_at(q.data(), pair) > enough_)) return true;
+    for (std::size_t j = 0; j < n_; ++j) {
+        if (room[j] == 0.0) continue;
+        const double at = q[j];
+        q[j] = at + room[j];
+        const double above = gap_at(q.data(), pair);
+        q[j] = at - room[j];
+        const double below = gap_at(q.data(), pair);
+        if (!(std::min(above, below) > enough_)) return true;
+        if (above < below) q[j] = at + room[j];
+    }
+    return false;
+}
+
+bool Tubes::apart_by_parts(std::size_t k, const Lost& lost) {
+    const Pair pair = model_.pair(lost.pair);
+    if (!pair.leaf() || parts_ <= 0) return false;
+    const double *start = starts_ + n_ * k, *end = ends_ + n_ * k, *room = room_ + n_ * k;
+    Part whole{{start, start + n_}, {end, end + n_}, {room, room + n_}, std::vector<double>(n_)};
+    double square = 0.0;
+    for (std::size_t j = 0; j < n_; ++j) square += (end[j] - start[j]) * (end[j] - start[j]);
+    const double share = square > 0.0 ? lost.s / std::sqrt(square) : 0.0;
+    std::vector<double> q(n_);
+    for (std::size_t j = 0; j < n_; ++j) q[j] = start[j] + share * (end[j] - start[j]);
+    std::vector<double> alone(n_, 0.0);
+    if (corner_near(q, room, pair)) return false;
+    places_.clear();
+    places_.add(0.0, q.data(), still_.data());
+    for (std::size_t j = 0; j < n_; ++j) {
+        alone[j] = room[j];
+        places_.leave_room(alone.data());
+        whole.moves[j] = places_.room_motion(pair, 0);
+        alone[j] = 0.0;
+    }
+    places_.leave_room(nullptr);
+    for (const Body& body : model_.bodies)  // no edge leaves what limits of slides say of distances from axes
+        if (body.column >= 0 && body.slides) whole.moves[static_cast<std::size_t>(body.column)] = 0.0;
+    std::vector<Part> open{std::move(whole)};
+    while (!open.empty()) {
+        if (parts_ <= 0) return false;
+        parts_ -= 2;
+        Part part = std::move(open.back());
+        open.pop_back();
+        const auto j = static_cast<std::size_t>(std::max_element(part.moves.begin(), part.moves.end()) - part.moves.begin());
+        if (!(part.moves[j] > 0.0)) return false;
+        const double half = 0.5 * part.room[j];
+        part.room[j] = half;
+        part.moves[j] *= 0.5;
+        for (const double side : {-half, half}) {
+            Part beside = part;
+            beside.start[j] += side;
+            beside.end[j] += side;
+            const auto judged = judge_line(model_, variant_, beside.start.data(), beside.end.data(), enough_, nearer_,
+                                           beside.room.data(), {lost.pair});
+            asked_ += judged.asked;
+            if (!judged.taken || !judged.whole || judged.result.verdict == Verdict::colliding) return false;
+            if (judged.result.verdict == Verdict::undecided) open.push_back(std::move(beside));
+        }
+    }
+    return true;
 }
 
 }  // namespace proof

@@ -11,9 +11,10 @@ namespace proof {
 
 class Tubes {
   public:
-    // ``starts``, ``ends`` and ``room`` (the caller's): of so many edges, a row of numbers each.
+    // ``starts``, ``ends`` and ``room`` (the caller's): of so many edges, a row of numbers each. ``parts``: of rooms that are too much as
+    // a whole, so many may be looked at, for all edges together.
     Tubes(const Model& model, const Variant& variant, std::size_t count, const double* starts, const double* ends,
-          const double* room, double enough, double nearer);
+          const double* room, double enough, double nearer, int parts);
 
     // How many edges are free before the first that is not.
     std::size_t run(const std::vector<int>& roots);
@@ -32,6 +33,7 @@ class Tubes {
     std::size_t n_, count_;
     const double *starts_, *ends_, *room_;
     double enough_, nearer_;
+    int parts_;
     EdgeResult found_;
     double asked_ = 0.0;
     Places places_;
@@ -41,6 +43,10 @@ class Tubes {
     std::size_t free(std::size_t first, std::size_t last, const std::vector<int>& pairs);
     bool edge(std::size_t k, const std::vector<int>& pairs);
     std::vector<int> left(std::size_t first, std::size_t last, std::vector<int> pairs);
+    // Whether a pair is apart on an edge and beside it, by parts of its room; ``s`` is where the whole of it was too much.
+    bool apart_by_parts(std::size_t k, const Lost& lost);
+    double gap_at(const double* q, const Pair& pair);
+    bool corner_near(std::vector<double> q, const double* room, const Pair& pair);
     void stand_amid(std::size_t first, std::size_t last);
 };
 
