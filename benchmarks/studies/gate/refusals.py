@@ -29,7 +29,7 @@ MOST = 0.01
 LONGEST, STARTS = 50, 6
 """Targets of a chunk, and chunks that begin somewhere on a plan."""
 
-NEAREST, PLACES = 3, 4
+NEAREST, PLACES = 10, 4
 """Places of a chunk at which the worst corner of its room is searched for, and places on each edge."""
 
 RAMP = 0.3
