@@ -294,8 +294,8 @@ class Certifier:
     ) -> tuple[BoolArray, int]:
         """Of each straight edge whether it is proven free with its room, (k,), and the bounds that were asked.
 
-        Arguments and errors are those of ``certify_tubes``. Edges that are near each other should follow each other:
-        what is far from many is looked at once.
+        Arguments and errors are those of ``certify_tubes``, with no ``parts``. Edges that are near each other should
+        follow each other: what is far from many is looked at once.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         free, bounds = self.prover.each(*self._tubes(starts, ends, room), padding + MARGIN, padding - MARGIN)

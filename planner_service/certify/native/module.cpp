@@ -234,7 +234,7 @@ class Prover {
         require_alike(starts, ends, room);
         require(out.shape(0) == starts.shape(0), "a verdict for each edge");
         nb::gil_scoped_release release;
-        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), enough, nearer);
+        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), enough, nearer, 0);
         tubes.each(roots_, out.data());
         return tubes.asked();
     }
