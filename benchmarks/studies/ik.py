@@ -171,7 +171,7 @@ def _seeded(robot: Robot, goal: PoseGoal, rng: np.random.Generator) -> Iterator[
     for step in range(STEPS):
         error, jacobian = _errors(robot, goal, q)
         damping = 0.0 if step >= STEPS - 5 else 1e-3 * (error**2).sum(axis=1)[:, None, None] + 1e-12
-        square = jacobian.transpose(0, 2, 1) @ jacobian + (damping + 1e-18) * np.eye(robot.n)
+        square = jacobian.transpose(0, 2, 1) @ jacobian + (damping + 1e-13) * np.eye(robot.n)
         move = np.linalg.solve(square, jacobian.transpose(0, 2, 1) @ error[:, :, None])[:, :, 0]
         q = q - move * np.minimum(1.0, 1.0 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-300))
     q = q - TURN * np.round((q - robot.limits.lower) / TURN - 0.5) * _turns(robot)
