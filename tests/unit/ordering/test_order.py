@@ -157,10 +157,10 @@ def test_branches_follow_one_another_only_with_the_same_load(service: ps.Planner
     held = ps.Attached("held", ps.Sphere(0.01), ps.Pose(), touch_links=("forearm",))
     carrying = service.with_scene(service.scene.with_attached(held))
     one, two, three, four = free(service, 4, 6)
-    pick = [Branch(one, after=carrying), Branch(two)]
+    pick = [Branch(np.array(START)), Branch(two), Branch(one, after=carrying)]
     place = [Branch(three, before=carrying), Branch(four, before=carrying)]
     found = order(service, [Visit("pick", pick, then=Visit("place", place))], request())
-    assert found.stops[0].branch == 0
+    assert found.stops[0].branch == 2
     leg = found.stops[1].leg
     assert leg.origin is not None
     assert leg.origin.world.scene == carrying.scene
@@ -185,6 +185,8 @@ def test_a_visit_without_a_free_branch_is_named_with_what_it_touches(service: ps
     found = order(service, [Visit("open", free(service, 1)), Visit("shut", [blocked])], request())
     assert not found.ok
     assert found.failure is not None
+    assert found.plans == 0
+    assert [each.partition(":")[0] for each in found.refused] == ["shut [0]"]
     assert "shut" in found.failure.detail
     assert "lesson_disc" in found.failure.detail
     assert (found.gap, found.duration) == (math.inf, math.inf)
