@@ -55,7 +55,8 @@ class Contact:
         standing: What the object may touch: before it is released, or once it is taken.
         gap: Metres within which it may.
         takes: Whether the object is taken there, not left.
-        note: What is to be said of its opening.
+        note: What every reason says of an opening that is less than usual.
+        usual: What reasons about fingers say of the usual one.
     """
 
     tool: Pose
@@ -69,6 +70,11 @@ class Contact:
     gap: float
     takes: bool
     note: str = ""
+    usual: str = ""
+
+    def says(self, reason: str, *, fingers: bool) -> str:
+        """A reason with how wide the gripper is open, where that is less than usual or fingers are what it is about."""
+        return f"{self.note or (self.usual if fingers else '')}{reason}"
 
     @cached_property
     def before(self) -> PlannerService:
@@ -158,6 +164,7 @@ def _grasping(
         gap=step.support_gap,
         takes=True,
         note=f"{opened(gripper, widths[rank])}: " if rank else "",
+        usual="" if rank or gripper.kind == "vacuum" else f"{opened(gripper, widths[rank])}: ",
     )
 
 
@@ -238,6 +245,7 @@ def _placing(
         gap=step.support_gap,
         takes=False,
         note=f"{opened(gripper, widths[rank])}: " if rank else "",
+        usual="" if rank or gripper.kind == "vacuum" else f"{opened(gripper, widths[rank])}: ",
     )
 
 

@@ -266,14 +266,21 @@ class Ways:
         """A contact at which fingers met something, with a smaller opening, if there is one."""
         key = contact, rank
         if key not in self._narrower:
-            names, fingers = Names(self.service.robot, self.service.scene), fingers_of(self.service)
             made = None
-            if any(tells_of_fingers(reason, fingers, names) for reason in self._told.get(contact, ())):
+            if any(map(self._of_fingers, self._told.get(contact, ()))):
                 made = contact.less(rank)
             self._narrower[key] = made
         made = self._narrower[key]
         if made is not None:
             yield made
+
+    def _of_fingers(self, reason: str) -> bool:
+        """Whether a reason says that fingers meet something."""
+        return tells_of_fingers(reason, *self._fingers)
+
+    @cached_property
+    def _fingers(self) -> tuple[tuple[str, ...], Names]:
+        return fingers_of(self.service), Names(self.service.robot, self.service.scene)
 
     def told(self, contact: Contact, why: str) -> None:
         """Something is in the way of the open gripper at a contact, or of its motion."""
@@ -305,7 +312,7 @@ class Ways:
             for solution, q in enumerate(solutions):
                 objection = self._objection(contact, q)
                 if objection:
-                    refused.append(f"{contact.note}{objection}")
+                    refused.append(contact.says(objection, fingers=self._of_fingers(objection)))
                     if contact.takes:
                         self.told(contact, objection)
                 else:
