@@ -43,6 +43,9 @@ COLUMN_ROUNDS = 240_000
 
 MAX_LINEAR = 40
 
+ALL_COLUMNS = 550_000
+"""The same of all rounds of a call: 20 with 200 visits, which take some four minutes."""
+
 USED = 0.01
 """Share of a leg in the solution of the linear program from which it is planned."""
 
@@ -140,6 +143,7 @@ class _Ordering:
         likely = improved(table.costs(table.least()), rng, FIRST_ROUNDS)
         relaxation = Relaxation.of(table.costs(table.least()), likely)
         rounds = max(4, min(MAX_LINEAR, COLUMN_ROUNDS // max(1, int(relaxation.columns.sum()))))
+        left = ALL_COLUMNS // max(1, int(relaxation.columns.sum())) - rounds
         best: Tour | None = None
         bound = floor = 0.0
         for turn in range(TURNS):
@@ -148,11 +152,12 @@ class _Ordering:
             if turn == 0:
                 floor = bound = max(0.0, relaxation.raised(table.costs(table.least()), rounds, enough))
             if bound < enough:
-                more = rounds if turn == 0 else max(3, rounds // 4)
+                more = max(1, min(left, rounds if turn == 0 else max(3, rounds // 4)))
+                left -= more
                 bound = max(bound, relaxation.raised(table.costs(table.seconds()), more, enough))
             wanted = table.unknown(self._used(table, relaxation))[: 2 * len(self.chains)]
             done = relaxation.settled and not wanted
-            if bound >= min(enough, IMPOSSIBLE) or len(table.planned) >= self.plans or done:
+            if bound >= min(enough, IMPOSSIBLE) or len(table.planned) >= self.plans or left <= 0 or done:
                 break
             self._plan(table, wanted)
             likely = self._improved(table, likely if best is None else best, rng)[0]
