@@ -56,7 +56,7 @@ class Contact:
         gap: Metres within which it may.
         takes: Whether the object is taken there, not left.
         note: What every reason says of an opening that is less than usual.
-        usual: What reasons about fingers say of the usual one.
+        usual: What reasons about fingers say of the usual one, where it is open at the contact.
     """
 
     tool: Pose
@@ -245,7 +245,6 @@ def _placing(
         gap=step.support_gap,
         takes=False,
         note=f"{opened(gripper, widths[rank])}: " if rank else "",
-        usual="" if rank or gripper.kind == "vacuum" else f"{opened(gripper, widths[rank])}: ",
     )
 
 
