@@ -180,7 +180,7 @@ def test_a_joint_at_its_limit_leaves_the_way_to_the_others(rail: Robot, side: fl
 
 def test_a_pose_that_is_none_and_seeds_of_another_shape_are_refused(wxai: Robot) -> None:
     with pytest.raises(InvalidRequest, match=r"pose: got 'up'; expected a Pose"):
-        inverse_kinematics(wxai, "up")  # type: ignore[arg-type]
+        inverse_kinematics(wxai, "up")  # type: ignore[call-overload]
     with pytest.raises(InvalidRequest, match=r"seeds\[1\]: .* expected 6 finite numbers"):
         inverse_kinematics(wxai, Pose(), seeds=[np.zeros(6), np.zeros(5)])
     with pytest.raises(InvalidRequest, match="finite numbers"):

@@ -358,8 +358,8 @@ def test_a_task_of_one_stage_names_its_step_too_with_the_reasons_of_that_step(ce
         task = scene.solve(Task((step,)), cell.robot.home)
         assert present(task.failure).detail.startswith(f"{step}: ")
     task = low.solve(Task(pick_steps("block", None, ON_TABLE)), cell.robot.home)
-    step, _, detail = present(task.failure).detail.partition(": ")
-    failed = next(report for report in task.steps if report.step.endswith(step))
+    named, _, detail = present(task.failure).detail.partition(": ")
+    failed = next(report for report in task.steps if report.step.endswith(named))
     assert failed.tried == failed.failed
     assert any(reason in detail for reason, _ in failed.reasons)
 
