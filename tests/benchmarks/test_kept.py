@@ -23,13 +23,14 @@ def test_what_was_done_is_there_again_and_a_line_that_was_cut_off_is_not(tmp_pat
     assert Kept(file).get("b") == {"x": 2}
 
 
+@pytest.mark.slow
 def test_a_study_that_goes_on_says_what_one_at_once_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunks, "CHECKS", 2)
     monkeypatch.setattr(chunks, "EPISODES", 1)
-    at_once = chunks.run(8 * chunks.CHECKS, 0, "wxai")
+    at_once = chunks.run(4 * chunks.CHECKS, 0, "wxai")
     kept = Kept(tmp_path / "done.jsonl")
-    chunks.run(5 * chunks.CHECKS, 0, "wxai", kept)
-    assert chunks.run(8 * chunks.CHECKS, 0, "wxai", Kept(tmp_path / "done.jsonl")).rows == at_once.rows
+    chunks.run(2 * chunks.CHECKS, 0, "wxai", kept)
+    assert chunks.run(4 * chunks.CHECKS, 0, "wxai", Kept(tmp_path / "done.jsonl")).rows == at_once.rows
 
 
 def test_times_that_were_taken_are_not_taken_again(tmp_path: Path) -> None:
