@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from types import NoneType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certificate import CARRIED_TOGETHER, Certificate, ExemptInterval, Refusal
-from planner_service.certify.interval_proof import NO_LEAVES, EdgeProof, EdgeVerdict, Roots, Span
-from planner_service.certify.kept_proof import KeptRefusal, prove_kept
+from planner_service.certify import hulls, separation
+from planner_service.certify import interval_proof as tree
+from planner_service.certify import motion_bounds as motion_terms
+from planner_service.certify.interval_proof import NO_LEAVES, EdgeProof, EdgeVerdict, Judged, Obstruction, Roots, Span
+from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
+from planner_service.certify.native.loading import load_proof
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK, Charge, Prover
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, joint_distance
 from planner_service.geometry.validation import (
+    copied_in,
     finite_numbers,
     function_or_none,
     instance,
@@ -35,7 +39,36 @@ from planner_service.presentation.measures import range_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["MARGIN", "MAX_OVERLAP", "Certifier", "Trail", "TubeProof", "certify"]
+__all__ = [
+    "LIMIT_SLACK",
+    "MARGIN",
+    "MAX_OVERLAP",
+    "Certificate",
+    "Certifier",
+    "Charge",
+    "ExemptInterval",
+    "Proof",
+    "Prover",
+    "Refusal",
+    "Trail",
+    "TubeProof",
+    "Tubes",
+    "certify",
+    "clearance_text",
+    "instruction_sets",
+    "proof_terms",
+    "proof_text",
+]
+
+Charge = Callable[[int], None]
+
+LIMIT_SLACK = 1e-9
+"""How far a waypoint may lie outside a joint limit by rounding, in rad or m."""
+
+FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
+
+PROVEN, CLOSE, SPENT = range(3)
+"""How a compiled proof ends; any other number means that a stretch was too short to be halved."""
 
 MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
@@ -56,6 +89,286 @@ FREE_EDGE = EdgeProof(EdgeVerdict.FREE)
 
 NANO = 1e9
 """Bounds are reported in whole nanometres, rounded to the safe side."""
+
+CARRIED_TOGETHER = "carried together"
+"""Why two objects on the tool are not judged: nothing moves them against each other."""
+
+
+@dataclass(frozen=True)
+class ExemptInterval:
+    """A stretch of the path, in path length s, on which named pairs need not be apart, and why.
+
+    Attributes:
+        depth: Metres by which the pairs may overlap there: that they do so by no more is proven. None: they are not
+            judged there at all.
+
+    Raises:
+        InvalidRequest: ``pairs`` are not pairs of two names, the ends are no numbers in order, or the depth is
+            negative or not finite.
+    """
+
+    s_start: float
+    s_end: float
+    pairs: tuple[tuple[str, str], ...]
+    reason: str
+    depth: float | None = None
+
+    def __post_init__(self) -> None:
+        start = number("s_start", self.s_start, "a number >= 0", 0.0, math.inf)
+        number("s_end", self.s_end, f"a number >= {start:.9g}", start, math.inf)
+        object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+        if self.depth is not None:
+            number("depth", self.depth, "metres >= 0, or None", 0.0, sys.float_info.max)
+
+    def __str__(self) -> str:
+        pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
+        if self.depth is not None:
+            where = f"from s = {self.s_start:.3f} to {self.s_end:.3f}"
+            return f"overlapping by at most {self.depth * 1e3:.4f} mm {where}: {pairs} ({self.reason})"
+        return f"not judged from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs} ({self.reason})"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Where a proof ended.
+
+    Attributes:
+        s_start: Where, in path length s, the stretch begins on which a pair could not be proven apart.
+        s_end: Where it ends.
+        s: Where on it.
+        a: One of the pair, by name.
+        b: The other.
+        detail: Why, in words.
+        spent: Whether there was no end to it, rather than a place where the two are too close.
+    """
+
+    s_start: float
+    s_end: float
+    s: float
+    a: str
+    b: str
+    detail: str
+    spent: bool = False
+
+    def __str__(self) -> str:
+        where = f"from s = {self.s_start:.6g} to {self.s_end:.6g}"
+        return f"{self.what} is not proven apart {where}: {self.detail}"
+
+    @property
+    def what(self) -> str:
+        """The pair, in words."""
+        return f"{self.a} x {self.b}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was proven of a curve.
+
+    Attributes:
+        clearance: Metres that every judged pair keeps on the whole curve, a lower bound in whole nanometres; infinite
+            when no pair is judged, and -inf for a refused curve.
+        distances: (configuration, pair) bounds asked.
+        padding: Every judged pair was proven farther apart than this and ``MARGIN``.
+        exempt: Stretches on which named pairs were not judged, or proven to overlap by no more than a depth.
+        refusal: None when the whole curve is proven, else the pair or the constraint that is not, and where.
+        part: From where to where in s the curve was judged; None: all of it.
+        allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
+        kept: What is proven of each constraint, in their order; none if one of them is refused.
+        contacts: The pairs that were judged nowhere, each with its reason: of links with shapes that the robot allows
+            to touch, and of objects that are carried together, which cannot move against each other. They follow from
+            the robot and the scene of a plan file, so a certificate read from one has none itself.
+    """
+
+    clearance: float
+    distances: int
+    padding: float
+    exempt: tuple[ExemptInterval, ...] = ()
+    refusal: Refusal | KeptRefusal | None = None
+    part: Span | None = None
+    allowed: tuple[tuple[str, str], ...] = ()
+    kept: tuple[Kept, ...] = ()
+    contacts: tuple[AllowedContact, ...] = field(default=(), compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        copied_in(self, "exempt", "kept", "contacts")
+
+    def __str__(self) -> str:
+        if self.refusal is not None:
+            return self.verdict
+        return "; ".join([f"proven: {proof_text(self.clearance, self.distances)}", *map(str, self.kept)])
+
+    @property
+    def verdict(self) -> str:
+        """The same without what it cost."""
+        if self.refusal is not None:
+            return f"refused: {self.refusal}"
+        return "; ".join([f"proven: {clearance_text(self.clearance)}", *map(str, self.kept)])
+
+    @property
+    def certified(self) -> bool:
+        """Whether the whole curve, or the part of it that was judged, is proven."""
+        return self.refusal is None
+
+    @property
+    def unjudged(self) -> tuple[str, ...]:
+        """Where pairs were not judged that neither the robot nor the caller allows to touch, in words."""
+        together = [contact.links for contact in self.contacts if contact.reason == CARRIED_TOGETHER]
+        return (*map(str, self.exempt), *(f"not judged: {a} x {b} ({CARRIED_TOGETHER})" for a, b in together))
+
+
+def clearance_text(metres: float) -> str:
+    """A proven clearance in words, rounded down."""
+    if metres == math.inf:
+        return "nothing to touch"
+    return f"{math.floor(metres * 1e5) / 100:.2f} mm clear" if metres < 0.1 else f"{metres:.3f} m clear"
+
+
+def proof_text(clearance: float, bounds: int) -> str:
+    """What is proven of one or more motions: their smallest clearance in metres, and what it cost."""
+    return f"{clearance_text(clearance)}, between samples too ({bounds:,} bounds)"
+
+
+class Proof(NamedTuple):
+    """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so.
+
+    ``leaves`` is what was proven, if that was asked for: rows of nine float64, the pair, from where to where in s,
+    and unit directions at both ends from the second piece towards the first, in the second's axes; zero at an end where
+    none was needed.
+    """
+
+    bounds: int
+    proven: float
+    obstruction: Obstruction | None
+    leaves: bytes = b""
+
+
+class Tubes(NamedTuple):
+    """How many edges are free, the bounds that were asked, and of the edge after them a pair, where, and whether the
+    edge itself collides, rather than what is within its room; the pair is -1 where all are free.
+    """
+
+    free: int
+    bounds: float
+    pair: int
+    s: float
+    collides: bool
+
+
+class Prover:
+    """Proves motions of one robot in one scene.
+
+    Args:
+        variant: One of ``instruction_sets()``; the fastest if empty.
+    """
+
+    def __init__(self, motion: Motion, variant: str = "") -> None:
+        self._prover = load_proof().Prover(proof_terms(), *motion.tables, variant)
+
+    def prove(
+        self, path: JointPath, enough: float, roots: Roots, charge: Charge | None, *, tracing: bool = False
+    ) -> Proof:
+        """Prove that the pairs of ``roots`` are more than ``enough`` metres apart on their spans.
+
+        If ``enough`` is negative, that they overlap by less.
+
+        Args:
+            path: The curve; no subclass, whose curve may be another one.
+            charge: Called with the number of bounds before each batch; what it raises comes out unchanged.
+            tracing: Keep what is proven as ``leaves``, and prove it by plain bounds of motions: those that are checked
+                with the least effort.
+        """
+        spans = np.array(roots.spans, dtype=np.float64).reshape(-1, 2)
+        walked = path.walked.tables if tracing else None
+        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge, walked)
+        bounds, most, proven, end, pair, start, stop, s, gap, leaves = outcome
+        if end == PROVEN:
+            return Proof(bounds, proven, None, leaves)
+        detail = tree.too_close(s, gap, enough) if end == CLOSE else tree.no_end(most if end == SPENT else None)
+        return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
+
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
+        """The verdict on a straight edge; none if an end is not n float64 within the limits.
+
+        Args:
+            enough: Metres by which every pair must be proven apart, and more.
+            nearer: Metres; a pair that is proven nearer collides.
+        """
+        if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # others may hide entries
+            return NOT_TAKEN
+        answer = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
+        if not answer.taken:
+            return NOT_TAKEN
+        return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
+
+    def tubes(
+        self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float, parts: int
+    ) -> Tubes:
+        """How many edges from ``starts`` to ``ends`` are free with ``room``, (k, n) each, before the first that is not.
+
+        Every pair is proven more than ``enough`` metres apart at whatever is off the edge by no more than its room in
+        each joint. An edge itself on which a pair is nearer than ``nearer`` collides. ``parts`` of rooms may be looked
+        at, for all edges together, where the whole of one is too much.
+        """
+        return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer, parts))
+
+    def each(
+        self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float
+    ) -> tuple[BoolArray, float]:
+        """Of each edge whether it is free, as in ``tubes``, (k,), and the bounds that were asked."""
+        free = np.zeros(len(starts), dtype=np.bool_)
+        return free, self._prover.each(starts, ends, room, enough, nearer, free)
+
+    def boxes(self, starts: FloatArray, ends: FloatArray, room: FloatArray, out: FloatArray) -> None:
+        """Boxes that riding pieces do not leave on edges with room, low and high corner, into ``out`` (riding, 6)."""
+        self._prover.boxes(starts, ends, room, out)
+
+    def clearances(self, Q: FloatArray) -> FloatArray:
+        """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs.
+
+        Of a row that is not finite, and wherever a gap is no number, it is -infinity.
+        """
+        out = np.zeros(len(Q))
+        self._prover.clearances(Q, out)
+        return out
+
+    def near(self, Q: FloatArray, pairs: IntArray, within: float) -> tuple[IntArray, IntArray, Bounds]:
+        """Pairs less than ``within`` metres apart at configurations Q (m, n): rows of Q, pairs and signed gaps.
+
+        A gap below 0 is an overlap of no more than that. Pairs with bundles are opened. Sorted by rows and pairs.
+        """
+        found = self._prover.near(np.ascontiguousarray(Q), np.ascontiguousarray(pairs, dtype=np.int64), within)
+        table = np.frombuffer(found).reshape(-1, 6)
+        table = table[np.lexsort((table[:, 1], table[:, 0]))]
+        rows, near = table[:, :2].astype(np.intp).T
+        return rows, near, Bounds(table[:, 2].copy(), table[:, 3:].T.copy())
+
+    def stretch(self, path: JointPath, ends: Span, pairs: IntArray, directions: FloatArray) -> FloatArray:
+        """What a proof knows of plain pairs (k,) between two places of a curve, metres, (k, 3).
+
+        How far their pieces move against each other at most; how far points of both leave the straight lines between
+        where they are at the two places, together, seen from the last body that carries both, infinite if that is not
+        known; and a lower bound of their gap all along, by a direction that stays as it is for that body.
+
+        Args:
+            directions: At the first place, in the axes of the second pieces, (k, 3).
+        """
+        found = self._prover.stretch(*path.tables, *ends, np.ascontiguousarray(pairs, dtype=np.int64), directions)
+        return np.frombuffer(found).reshape(-1, 3)
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Instruction sets of the compiled prover on this processor, the fastest last."""
+    return tuple(load_proof().instruction_sets())
+
+
+def proof_terms() -> list[float]:
+    """The constants, in the order of ``Terms`` in native/model.hpp."""
+    return [
+        *(motion_terms.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND, separation.DRAWS),
+        *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
+        *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
+        *(tree.MAX_EDGE_BOUNDS, tree.OVERLAP_STEPS, tree.CERTAIN, motion_terms.CLEARANCE_ROUNDS),
+    ]
 
 
 @dataclass(eq=False)

@@ -14,10 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certificate import Certificate, ExemptInterval, Refusal
-from planner_service.certify.certifier import Certifier, Trail
+from planner_service.certify.certifier import LIMIT_SLACK, Certificate, Certifier, ExemptInterval, Refusal, Trail
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, items, number, numbers

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from planner_service.certify import Certificate
-from planner_service.certify.certificate import clearance_text
+from planner_service.certify.certifier import clearance_text
 from planner_service.cli import options
 from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certificate import clearance_text
+from planner_service.certify.certifier import clearance_text
 from planner_service.collision import CancelToken
 from planner_service.errors import UnknownName
 from planner_service.files.schema import Record

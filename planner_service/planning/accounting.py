@@ -150,7 +150,8 @@ class PlanAccounting:
             ``polish`` and ``improvement``.
         end_trouble: Which end the search could not leave, as the end of a sentence.
         tried_in_vain: What else was tried after a search without progress; the same.
-        memory: That of the call, later with its motion.
+        memory: That of the call.
+        learned: What its motion adds, as in the result.
     """
 
     checker: CollisionChecker
@@ -174,6 +175,7 @@ class PlanAccounting:
     projector: _core.Projector | None = None
     torque_limits: TorqueLimits | None = None
     memory: Memory = NOTHING
+    learned: tuple[FloatArray, tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:
         self.ledger, self.tally = self.checker.ledger, self.checker.ledger.own
@@ -330,7 +332,8 @@ class PlanAccounting:
             no_path=no_path,
             trace=None if self.tracer is None else self.tracer.trace,
             origin=self.origin,
-            memory=self.memory,
+            known=self.memory,
+            learned=self.learned,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:

@@ -57,7 +57,7 @@ class _Plans:
         request, roadmap = item
         if roadmap is not None:
             request = replace(request, planner=self.roadmaps[roadmap])
-        return replace(self.plan(request), roadmap=None, memory=NOTHING)
+        return replace(self.plan(request), roadmap=None, known=NOTHING, learned=None)
 
 
 @dataclass(frozen=True)

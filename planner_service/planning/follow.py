@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.certify.certifier import LIMIT_SLACK
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
@@ -151,7 +151,7 @@ def follow(
         accounting.take(kept)
         trajectory, motion = timed(smooth, request.pace, checker.robot, accounting)
         if len(points) > 1:
-            accounting.memory = memory.with_motion(points, checker.robot.joint_names)
+            accounting.learned = points, checker.robot.joint_names
         return accounting.result(smooth, trajectory, motion, certificate=kept.proof or certificate)
 
     return accounting.outcome(stages)

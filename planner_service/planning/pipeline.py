@@ -16,7 +16,7 @@ from planner_service.constraints.values import Constraint
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.kinematics.constraint_set import constraint_set
-from planner_service.memory.memory import Hint, Memory, checked_memory, hints
+from planner_service.memory.memory import NOTHING, Hint, Memory, checked_memory, hints
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.path.trajectory import Trajectory
@@ -115,7 +115,7 @@ def plan(
         roadmap=request.planner if isinstance(request.planner, Roadmap) else None,
         tracer=tracer,
         origin=origin,
-        memory=checked_memory(memory, checker.robot),
+        memory=NOTHING if memory is None else checked_memory(memory, checker.robot),
     )
     if constraints:
         accounting.keep(constraints)
@@ -245,7 +245,7 @@ def _straight_line(context: PlanContext, ends: Ends) -> tuple[Candidates | None,
 def _known(context: PlanContext, ends: Ends) -> list[Hint]:
     """Motions from near the start to near a goal, for a request that would not improve them."""
     request, memory = context.request, context.accounting.memory
-    if request.optimise is not None or request.improve or ends.padding < request.padding:
+    if memory is NOTHING or request.optimise is not None or request.improve or ends.padding < request.padding:
         return []
     return hints(memory, ends.start, [goal.q for goal in ends.goals])
 
@@ -418,7 +418,7 @@ def _finish(context: PlanContext, ends: Ends, proof: _Proof) -> PlanResult:
         raise unproven(proof.certificate)
     if proof.candidates is not None and accounting.roadmap is not None:
         search_stage.remember(context, proof.candidates, proof.turn)
-    accounting.memory = _learned(context, ends, proof)
+    accounting.learned = _learned(context, ends, proof)
     if proof.motion is None:
         proof = _in_time(context, proof)
     if proof.motion is None:
@@ -428,12 +428,12 @@ def _finish(context: PlanContext, ends: Ends, proof: _Proof) -> PlanResult:
     return accounting.result(proof.path, *proof.motion, goal_index=proof.goal_index, certificate=proof.certificate)
 
 
-def _learned(context: PlanContext, ends: Ends, proof: _Proof) -> Memory:
-    """What is remembered after a plan: its motion, but for the fixed ways at its ends."""
+def _learned(context: PlanContext, ends: Ends, proof: _Proof) -> tuple[FloatArray, tuple[str, ...]] | None:
+    """What is remembered of a plan: its motion, but for the fixed ways at its ends."""
     first = 0 if ends.departure is None else len(ends.departure.path.waypoints) - 1
     arrives = any(goal.arrival and goal.index == proof.goal_index for goal in ends.goals)
-    points, memory = proof.path.waypoints[first : -1 if arrives else None], context.accounting.memory
-    return memory.with_motion(points, context.checker.robot.joint_names) if len(points) > 1 else memory
+    points = proof.path.waypoints[first : -1 if arrives else None]
+    return (points, context.checker.robot.joint_names) if len(points) > 1 else None
 
 
 def _padding_kept(

@@ -7,10 +7,11 @@ import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
-from planner_service.certify.certificate import proof_text
+from planner_service.certify.certifier import proof_text
 from planner_service.collision import CheckCounts, Contact
 from planner_service.constraints import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
@@ -388,7 +389,8 @@ class PlanResult:
             is the proof of each, in the same order.
         near_ends: Where named pairs are closer than ``padding``, because they are so at an end.
         no_path: With NO_PATH, the proof; ``save_no_path`` writes it. Not kept in plan files.
-        memory: What was remembered, with this motion; pass it to the next plan. Not kept in plan files.
+        known: The memory that it was planned with; not kept in plan files, nor is the next.
+        learned: What its motion adds to that, (k, n), with the names of the joints; None if nothing.
     """
 
     path: JointPath | None
@@ -411,7 +413,8 @@ class PlanResult:
     constraints: tuple[Constraint, ...] = ()
     near_ends: tuple[NearEnd, ...] = ()
     no_path: NoPath | None = None
-    memory: Memory = field(default=NOTHING, repr=False)
+    known: Memory = field(default=NOTHING, repr=False)
+    learned: tuple[FloatArray, tuple[str, ...]] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         copied_in(self, "stages", "notes", "constraints", "near_ends")
@@ -468,6 +471,11 @@ class PlanResult:
     def ok(self) -> bool:
         """Whether there is a plan."""
         return self.failure is None
+
+    @cached_property
+    def memory(self) -> Memory:
+        """What was remembered, with this motion; pass it to the next plan."""
+        return self.known if self.learned is None else self.known.with_motion(*self.learned)
 
     @property
     def exempt(self) -> tuple[ExemptInterval, ...]:

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from planner_service.certify import GripperMotion
-from planner_service.certify.certificate import clearance_text, proof_text
+from planner_service.certify.certifier import clearance_text, proof_text
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.constraints.values import MIN_ANGLE, KeepUpright
 from planner_service.errors import InvalidRequest

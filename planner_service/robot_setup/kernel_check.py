@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from planner_service.certify import Certifier
-from planner_service.certify.prover import Prover
-from planner_service.certify.prover import instruction_sets as proof_instruction_sets
+from planner_service.certify.certifier import Prover
+from planner_service.certify.certifier import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.collision.native_kernel import instruction_sets

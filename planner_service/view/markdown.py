@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from planner_service.certify.certificate import clearance_text
+from planner_service.certify.certifier import clearance_text
 from planner_service.collision import Contact
 from planner_service.planning.result import PlanResult, plan_row, plan_rows
 from planner_service.presentation.tables import CostTable, markdown_escaped

@@ -16,7 +16,7 @@ from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, RRTConnect, Trapezoidal
-from planner_service.certify import prover
+from planner_service.certify import certifier
 from planner_service.collision import native_kernel
 from tests.support.pinned import require_pinned
 
@@ -64,10 +64,10 @@ def test_queries_planned_in_another_order_and_by_used_services_cost_the_same() -
 def test_whole_plans_are_the_same_to_the_last_bit_with_every_instruction_set(
     instructions: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    proofs = prover.instruction_sets()
+    proofs = certifier.instruction_sets()
     monkeypatch.setattr(native_kernel.build_kernel, "__defaults__", (instructions,))
     fitting = instructions if instructions in proofs else proofs[-1]
-    monkeypatch.setattr(prover.Prover.__init__, "__defaults__", (fitting,))
+    monkeypatch.setattr(certifier.Prover.__init__, "__defaults__", (fitting,))
     service = PlannerService(queries.ROBOT, "clutter", edge_step=STEPS[JOINT_STEP])
     assert service.checker.instruction_set == instructions
     rows = {f"{q.name} {JOINT_STEP}": fingerprint(plan(service, q, timing=Trapezoidal())) for q in chosen("clutter")}

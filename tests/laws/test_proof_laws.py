@@ -13,8 +13,8 @@ import pytest
 from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, hulls, separation
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
+from planner_service.certify.certifier import Proof, Prover, instruction_sets, proof_terms
 from planner_service.certify.native.loading import load_proof
-from planner_service.certify.prover import Proof, Prover, instruction_sets, proof_terms
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import PointCloud

@@ -15,7 +15,7 @@ namespace proof {
 
 constexpr std::size_t LANES = 8;  // corners are padded to a multiple of this
 
-// Numbers that the Python modules name and explain, in the order in which prover.py hands them over.
+// Numbers that the Python modules name and explain, in the order in which certifier.py hands them over.
 struct Terms {
     double rounding;                               // motion_bounds.py
     double tiny, shift, steps_per_round, draws;    // separation.py

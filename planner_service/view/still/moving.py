@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.certify.certificate import clearance_text
+from planner_service.certify.certifier import clearance_text
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.files.writing import require_writable, write_whole

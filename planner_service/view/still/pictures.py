@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner_service.certify.certificate import clearance_text
+from planner_service.certify.certifier import clearance_text
 from planner_service.collision import CheckCounts, CollisionChecker, Contact
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path

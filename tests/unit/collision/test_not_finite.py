@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier
+from planner_service.certify.certifier import Prover, instruction_sets
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.prover import Prover, instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName, make_backend
 from planner_service.collision.clearance import Clearances

@@ -44,7 +44,7 @@ OTHERWISE: dict[type[Any], str] = {
     SavedTask: "begin",
     World: "scene",  # of a request
     PlanRequest: "goal",  # goals
-    PlanResult: "roadmap trace origin fraction allowed no_path memory",  # of the process that made it, or of sections
+    PlanResult: "roadmap trace origin fraction allowed no_path known learned",  # of its process, or of sections
     StageReport: "counts",  # one by one
     Robot: "visuals description groups",  # not what it is, but what it is shown as and called
     Obstacle: "colour",  # what it is drawn in, which scene files alone keep

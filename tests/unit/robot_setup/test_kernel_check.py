@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from planner_service.certify import Certificate, Certifier
-from planner_service.certify.prover import Prover
+from planner_service.certify.certifier import Prover
 from planner_service.cli.commands import app
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.native_kernel import instruction_sets
