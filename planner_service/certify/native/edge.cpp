@@ -51,9 +51,12 @@ std::size_t Edge::place(double s) {
 }
 
 // Whether so many bounds more may be asked.
+// Of the bounds of an edge, what one with room may ask for: it is asked while an arm moves, and can be refused.
+constexpr double ROOMY_SHARE = 8.0;
+
 bool Edge::charge(std::size_t count, int pair, double s) {
     asked_ += static_cast<double>(count);
-    if (asked_ <= terms_.edge_most) return true;
+    if (asked_ <= (roomy_ ? terms_.edge_most / ROOMY_SHARE : terms_.edge_most)) return true;
     whole_ = false;
     lose(pair, s);
     return false;
