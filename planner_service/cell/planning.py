@@ -176,7 +176,7 @@ class _Planning:
             for (first, second), between in schedule.pairs.items()
         ]
         clocks = [
-            OwnClock((name,), plans[name], start, tuple(self._services.part(name).columns))
+            OwnClock((name,), plans[name], start, (tuple(self._services.part(name).columns),))
             for name, start in sorted(schedule.starts.items(), key=lambda item: item[1])
         ]
         return self._result(clocks, min(lates, default=math.inf), None, notes)
@@ -186,7 +186,7 @@ class _Planning:
         first = next(iter(self._requests.values()))
         goal = self._services.joined({**self._idle, **goals})
         request = replace(first, start=self._start, goal=goal)
-        best = 0.0
+        best, columns = 0.0, tuple(tuple(self._services.part(name).columns) for name in self._requests)
         for padding in (first.padding, *(each for each in ROOMIER if each > first.padding)):
             slower, notes = 1.0, ["all arms are planned as one robot and share a clock"]
             while slower <= SLOWEST:
@@ -196,7 +196,7 @@ class _Planning:
                     break
                 late = self._shared_clock(plan)
                 if late >= self._delay:
-                    clock = OwnClock(tuple(self._requests), plan, 0.0, tuple(range(self._services.robot.n)))
+                    clock = OwnClock(tuple(self._requests), plan, 0.0, columns)
                     return self._result([clock], late, None, tuple(notes))
                 best = max(best, late)
                 slower *= SLOWER * self._delay / late if late > 0.0 else math.inf

@@ -27,13 +27,13 @@ class OwnClock:
         arms: The arms that it moves; several where they share the clock.
         plan: The motion, proven against the scene, itself, and arms that stand.
         start: Seconds after the start of the whole at which it starts.
-        columns: The joints of the whole that the plan's joints are.
+        columns: Of each arm its joints among those of the whole.
     """
 
     arms: tuple[str, ...]
     plan: PlanResult
     start: float
-    columns: tuple[int, ...]
+    columns: tuple[tuple[int, ...], ...]
 
     @property
     def end(self) -> float:
@@ -117,7 +117,9 @@ class CellPlan:
         q = np.repeat(self.still[None], times.size, axis=0)
         for clock in self.clocks:
             trajectory = clock.plan.unwrap()[1]
-            behind = np.asarray((late or {}).get(clock.arms[0], 0.0), dtype=np.float64)
-            own = np.clip(times - clock.start - behind, 0.0, trajectory.duration)
-            q[:, list(clock.columns)] = trajectory(own.reshape(-1))
+            for arm, columns in zip(clock.arms, clock.columns, strict=True):
+                behind = np.asarray((late or {}).get(arm, 0.0), dtype=np.float64)
+                rows = trajectory(np.clip(times - clock.start - behind, 0.0, trajectory.duration).reshape(-1))
+                joints = list(columns)  # a plan of several arms is one of all joints
+                q[:, joints] = rows if len(clock.arms) == 1 else rows[:, joints]
         return q.reshape(*times.shape, -1)

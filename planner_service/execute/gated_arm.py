@@ -72,7 +72,7 @@ class GatedArm:
         """Send what passes of a target that is wanted now, (n,), and say what it was.
 
         What was decided too late is not sent, and the arm goes on to the last target that was: its verdict is refused
-        as ``Kind.LATE``. After tracking was lost the arm is told to stay where it is, and ``lost`` says why.
+        as ``Kind.LATE``. Once tracking is lost the arm stays where it is, and ``lost`` says why.
 
         Raises:
             InvalidRequest: not n numbers.

@@ -34,7 +34,7 @@ GRIP, SETTLE, REST = 0.5, 0.4, 0.3
 """Seconds that a gripper takes, that an arm may take to come to rest, and that a thing takes to fall on its support."""
 
 SQUEEZE = 0.01
-"""Metres that fingers are told to close beyond what they take."""
+"""Metres by which fingers try to close beyond the width of what they take."""
 
 SUCTION = 0.003
 """Metres that a cup may be away from what it takes."""

@@ -79,6 +79,24 @@ def test_an_arm_waits_for_another_that_leaves(cell: Cell) -> None:
     assert not all(cell.service.checker.state_is_free(q) for q in Q), "both at once would touch"
 
 
+def test_arms_that_share_a_clock_are_late_each_for_itself(cell: Cell) -> None:
+    rng = np.random.default_rng(1)
+    near = Cell({"left": Arm(WXAI, Pose((0.0, 0.2, 0.0))), "right": Arm(WXAI, Pose((0.0, -0.2, 0.0)))}, "empty")
+    plan = next(
+        plan
+        for _ in range(20)
+        for plan in [near.plan(requests(near, free(near, rng), free(near, rng)), delay=0.05)]
+        if len(plan.clocks) == 1
+    )
+    t = 0.5 * plan.duration
+    on_time, behind = plan(t), plan(t, {"right": 0.05})
+    assert np.array_equal(behind[:6], on_time[:6])
+    assert np.array_equal(behind[6:], plan(t - 0.05)[6:])
+    assert not np.array_equal(behind[6:], on_time[6:])
+    for Q in executions(near, plan, rng):
+        assert all(near.service.checker.state_is_free(q) for q in Q)
+
+
 def test_more_delay_takes_no_less_time(cell: Cell) -> None:
     plans = [cell.plan(swapping(cell), delay=delay) for delay in (0.0, 0.05, 0.2)]
     assert all(plan.ok for plan in plans)
