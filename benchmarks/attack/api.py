@@ -148,6 +148,7 @@ def _require_kept(name: str, answer: Any, buffers: list[Any]) -> None:
     if not buffers or not hasattr(answer, "__dataclass_fields__"):
         return
     try:
+        pickle.dumps(answer)  # the first makes what a service makes when it is asked for
         before = pickle.dumps(answer)
     except (AttributeError, TypeError, RecursionError, pickle.PicklingError):  # an object of the caller's
         return

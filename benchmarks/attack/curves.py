@@ -104,10 +104,12 @@ class Attack(Part):
                 least = min(second.exact_gap(curve(at)), NEAR)
                 if least - proof.clearance < -SLACK:  # it may have stopped short of the direction that separates most
                     least = min(second.exact_gap(curve(at), climbs=MOST_CLIMBS), NEAR)
-            slack = least - proof.clearance
+            slack = (
+                0.0 if least == proof.clearance else least - proof.clearance
+            )  # both are endless if nothing can touch
             self.extreme("least true less claimed clearance, m:", slack)
             self.extreme("least clearance proven, m:", proof.clearance)
-            if least <= 0.0 or slack < (-SLACK if least < NEAR else -COAL):
+            if not (least > 0.0 and slack >= (-SLACK if least < NEAR else -COAL)):
                 raise Wrong(
                     "a certified curve is as free as is claimed", f"{proof.clearance:.4g} m, {least:.4g} at {at}"
                 )

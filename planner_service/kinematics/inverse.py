@@ -155,23 +155,21 @@ def inverse_kinematics(
             arm has too many joints or a start is given.
     """
     instance("robot", robot, Robot, "a Robot")
-    if flag("complete", complete):
-        return _all_configurations(robot, pose, seed, seeds, still)
-    if not isinstance(pose, Pose):
-        raise InvalidRequest("pose", pose, "a Pose")
     whole("seed", seed, 0, 2**63 - 1)
     starts: tuple[Any, ...] = items("seeds", seeds, object, "configurations")
+    if flag("complete", complete):
+        if seed or starts:
+            raise InvalidRequest("seeds" if starts else "seed", starts or seed, "none with complete: it starts nowhere")
+        return _all_configurations(robot, pose, still)
+    if not isinstance(pose, Pose):
+        raise InvalidRequest("pose", pose, "a Pose")
     given = [finite_numbers(f"seeds[{i}]", q, robot.n) for i, q in enumerate(starts)]
     rest = robot.home if still is None else finite_numbers("still", still, robot.n)
     return configurations_at(robot, pose, seed=seed, seeds=given, still=rest).copy()
 
 
-def _all_configurations(
-    robot: Robot, pose: object, seed: int, seeds: Sequence[ArrayLike], still: ArrayLike | None
-) -> InverseSolutions:
+def _all_configurations(robot: Robot, pose: object, still: ArrayLike | None) -> InverseSolutions:
     goal = PoseGoal(pose) if isinstance(pose, Pose) else instance("pose", pose, PoseGoal, "a Pose or a PoseGoal")
-    if seed != 0 or len(seeds):
-        raise InvalidRequest("seeds" if len(seeds) else "seed", seeds or seed, "none with complete: it starts nowhere")
     chain = ToolChain.of(robot, robot.home if still is None else finite_numbers("still", still, robot.n))
     found = complete_solutions(chain.robot, goal)
     if chain.robot is robot:

@@ -102,7 +102,8 @@ class Visit:
         after = items("after", self.after, str, "names of visits")
         if self.then is not None and self.then.after:
             raise InvalidRequest("then.after", self.then.after, "none: what must come before stands in the first visit")
-        set_fields(self, ways=tuple(read), after=after)
+        ways = tuple(read)
+        set_fields(self, branches=ways, ways=ways, after=after)
 
 
 def chain_of(visit: Visit) -> tuple[Visit, ...]:

@@ -66,6 +66,8 @@ MAX_DEPTH = 32
 
 
 def _shallow(steps: Any) -> Any:
+    if not isinstance(steps, list):
+        return steps  # refused as what it is
     layer: list[Any] = [steps]
     for _ in range(MAX_DEPTH):
         layer = [part for whole in layer for part in (whole.values() if isinstance(whole, dict) else whole)]

@@ -264,6 +264,14 @@ def test_branches_are_configurations(branches: Any) -> None:
         Visit("a", branches)
 
 
+def test_a_visit_keeps_its_branches_as_they_were_given() -> None:
+    given = [np.array([0.5, 0.0])]
+    visit = Visit("here", given)
+    given[0][0] = 1.0
+    assert [branch.q.tolist() for branch in visit.ways if isinstance(branch, Branch)] == [[0.5, 0.0]]
+    assert visit.branches is visit.ways
+
+
 def test_motions_of_a_branch_begin_and_end_where_it_does(service: ps.PlannerService) -> None:
     one, two, three = free(service, 3, 2)
     motions = [Segment("work", service.plan(replace(request(), start=one, goal=two)), 0.0)]

@@ -106,6 +106,8 @@ def test_what_a_file_does_not_say_is_as_the_library_has_it(tmp_path: Path) -> No
     ("steps", "said"),
     [
         ([], r"steps"),
+        (None, r"steps: got None"),
+        (0.5, r"steps: got 0.5"),
         ("Grasp", r"steps: got 'Grasp'; expected .*what is to be done|steps"),
         ([{"kind": "Graps", "object": "block"}], r"steps\[0\].kind: got 'Graps'; expected one of 'MoveTo', "),
         ([{"object": "block"}], r"steps\[0\].kind: missing"),
