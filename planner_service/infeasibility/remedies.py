@@ -64,6 +64,9 @@ TRY_CHECKS, MORE_CHECKS = 20_000, 200_000
 
 SEARCHED = (Reason.PLANNING_FAILED, Reason.TIMED_OUT, Reason.CHECK_BUDGET_EXHAUSTED)
 
+SHOWN = 16
+"""Configurations of a goal shown with what each collides with."""
+
 T = TypeVar("T")
 
 Planned = Callable[[PlanRequest, Scene], PlanResult]
@@ -170,6 +173,9 @@ class Explanation:
         told = self.no_path is None or str(self.no_path) in lines[0]
         lines += [] if told else [str(self.no_path)]
         lines += ["proven: no plan exists for this request"] if self.proven else []
+        lines += [f"it would end at {one}" for one in self.result.failure.colliding[:SHOWN]]
+        more = len(self.result.failure.colliding) - SHOWN
+        lines += [f"and so on: {more} more configurations, all in collision"] if more > 0 else []
         lines += [] if self.reached is None else [str(self.reached)]
         lines += [] if self.way is None else [f"yet a way was found by dividing joint space: {_told(self.way)}"]
         lines += [f"this helps: {remedy}" for remedy in self.remedies]

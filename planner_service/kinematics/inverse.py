@@ -31,9 +31,9 @@ __all__ = [
     "configurations_at",
     "inverse_is_complete",
     "inverse_kinematics",
-    "is_out_of_reach",
     "nearest_configuration",
     "sampled_range",
+    "solutions_known",
     "tool_error",
 ]
 
@@ -171,8 +171,12 @@ def inverse_kinematics(
 def _all_configurations(robot: Robot, pose: object, still: ArrayLike | None) -> InverseSolutions:
     goal = PoseGoal(pose) if isinstance(pose, Pose) else instance("pose", pose, PoseGoal, "a Pose or a PoseGoal")
     chain = ToolChain.of(robot, robot.home if still is None else finite_numbers("still", still, robot.n))
-    found = complete_solutions(chain.robot, goal)
-    if chain.robot is robot:
+    return _of_whole(chain, complete_solutions(chain.robot, goal))
+
+
+def _of_whole(chain: ToolChain, found: InverseSolutions) -> InverseSolutions:
+    """Solutions of the chain as those of the whole robot."""
+    if len(chain.columns) == len(chain.still):
         return found
     whole_boxes = np.stack([chain.whole(found.unresolved[:, k]) for k in (0, 1)], axis=1)
     q, lower, upper = map(chain.whole, (found.q, found.lower, found.upper))
@@ -204,14 +208,13 @@ def inverse_is_complete(robot: Robot, pose: Pose) -> bool:
     return tool_arm(ToolChain.of(robot, robot.home).robot).determined([*pose.position, *pose.quaternion])
 
 
-def is_out_of_reach(robot: Robot, goal: Pose | PoseGoal, *, still: FloatArray) -> bool:
-    """Whether it is proven that no configuration within the limits reaches a goal; False also for too many joints."""
-    chain = ToolChain.of(robot, still).robot
+def solutions_known(robot: Robot, goal: Pose | PoseGoal, *, still: FloatArray) -> InverseSolutions | None:
+    """All configurations for a goal, as far as little effort shows them; None for an arm of too many joints."""
+    chain = ToolChain.of(robot, still)
     goal = PoseGoal(goal) if isinstance(goal, Pose) else goal
-    if chain.n > most_joints(goal):
-        return False
-    found = complete_solutions(chain, goal, most_boxes=BOXES_OF_A_FAILURE)
-    return found.complete and not len(found)
+    if chain.robot.n > most_joints(goal):
+        return None
+    return _of_whole(chain, complete_solutions(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE))
 
 
 def _numeric_solutions(

@@ -21,12 +21,13 @@ from planner_service.kinematics.inverse import (
     configurations_at,
     inverse_is_complete,
     inverse_kinematics,
-    is_out_of_reach,
+    solutions_known,
 )
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
+from planner_service.planning.colliding_solutions import CollidingSolution, all_in_words, colliding_solutions
 from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
 from planner_service.planning.hull_contacts import filled_hulls, how_to_cut, touching_by_hulls
 from planner_service.planning.request import Goals, PlanRequest, clamp_note
@@ -48,6 +49,9 @@ box around the folded pose of the WidowX AI is unsound: its meshes touch 0.01 ra
 
 SAME_TURN = 1e-9
 """Joint difference (rad) up to which two configurations, one of them turned by whole turns, are the same: rounding."""
+
+SAME_SOLUTION = 1e-5
+"""Joint difference (rad) up to which two solutions for a pose are the same: the starts end when the tool is there."""
 
 NEAR_POSE = 0.1
 """Joint difference (rad) up to which a message mentions that a pose has a way out."""
@@ -170,6 +174,7 @@ def _ends(context: PlanContext) -> Ends:
     every = True  # end that was asked for is known
     colliding: FloatArray | None = None
     arrived_at: int | None = None
+    judged: dict[int, list[FloatArray]] = {}
     for index, ((name, stated), given) in enumerate(zip(request.named_goals(), context.goals, strict=True)):
         if not isinstance(given, Pose | PoseGoal):
             _note_clamped(context, name, np.asarray(stated), given)
@@ -180,23 +185,31 @@ def _ends(context: PlanContext) -> Ends:
             failures.append(no_plan.failure)
             continue
         every = every and (not isinstance(given, Pose | PoseGoal) or _all_known(robot, given))
+        if isinstance(given, Pose | PoseGoal):
+            judged[index] = candidates
         before = len(goals)
         for q in candidates:
             if isinstance(given, PoseGoal) and len(goals) - before == MAX_GOALS:
                 break
             if arrived_at is None and q.tolist() == begin.tolist():
                 arrived_at = index
-            goal, arrival = _beyond_retreat(context, q)
             try:
-                context.accounting.require_end(name, q, goal)
-                goals.append(GoalState(goal, index, arrival, _padding_at(context, goal, name)))
+                goals.append(_goal_state(context, name, q, index))
             except NoPlan as no_plan:
                 if not failures and no_plan.failure.reason is Reason.GOAL_IN_COLLISION:
-                    colliding = goal
+                    colliding = q
                 failures.append(no_plan.failure)
+    shown: tuple[CollidingSolution, ...] | None = None
+    if not goals and judged:
+        missed, more, shown = _all_solutions(context, judged, begin)
+        goals += missed
+        failures += more
     if not goals:
-        first = replace(failures[0], proven=every and all(failure.proven for failure in failures))
-        if first.proven and len(failures) > 1:
+        certain = every or shown is not None
+        first = replace(failures[0], proven=certain and all(failure.proven for failure in failures))
+        if first.proven and shown:
+            first = replace(first, detail=f"{first.detail}; {all_in_words(shown)}", colliding=shown)
+        elif first.proven and len(failures) > 1:
             pairs = {f"{failure.contacts[0].a} x {failure.contacts[0].b}" for failure in failures if failure.contacts}
             words = f"all {len(failures)} ends that would do are refused ({', '.join(sorted(pairs))})"
             first = replace(first, detail=f"{first.detail}; {words}")
@@ -204,6 +217,56 @@ def _ends(context: PlanContext) -> Ends:
     if len(goals) > 1:
         goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
     return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
+
+
+def _goal_state(context: PlanContext, name: str, q: FloatArray, index: int) -> GoalState:
+    """A configuration as a goal.
+
+    Raises:
+        NoPlan: It is in collision, nearer to something than can be proven, or does not keep what an end has to.
+    """
+    goal, arrival = _beyond_retreat(context, q)
+    context.accounting.require_end(name, q, goal)
+    return GoalState(goal, index, arrival, _padding_at(context, goal, name))
+
+
+def _all_solutions(
+    context: PlanContext, judged: dict[int, list[FloatArray]], begin: FloatArray
+) -> tuple[list[GoalState], list[Failure], tuple[CollidingSolution, ...] | None]:
+    """What a complete search adds for poses of which no configuration found so far will do.
+
+    Args:
+        judged: By the number of the goal, the configurations that were found and refused.
+
+    Returns:
+        Goals that the starts have missed; why others are refused; and if there is no goal, all configurations for
+        these poses, each proven to collide: None if that is not known of one of them.
+    """
+    goals, failures = list[GoalState](), list[Failure]()
+    certain, shown = True, list[CollidingSolution]()
+    robot, names = context.checker.robot, [name for name, _ in context.request.named_goals()]
+    try:
+        for index, known in judged.items():
+            given = context.goals[index]
+            assert isinstance(given, Pose | PoseGoal)
+            context.checker.ledger.poll()
+            found = solutions_known(robot, given, still=begin)
+            certain = certain and found is not None and found.complete
+            if found is None:
+                continue
+            for q in _nearest_turns(robot, found.q, begin) if any(robot.continuous) else list(found.q):
+                if all(_farthest(q, other) > SAME_SOLUTION for other in known):
+                    try:
+                        goals.append(_goal_state(context, names[index], q, index))
+                    except NoPlan as no_plan:
+                        failures.append(no_plan.failure)
+            collide = colliding_solutions(context.certifier.get(), found) if certain and not goals else None
+            certain = collide is not None
+            shown += collide or ()
+    except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+        context.accounting.stopped_by(stopped)
+        certain = False
+    return goals, failures, tuple(shown) if certain and not goals else None
 
 
 def _all_known(robot: Robot, given: Pose | PoseGoal) -> bool:
@@ -299,13 +362,15 @@ def _configurations(
         context.checker.ledger.poll()
         found = configurations_at(robot, pose, still=begin)
         solutions += _nearest_turns(robot, found, begin) if any(robot.continuous) else list(found)
+    known = None if solutions else solutions_known(robot, given, still=begin)
+    if known is not None and len(known):  # the starts have missed them
+        solutions += _nearest_turns(robot, known.q, begin) if any(robot.continuous) else list(known.q)
     if not solutions:
         x, y, z = (given if isinstance(given, Pose) else given.pose).position
         tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
         detail = f"{name}: the arm cannot reach {tried} ({x:.4f}, {y:.4f}, {z:.4f}) within its joint limits"
-        raise NoPlan(
-            Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail, proven=is_out_of_reach(robot, given, still=begin))
-        )
+        proven = known is not None and known.complete
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail, proven=proven))
     if isinstance(given, PoseGoal):
         solutions.sort(key=lambda q: joint_distance(begin, q))
     return solutions

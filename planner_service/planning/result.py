@@ -22,6 +22,7 @@ from planner_service.memory import NOTHING, Memory
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Trajectory
+from planner_service.planning.colliding_solutions import CollidingSolution
 from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
@@ -149,6 +150,7 @@ class Failure:
         unreachable: For a pose without a configuration, how near the tool comes and what is in the way.
         blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
         proven: Whether it is certain that no plan exists for the request, rather than that none was found.
+        colliding: Every configuration for the poses that were asked for, if all are known and proven to collide.
     """
 
     stage: Stage
@@ -159,10 +161,11 @@ class Failure:
     blocked_by: tuple[tuple[str, str, float], ...] = ()
     unreachable: Unreachable | None = None
     proven: bool = False
+    colliding: tuple[CollidingSolution, ...] = ()
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
-        copied_in(self, "contacts", "nearest_free", "blocked_by")
+        copied_in(self, "contacts", "nearest_free", "blocked_by", "colliding")
 
     def __str__(self) -> str:
         return f"{self.reason.value} ({self.stage.value}): {self.detail}"

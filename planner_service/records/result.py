@@ -34,6 +34,7 @@ from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Su
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Peak, Trajectory
+from planner_service.planning.colliding_solutions import CollidingSolution
 from planner_service.planning.result import (
     Failure,
     ImproveReport,
@@ -149,6 +150,25 @@ class UnreachableRecord(schema.Record, makes=Unreachable):
         return Unreachable(**arguments | {"cause": Cause(self.cause), "nearest": read_only(arguments["nearest"])})
 
 
+class CollidingRecord(schema.Record, makes=CollidingSolution):
+    """A ``CollidingSolution``.
+
+    Attributes:
+        q: In radians (metres for joints that slide).
+    """
+
+    q: schema.Joints
+    lower: schema.Joints
+    upper: schema.Joints
+    a: schema.Text
+    b: schema.Text
+
+    @cached_property
+    def value(self) -> CollidingSolution:
+        q, lower, upper = (read_only(row) for row in (self.q, self.lower, self.upper))
+        return CollidingSolution(q, lower, upper, self.a, self.b)
+
+
 class FailureRecord(schema.GrownRecord):
     """A ``Failure``.
 
@@ -168,6 +188,7 @@ class FailureRecord(schema.GrownRecord):
     blocked_by: Annotated[list[BlockedRecord], schema.at_most(MAX_PAIRS)]
     unreachable: UnreachableRecord | None = None
     proven: bool = False
+    colliding: Annotated[list[CollidingRecord], schema.at_most(MAX_PAIRS)] = Field(default_factory=list)
 
     @cached_property
     def value(self) -> Failure:

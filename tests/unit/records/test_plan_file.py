@@ -26,6 +26,7 @@ from planner_service.kinematics import Cause, LimitExcess, Slip, Suggestion, Unr
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, RRT
+from planner_service.planning.colliding_solutions import CollidingSolution
 from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, ImproveReport, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.task_result import Segment
@@ -92,6 +93,12 @@ def unreached(*, with_all: bool) -> PlanResult:
     return replace(failed(), failure=failure if with_all else bare)
 
 
+def all_collide() -> PlanResult:
+    q = np.array([0.1, 1 / 3])
+    each = CollidingSolution(q, q - 1e-9, q + 1e-9, "forearm", "post")
+    return replace(failed(), failure=replace(present(failed().failure), proven=True, colliding=(each, each)))
+
+
 def request(**changes: Any) -> PlanRequest:
     return PlanRequest(**{"start": (0.1, 1 / 3), "goal": (2**0.5, 1e-9), **changes})
 
@@ -127,7 +134,14 @@ ROOM = request(goal=(PoseGoal(POSE, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), np.array([
 REQUESTS = [EVERY_SETTING, KEEPING, ROOM, *(request(planner=planner()) for planner in PLANNERS.values())]
 RESULTS = [
     replace(planned(), improvement=ImproveReport(3, 5.0, 4.0, 1 / 3)),
-    *(failed(), unreached(with_all=True), unreached(with_all=False), planned(Trapezoidal()), planned(SCurve())),
+    *(
+        failed(),
+        all_collide(),
+        unreached(with_all=True),
+        unreached(with_all=False),
+        planned(Trapezoidal()),
+        planned(SCurve()),
+    ),
     replace(planned(), certificate=Certificate(math.inf, 0, 0.0)),
     replace(planned(), certificate=Certificate(-math.inf, 7, 0.002, (), NOT_PROVEN)),
 ]
