@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planner_service.certify import MARGIN, ExemptInterval
+from planner_service.certify.colliding_solutions import CollidingSolution, all_in_words, colliding_solutions
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
@@ -27,7 +28,6 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
-from planner_service.planning.colliding_solutions import CollidingSolution, all_in_words, colliding_solutions
 from planner_service.planning.collision_recovery import APART, NoWayOut, WayOut, find_way_out, nearest_free
 from planner_service.planning.hull_contacts import filled_hulls, how_to_cut, touching_by_hulls
 from planner_service.planning.request import Goals, PlanRequest, clamp_note
@@ -260,9 +260,10 @@ def _all_solutions(
                         goals.append(_goal_state(context, names[index], q, index))
                     except NoPlan as no_plan:
                         failures.append(no_plan.failure)
-            collide = colliding_solutions(context.certifier.get(), found) if certain and not goals else None
-            certain = collide is not None
-            shown += collide or ()
+            if certain and not goals:
+                collide = colliding_solutions(context.certifier.get(), found.q, found.lower, found.upper)
+                certain = collide is not None
+                shown += collide or ()
     except (CheckBudgetSpent, TimeBoxSpent) as stopped:
         context.accounting.stopped_by(stopped)
         certain = False

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.certify.certifier import proof_text
+from planner_service.certify.colliding_solutions import CollidingSolution
 from planner_service.collision import CheckCounts, Contact
 from planner_service.constraints import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
@@ -22,7 +23,6 @@ from planner_service.memory import NOTHING, Memory
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Trajectory
-from planner_service.planning.colliding_solutions import CollidingSolution
 from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.presentation.page import OpenPage, show_page
 from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text

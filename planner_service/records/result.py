@@ -26,6 +26,7 @@ from planner_service.certify import (
     KeptRefusal,
     Refusal,
 )
+from planner_service.certify.colliding_solutions import CollidingSolution
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import InvalidRequest
 from planner_service.files import schema
@@ -34,7 +35,6 @@ from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Su
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import LimitPeaks, Peak, Trajectory
-from planner_service.planning.colliding_solutions import CollidingSolution
 from planner_service.planning.result import (
     Failure,
     ImproveReport,

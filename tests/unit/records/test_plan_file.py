@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certificate, ExemptInterval, Refusal
+from planner_service.certify.colliding_solutions import CollidingSolution
 from planner_service.collision import CheckCounts, Contact, JointStep
 from planner_service.constraints import JointRange, ToolRegion
 from planner_service.errors import InvalidFile, InvalidRequest
@@ -26,7 +27,6 @@ from planner_service.kinematics import Cause, LimitExcess, Slip, Suggestion, Unr
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, RRT
-from planner_service.planning.colliding_solutions import CollidingSolution
 from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, ImproveReport, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.task_result import Segment

@@ -10,7 +10,6 @@ from planner_service.certify.certifier import Certifier
 from planner_service.certify.overlap import proven_overlap
 from planner_service.geometry.arrays import FloatArray, as_sent
 from planner_service.geometry.validation import copied_in
-from planner_service.kinematics.complete_inverse import InverseSolutions
 
 __all__ = ["CollidingSolution", "all_in_words", "colliding_solutions"]
 
@@ -43,10 +42,12 @@ class CollidingSolution:
         return f"[{', '.join(f'{value:.4f}' for value in self.q.tolist())}]: {self.a} x {self.b}"
 
 
-def colliding_solutions(certifier: Certifier, solutions: InverseSolutions) -> tuple[CollidingSolution, ...] | None:
-    """Each solution with two things that overlap in all of its box; None if that is not proven of one of them."""
+def colliding_solutions(
+    certifier: Certifier, Q: FloatArray, lowest: FloatArray, highest: FloatArray
+) -> tuple[CollidingSolution, ...] | None:
+    """Solutions Q (k, n) with two things that overlap in all of their boxes; None if that is not proven of one of them."""
     out = []
-    for q, lower, upper in zip(solutions.q, solutions.lower, solutions.upper, strict=True):
+    for q, lower, upper in zip(Q, lowest, highest, strict=True):
         overlap = proven_overlap(certifier, lower, upper)
         if overlap is None:
             return None
