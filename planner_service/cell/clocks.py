@@ -5,15 +5,9 @@ t_2) on a line t_1 - t_2 = c in the rectangle of both motions, along whose sides
 before its start or after its end; c is how much later the second starts. If either may be late by up to d seconds, at
 any time, as long as it likes, every c' within d of c occurs, and so do all points between these lines: the band.
 
-Lemma. Let s be a stretch [a, b] of arm 1's motion, and u one of arm 2's. Of each joint j let m_j be the middle between
-its values at both ends of the stretch of its arm, and r_j half of the way that it travels there. Then at every point of
-the rectangle s x u, every joint is within r_j of m_j. Proof: from a to any place, and from there to b, joint j travels
-r_j * 2 in all, so that the values at a and b differ from that at the place by no more than what is travelled on either
-side; the mean of the two differs by no more than half of their sum. So a proof that the two arms are apart at m with
-room r, as of a tube, proves the rectangle.
-
-A band is covered by rectangles. Those that are not proven are quartered, until one is small and its middle is not free,
-or too small: it says which c it stands in the way of.
+A band is covered by rectangles: a stretch of one arm's motion and a stretch of the other's, on which both arms are
+proven apart at once (diagram.hpp states the lemma). Those that are not proven are quartered, until in the middle of one
+both arms are too near, or it is too small: it says which c it stands in the way of.
 """
 
 from __future__ import annotations
@@ -26,31 +20,24 @@ from itertools import combinations
 import numpy as np
 
 from planner_service.certify import Certifier
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.certify.diagram import HALVINGS
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["Between", "Clock", "best_start", "between_arms", "tolerated"]
 
-FIRST, SMALL, LAST = 3, 6, 9
-"""Halvings of both motions: where a proof begins, where a rectangle is given up whose middle is not free, and where any
-is: a motion of 2 s is cut into pieces of 16 ms, and of 4 ms where it comes close without touching."""
-
-ROUNDING = 1e-9
-"""Radians or metres that a joint is given beyond its travel, for rounding: its values have errors of 1e-14."""
+LAST = HALVINGS
+"""Halvings of both motions: a motion of 2 s is cut into pieces of 4 ms where it comes close without touching."""
 
 SHORTEST, LONGEST, FINEST = 0.05, 2.0, 0.001
 """Seconds of delay: which are asked for first and last, and how finely."""
 
 NO_WAY: FloatArray = np.zeros((0, 2))
 
-QUARTERS = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
-
 NUDGE = 1e-9
 """Seconds by which a start is put beyond what stands in its way."""
-
-Span = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,29 +73,28 @@ class Clock:
         return cls(np.array(columns, dtype=np.intp), 0.0, rows, np.zeros_like(rows))
 
 
-UNKNOWN, PROVEN, OPEN, GIVEN_UP = range(4)
-"""Of a rectangle."""
-
-
 class Between:
     """What is proven between two arms on their motions; what was proven once is not asked again.
 
     Args:
         still: q of the whole, of which both arms' joints are replaced.
         padding: Metres that the arms keep from each other.
-
-    Attributes:
-        bounds: Bounds asked so far.
-        rectangles: How many were asked.
     """
 
     def __init__(
         self, certifier: Certifier, first: Clock, second: Clock, still: FloatArray, padding: float = 0.0
     ) -> None:
-        self._certifier, self._first, self._second = certifier, first, second
-        self._still, self._padding = still, padding
-        self._known = {level: np.zeros((1 << level, 1 << level), dtype=np.uint8) for level in range(FIRST, LAST + 1)}
-        self.bounds = self.rectangles = 0
+        self._diagram = certifier.diagram(first, second, still, padding=padding)
+
+    @property
+    def bounds(self) -> int:
+        """Bounds asked so far."""
+        return int(self._diagram.asked)
+
+    @property
+    def rectangles(self) -> int:
+        """How many were asked."""
+        return int(self._diagram.rectangles)
 
     def in_the_way(self, lead: float, delay: float) -> FloatArray:
         """Leads that are not proven, from where to where, (k, 2), for what is in the band of this one; none if it is.
@@ -117,71 +103,24 @@ class Between:
             lead: Seconds by which the second starts later than the first.
             delay: Seconds by which either may be late at any time.
         """
-        blocked = [NO_WAY]
-        size = 1 << FIRST
-        cells: IntArray = np.indices((size, size)).reshape(2, -1).T
-        for level in range(FIRST, LAST + 1):
-            low, high = self._leads(level, cells)
-            met = ((low <= lead + delay) & (high >= lead - delay)).any(axis=1)
-            cells, low, high = cells[met], low[met], high[met]
-            self._ask(level, cells)
-            outcome = self._known[level][cells[:, 0], cells[:, 1]]
-            lost = outcome == GIVEN_UP
-            ways = np.stack([low[lost], high[lost]], axis=-1).reshape(-1, 2)
-            blocked.append(ways[ways[:, 0] <= ways[:, 1]])
-            quartered = cells[outcome == OPEN]
-            if not len(quartered):
-                break
-            cells = (2 * quartered[:, None] + QUARTERS).reshape(-1, 2)
-        return np.concatenate(blocked)
+        return np.frombuffer(self._diagram.blocked(lead, delay, LAST)).reshape(-1, 2)
 
-    def _leads(self, level: int, cells: IntArray) -> tuple[FloatArray, FloatArray]:
-        """The leads whose lines, with what goes on along the sides, meet each rectangle: five spans, low and high.
+    def proven(self, level: int) -> BoolArray:
+        """Of each rectangle whether it is proven, where both motions are halved so often: [of the first, second]."""
+        out = np.zeros((1 << level, 1 << level), dtype=np.bool_)
+        self._diagram.proven(level, out)
+        return out
 
-        A span that is not there is empty: it begins at infinity and ends at -infinity.
-        """
-        last = (1 << level) - 1
-        times = np.array([self._first.duration, self._second.duration])
-        (a0, b0), (a1, b1) = (cells * times / (last + 1)).T, ((cells + 1) * times / (last + 1)).T
-        none, every = np.full(len(cells), math.inf), np.full(len(cells), -math.inf)
-        i, j = cells.T
-        low = [
-            a0 - b1,
-            np.where(j == 0, a0, none),
-            np.where(i == 0, every, none),
-            np.where(i == last, times[0] - b1, none),
-            np.where(j == last, every, none),
-        ]
-        high = [
-            a1 - b0,
-            np.where(j == 0, none, every),
-            np.where(i == 0, -b0, every),
-            np.where(i == last, none, every),
-            np.where(j == last, a1 - times[1], every),
-        ]
-        return np.stack(low, axis=1), np.stack(high, axis=1)
 
-    def _ask(self, level: int, cells: IntArray) -> None:
-        """Prove the rectangles that are not known."""
-        known = self._known[level]
-        new = cells[known[cells[:, 0], cells[:, 1]] == UNKNOWN]
-        if not len(new):
-            return
-        step = 1 << (LAST - level)
-        middle = np.repeat(self._still[None], len(new), axis=0)
-        room = np.zeros_like(middle)
-        for clock, begin in zip((self._first, self._second), (new * step).T, strict=True):
-            end = begin + step
-            middle[:, clock.columns] = 0.5 * (clock.q[begin] + clock.q[end])
-            room[:, clock.columns] = 0.5 * (clock.travel[end] - clock.travel[begin]) + ROUNDING
-        hopeful = self._certifier.clearances(middle) > self._padding
-        free = np.zeros(len(new), dtype=np.bool_)
-        asked = middle[hopeful]
-        free[hopeful], bounds = self._certifier.certify_each(asked, asked, room[hopeful], padding=self._padding)
-        self.bounds += bounds + len(new)
-        self.rectangles += len(new)
-        lost = (level >= SMALL and ~hopeful) | (level == LAST)
-        known[new[:, 0], new[:, 1]] = np.where(free, PROVEN, np.where(lost, GIVEN_UP, OPEN))
+class Turned:
+    """The same, of the second arm and the first."""
+
+    def __init__(self, between: Between) -> None:
+        self._between = between
+
+    def in_the_way(self, lead: float, delay: float) -> FloatArray:
+        """As of ``Between``."""
+        return -self._between.in_the_way(-lead, delay)[:, ::-1]
 
 
 def between_arms(robot: Robot, first: frozenset[str], second: frozenset[str], still: Sequence[str]) -> Certifier:
@@ -217,7 +156,7 @@ def _below(found: FloatArray, lead: float, delay: float) -> float:
     return min(delay - FINEST, math.floor(nearest / FINEST - 1.0) * FINEST)
 
 
-def best_start(pairs: Sequence[tuple[Between, float]], delay: float, latest: float) -> float | None:
+def best_start(pairs: Sequence[tuple[Between | Turned, float]], delay: float, latest: float) -> float | None:
     """How many seconds an arm waits at least before it starts; None if no wait up to ``latest`` is proven.
 
     Args:

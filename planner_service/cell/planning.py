@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.cell.clocks import Between, Clock, best_start, tolerated
+from planner_service.cell.clocks import Between, Clock, Turned, best_start, tolerated
 from planner_service.cell.result import CellPlan, OwnClock
 from planner_service.cell.services import Services
 from planner_service.collision import CancelToken
@@ -26,12 +26,6 @@ from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.scene.names import Names
 
 __all__ = ["plan_arms"]
-
-SLOWER, SLOWEST = 1.1, 10.0
-"""How much slower than it seems to need a motion on a shared clock is made, and at most."""
-
-ROOMIER = (0.01, 0.03)
-"""Metres of padding with which it is planned where it tolerates no delay otherwise."""
 
 SLOWER, SLOWEST = 1.1, 10.0
 """How much slower than it seems to need a motion on a shared clock is made, and at most."""
@@ -107,11 +101,11 @@ class _Planning:
     def _own_clocks(self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray]) -> CellPlan | None:
         """The arms' own plans, or if these cannot be brought together, plans in turns; None if none are proven."""
         orders = list(permutations(plans))
-        schedule = self._best([self._schedule(order, plans) for order in orders])
+        schedule = self._best_of(orders, plans)
         if schedule is not None:
             return self._done(plans, schedule, ())
         in_turn = [(order, self._in_turn(order, goals)) for order in orders]
-        turns = [(turn, self._schedule(order, turn)) for order, turn in in_turn if turn is not None]
+        turns = [(turn, self._schedule(order, turn, {})) for order, turn in in_turn if turn is not None]
         schedule = self._best([schedule for _, schedule in turns])
         if schedule is None:
             return None
@@ -146,22 +140,46 @@ class _Planning:
                 return None
         return plans
 
-    def _schedule(self, order: Sequence[str], plans: Mapping[str, PlanResult]) -> _Schedule | None:
-        """The earliest starts of arms in an order, those before being kept; None if one has none."""
+    def _best_of(self, orders: Sequence[Sequence[str]], plans: Mapping[str, PlanResult]) -> _Schedule | None:
+        """The schedule that ends first; none but the first are looked at if all can start at once."""
+        known: dict[tuple[str, str], Between] = {}
+        found = list[_Schedule | None]()
+        for order in orders:
+            found.append(self._schedule(order, plans, known))
+            if found[-1] is not None and not any(found[-1].starts.values()):
+                break
+        return self._best(found)
+
+    def _schedule(
+        self, order: Sequence[str], plans: Mapping[str, PlanResult], known: dict[tuple[str, str], Between]
+    ) -> _Schedule | None:
+        """The earliest starts of arms in an order, those before being kept; None if one has none.
+
+        Args:
+            known: What is proven between each two of these plans; more is added.
+        """
         clocks = {name: self._clock(name, plan) for name, plan in plans.items()}
         latest = sum(clock.duration for clock in clocks.values()) + len(order) * self._delay
         starts: dict[str, float] = {}
-        pairs: dict[tuple[str, str], Between] = {}
         for name in order:
-            for other in starts:
-                certifier = self._services.between(other, name, self._start)
-                pairs[other, name] = Between(certifier, clocks[other], clocks[name], self._start, self._padding)
-                self._asked.append(pairs[other, name])
-            wait = best_start([(pairs[other, name], start) for other, start in starts.items()], self._delay, latest)
+            pairs = [(self._between(other, name, clocks, known), start) for other, start in starts.items()]
+            wait = best_start(pairs, self._delay, latest)
             if wait is None:
                 return None
             starts[name] = wait
-        return _Schedule(starts, pairs, max(starts[name] + clocks[name].duration for name in order))
+        return _Schedule(starts, known, max(starts[name] + clocks[name].duration for name in order))
+
+    def _between(
+        self, a: str, b: str, clocks: Mapping[str, Clock], known: dict[tuple[str, str], Between]
+    ) -> Between | Turned:
+        """What is proven between two arms, seen from the first: one diagram serves both ways."""
+        if (b, a) in known:
+            return Turned(known[b, a])
+        if (a, b) not in known:
+            certifier = self._services.between(a, b, self._start)
+            known[a, b] = Between(certifier, clocks[a], clocks[b], self._start, self._padding)
+            self._asked.append(known[a, b])
+        return known[a, b]
 
     def _clock(self, name: str, plan: PlanResult) -> Clock:
         return Clock.of(plan.unwrap()[1], self._services.part(name).columns)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from types import NoneType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import hulls, separation
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion_terms
+from planner_service.certify.diagram import Moving
 from planner_service.certify.interval_proof import NO_LEAVES, EdgeProof, EdgeVerdict, Judged, Obstruction, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
@@ -38,6 +39,9 @@ from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import range_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from planner_service.certify.native._proof import Diagram
 
 __all__ = [
     "LIMIT_SLACK",
@@ -317,6 +321,17 @@ class Prover:
         """Of each edge whether it is free, as in ``tubes``, (k,), and the bounds that were asked."""
         free = np.zeros(len(starts), dtype=np.bool_)
         return free, self._prover.each(starts, ends, room, enough, nearer, free)
+
+    def diagram(self, first: Moving, second: Moving, still: FloatArray, enough: float) -> Diagram:
+        """What is proven of two motions on clocks of their own: every pair more than ``enough`` metres apart."""
+        motions = [
+            np.ascontiguousarray(table)
+            for each in (first, second)
+            for table in (each.q, each.travel, each.columns.astype(np.int64))
+        ]
+        durations = np.array([first.duration, second.duration])
+        found: Diagram = self._prover.diagram(*motions, durations, np.ascontiguousarray(still), enough)
+        return found
 
     def boxes(self, starts: FloatArray, ends: FloatArray, room: FloatArray, out: FloatArray) -> None:
         """Boxes that riding pieces do not leave on edges with room, low and high corner, into ``out`` (riding, 6)."""
@@ -613,6 +628,33 @@ class Certifier:
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         free, bounds = self.prover.each(*self._tubes(starts, ends, room), padding + MARGIN, padding - MARGIN)
         return free, int(bounds)
+
+    def diagram(self, first: Moving, second: Moving, still: ArrayLike, *, padding: float = 0.0) -> Diagram:
+        """What is proven of two motions whose clocks run each for itself; nothing is proven before it is asked.
+
+        Args:
+            still: Values of the joints that neither moves, (n,).
+            padding: Metres that every pair is to keep.
+
+        Raises:
+            InvalidRequest: values outside the joint limits, joints that stand still or that both move, or a padding
+                outside [0, 0.1].
+        """
+        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        for name, motion in (("first", first), ("second", second)):
+            instance(name, motion, Moving, "a motion of some joints")
+        rest = numbers("still", still, f"joint values of shape ({self.robot.n},)")
+        if rest.shape != (self.robot.n,):
+            raise InvalidRequest("still", rest.shape, f"joint values of shape ({self.robot.n},)")
+        both = set(first.columns.tolist()) & set(second.columns.tolist())
+        if both:
+            raise InvalidRequest("second", self.robot.joint_names[min(both)], "other joints than those of the first")
+        for name, motion in (("first", first), ("second", second)):
+            rows = np.repeat(rest[None], len(motion.q), axis=0)
+            rows[:, motion.columns] = motion.q
+            self._check_limits(name, rows)
+            self._check_still(rows)
+        return self.prover.diagram(first, second, rest, padding + MARGIN)
 
     def tube_boxes(self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike) -> FloatArray:
         """Where straight edges with room take the robot: boxes along the axes of the base frame.

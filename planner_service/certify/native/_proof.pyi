@@ -28,6 +28,14 @@ class Hulls:
         self, directions: NDArray[np.float64], hulls: NDArray[np.int64], heights: NDArray[np.float64]
     ) -> None: ...
 
+class Diagram:
+    @property
+    def asked(self) -> float: ...
+    @property
+    def rectangles(self) -> float: ...
+    def blocked(self, lead: float, delay: float, finest: int, /) -> bytes: ...
+    def proven(self, level: int, out: NDArray[np.bool_], /) -> None: ...
+
 class Prover:
     def __init__(
         self,
@@ -90,6 +98,19 @@ class Prover:
         out: NDArray[np.bool_],
         /,
     ) -> float: ...
+    def diagram(
+        self,
+        q1: NDArray[np.float64],
+        travel1: NDArray[np.float64],
+        columns1: NDArray[np.int64],
+        q2: NDArray[np.float64],
+        travel2: NDArray[np.float64],
+        columns2: NDArray[np.int64],
+        durations: NDArray[np.float64],
+        still: NDArray[np.float64],
+        enough: float,
+        /,
+    ) -> Diagram: ...
     def boxes(
         self,
         starts: NDArray[np.float64],

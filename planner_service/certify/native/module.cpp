@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "clearance.hpp"
+#include "diagram.hpp"
 #include "edge.hpp"
 #include "tree.hpp"
 #include "tubes.hpp"
@@ -239,6 +240,21 @@ class Prover {
         return tubes.asked();
     }
 
+    // What is proven of two motions, each of some joints, on clocks of their own.
+    Diagram diagram(const Rows& q1, const Rows& travel1, const Wholes& columns1, const Rows& q2, const Rows& travel2,
+                    const Wholes& columns2, const Numbers& durations, const Numbers& still, double enough) const {
+        require(still.shape(0) == static_cast<std::size_t>(model_.dof), "configurations of another robot");
+        require(durations.shape(0) == 2, "two durations");
+        require_finite(still.data(), still.shape(0));
+        require_finite(durations.data(), 2);
+        require_finite(&enough, 1);
+        std::vector<bool> moves(still.shape(0), false);
+        Motion first = motion_of(q1, travel1, columns1, durations.data()[0], moves);
+        Motion second = motion_of(q2, travel2, columns2, durations.data()[1], moves);
+        return Diagram(model_, *variant_, std::move(first), std::move(second), {still.data(), still.data() + still.shape(0)}, enough,
+                       roots_);
+    }
+
     // Boxes that pieces do not leave on straight edges with room, six numbers each, into ``out``.
     void boxes(const Rows& starts, const Rows& ends, const Rows& room,
                const nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>& out) const {
@@ -247,6 +263,23 @@ class Prover {
         nb::gil_scoped_release release;
         Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), 0.0, 0.0, 0);
         tubes.boxes(out.shape(0), out.data());
+    }
+
+    Motion motion_of(const Rows& q, const Rows& travel, const Wholes& columns, double duration, std::vector<bool>& moves) const {
+        const std::size_t rows = (std::size_t{1} << Diagram::LAST) + 1, n = columns.shape(0);
+        require(q.shape(0) == rows && travel.shape(0) == rows && q.shape(1) == n && travel.shape(1) == n, "a motion's rows");
+        require_finite(q);
+        require_finite(travel);
+        require(duration >= 0.0, "a duration below 0");
+        Motion out{{}, {q.data(), q.data() + rows * n}, {travel.data(), travel.data() + rows * n}, duration};
+        for (std::size_t k = 0; k < n; ++k) {
+            const int column = whole(columns.data()[k], 0, model_.dof - 1, "no such joint");
+            require(!moves[static_cast<std::size_t>(column)], "a joint of both motions");
+            moves[static_cast<std::size_t>(column)] = true;
+            out.columns.push_back(column);
+        }
+        for (std::size_t k = n; k < out.travel.size(); ++k) require(out.travel[k] >= out.travel[k - n], "travel that turns back");
+        return out;
     }
 
     // Lower bounds of the smallest gap at each row of Q, into ``out``.
@@ -691,6 +724,28 @@ NB_MODULE(_proof, m) {
         .def(nb::init<const std::vector<Rows>&>(), nb::arg("corners"))
         .def("extend", &Hulls::extend, nb::arg("directions"), nb::arg("hulls"), nb::arg("heights"),
              nb::call_guard<nb::gil_scoped_release>());
+    nb::class_<Diagram>(m, "Diagram")
+        .def("blocked",
+             [](Diagram& diagram, double lead, double delay, int finest) {
+                 require(std::isfinite(lead) && delay >= 0.0, "seconds");
+                 require(0 <= finest && finest <= Diagram::LAST, "as many halvings as there are");
+                 std::vector<double> out;
+                 {
+                     nb::gil_scoped_release release;
+                     out = diagram.blocked(lead, delay, finest);
+                 }
+                 return nb::bytes(static_cast<const void*>(out.data()), out.size() * sizeof(double));
+             })
+        .def("proven",
+             [](Diagram& diagram, int level, const nb::ndarray<bool, nb::ndim<2>, nb::c_contig, nb::device::cpu>& out) {
+                 require(0 <= level && level <= Diagram::LAST, "as many halvings as there are");
+                 const auto size = std::size_t{1} << level;
+                 require(out.shape(0) == size && out.shape(1) == size, "a verdict for each rectangle");
+                 nb::gil_scoped_release release;
+                 diagram.proven(level, out.data());
+             })
+        .def_prop_ro("asked", &Diagram::asked)
+        .def_prop_ro("rectangles", &Diagram::rectangles);
     nb::class_<Prover>(m, "Prover")
         .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, const Rows&, const std::vector<Rows>&,
                       const Rows&, const Wholes&, const Rows&, const Wholes&, const Rows&, const WholeRows&, const WholeRows&,
@@ -707,6 +762,7 @@ NB_MODULE(_proof, m) {
         .def("edge", &Prover::edge)
         .def("tubes", &Prover::tubes)
         .def("each", &Prover::each)
+        .def("diagram", &Prover::diagram, nb::keep_alive<0, 1>())
         .def("boxes", &Prover::boxes)
         .def("clearances", &Prover::clearances)
         .def("near", &Prover::near)

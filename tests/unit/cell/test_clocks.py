@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest, load_robot
-from planner_service.cell.clocks import Between, Clock, best_start, between_arms, tolerated
+from planner_service import InvalidRequest, PlannerService, PlanRequest, load_robot
+from planner_service.cell.clocks import Between, Clock, Turned, best_start, between_arms, tolerated
 from planner_service.geometry.arrays import BoolArray, FloatArray
 
 DUAL = load_robot("wxai_dual")
@@ -36,7 +38,7 @@ class Diagram:
             self.clocks.append(Clock.of(trajectory, columns))
             curves.append(trajectory(np.linspace(0.0, trajectory.duration, SAMPLES)))
         one, two = (frozenset(s.link for s in DUAL.shapes if s.link.startswith(side)) for side in ("left", "right"))
-        certifier = between_arms(DUAL, one, two, still=())
+        self.certifier = certifier = between_arms(DUAL, one, two, still=())
         self.between = Between(certifier, self.clocks[0], self.clocks[1], DUAL.home)
         checker = PlannerService(DUAL, "empty").checker
         rows = [np.concatenate([a, b]) for a in curves[0] for b in curves[1]]
@@ -90,6 +92,36 @@ def test_what_is_proven_is_free_at_samples(diagram: Diagram) -> None:
         assert not (free and touched), f"lead {lead}, delay {delay}"
         proven, refused = proven + free, refused + (not free)
     assert refused
+
+
+def test_a_rectangle_that_is_proven_is_free_at_all_its_samples(diagram: Diagram) -> None:
+    for level in (4, 7):
+        proven = diagram.between.proven(level)
+        at = np.linspace(0.0, 1 << level, SAMPLES)
+        within = [np.minimum(at.astype(int), (1 << level) - 1), np.maximum(np.ceil(at).astype(int) - 1, 0)]
+        for rows in within:  # a sample on a line is on both sides of it
+            for columns in within:
+                assert diagram.free[proven[np.ix_(rows, columns)]].all()
+        assert proven.mean() > (0.3 if level == 4 else 0.9) * diagram.free.mean()
+
+
+def test_a_diagram_seen_from_the_other_arm_is_the_same(diagram: Diagram) -> None:
+    longest, turned = sum(clock.duration for clock in diagram.clocks), Turned(diagram.between)
+    for lead in np.linspace(-longest, longest, 60):
+        forth, back = diagram.between.in_the_way(lead, 0.05), turned.in_the_way(-lead, 0.05)
+        assert np.array_equal(forth, -back[:, ::-1])
+
+
+def test_what_is_no_pair_of_motions_is_refused(diagram: Diagram) -> None:
+    certifier, (first, second) = diagram.certifier, diagram.clocks
+    with pytest.raises(InvalidRequest, match="second"):
+        certifier.diagram(first, first, DUAL.home)
+    with pytest.raises(InvalidRequest, match="still"):
+        certifier.diagram(first, second, DUAL.home[:3])
+    with pytest.raises(InvalidRequest, match="first"):
+        certifier.diagram(replace(first, q=first.q + 10.0), second, DUAL.home)
+    with pytest.raises(InvalidRequest, match="padding"):
+        certifier.diagram(first, second, DUAL.home, padding=-1.0)
 
 
 def test_a_start_is_the_first_that_is_free(diagram: Diagram) -> None:
