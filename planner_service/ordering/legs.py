@@ -31,7 +31,7 @@ Place = tuple[int, int, int]
 column."""
 
 CLOSED_BY_START, CLOSED_BY_GOAL = "START_", "GOAL_"
-"""How reasons begin for which no other leg from, or to, the same branch has a plan."""
+"""How reasons begin for which no other leg from, or to, the same branch has a plan in the same scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,9 +225,12 @@ class LegTable:
         table.seconds[row, column], table.known[row, column] = leg.seconds, True
         reason = "" if result.failure is None else result.failure.reason.value
         if reason.startswith(CLOSED_BY_START):
-            table.seconds[row], table.known[row] = IMPOSSIBLE, True
+            same = np.array([(goal.before or self.service) is service for goal in table.goals])
+            same &= ~table.known[row]
+            table.seconds[row, same], table.known[row, same] = IMPOSSIBLE, True
         if reason.startswith(CLOSED_BY_GOAL):
-            table.seconds[:, column], table.known[:, column] = IMPOSSIBLE, True
+            same = ~table.known[:, column]
+            table.seconds[same, column], table.known[same, column] = IMPOSSIBLE, True
 
 
 def gripper_between(one: Branch, service: PlannerService, usual: PlannerService) -> tuple[GripperMotion | None, str]:

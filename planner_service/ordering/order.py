@@ -24,7 +24,7 @@ from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.ordering.legs import LegTable, Place, Stops
 from planner_service.ordering.relaxation import Relaxation
 from planner_service.ordering.result import FailedLeg, OrderResult, Stop
-from planner_service.ordering.tours import IMPOSSIBLE, Tour, improved
+from planner_service.ordering.tours import IMPOSSIBLE, Tour, best_branches, improved
 from planner_service.ordering.visits import Branch, Visit, require_visits
 from planner_service.parallel import Engine
 from planner_service.planning.request import PlanRequest, clamped
@@ -172,11 +172,19 @@ class _Ordering:
             if len(table.planned) >= self.plans:
                 break
             self._plan(table, unknown)
+            best = self._better(table, tour, best)
             tour, seconds = self._improved(table, tour, rng)
-        sure = improved(
-            table.costs(table.seconds(unknown=IMPOSSIBLE)), rng, MORE_ROUNDS, tour if best is None else best
-        )
-        return tour, sure if sure.cost < (IMPOSSIBLE if best is None else best.cost) else best
+        sure = table.costs(table.seconds(unknown=IMPOSSIBLE))
+        return tour, _shorter(improved(sure, rng, MORE_ROUNDS, tour if best is None else best), best)
+
+    @staticmethod
+    def _better(table: LegTable, tour: Tour, best: Tour | None) -> Tour | None:
+        """The best order whose legs all have a plan, now that those of another are planned.
+
+        The other is kept at once: what is looked for next goes through legs that are not planned yet, and may spend all
+        plans before it is complete.
+        """
+        return _shorter(best_branches(table.costs(table.seconds(unknown=IMPOSSIBLE)), tour.order), best)
 
     def _improved(self, table: LegTable, tour: Tour, rng: np.random.Generator) -> tuple[Tour, list[FloatArray]]:
         """A better order, if legs that are not planned take as many times what they take at least as others did."""
@@ -345,3 +353,8 @@ class _Ordering:
             task.counts,
             deterministic=all(leg.result.deterministic for leg in table.planned.values()),
         )
+
+
+def _shorter(tour: Tour, best: Tour | None) -> Tour | None:
+    """The shorter of a tour and the best so far, if it is possible."""
+    return tour if tour.cost < (IMPOSSIBLE if best is None else best.cost) else best

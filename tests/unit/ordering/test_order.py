@@ -224,6 +224,31 @@ def test_it_stops_after_so_many_plans(service: ps.PlannerService) -> None:
     assert more.duration <= few.duration
 
 
+@pytest.mark.parametrize("plans", [17, 48])
+def test_an_order_that_was_planned_in_full_is_kept_whatever_the_plans_are_spent_on(
+    service: ps.PlannerService, plans: int
+) -> None:
+    """The first order takes 17 plans; what the others are spent on is not complete, and none of it may replace it."""
+    found = order(service, visits(service, 16, 3, seed=2), request(), gap=0.0, plans=plans)
+    assert found.ok
+    assert len(found.stops) == 16
+    assert found.bound <= found.duration < math.inf
+
+
+def test_a_start_that_touches_in_one_scene_closes_no_leg_that_is_planned_in_another(service: ps.PlannerService) -> None:
+    one, far, end = free(service, 3, 0)
+    near = one + np.array([0.4, 0.0])
+    ball = ps.Obstacle("ball", ps.Sphere(0.02), ps.Pose(tool_pose(service.robot, one).position))
+    shut = service.with_scene(service.scene.with_obstacle(ball))
+    assert not shut.checker.state_is_free(one)
+    assert shut.checker.state_is_free(near)
+    second = Visit("second", [Branch(near, before=shut), Branch(far)], after=["first"])
+    found = order(service, [Visit("first", [one]), second], request(), end=end, gap=0.0)
+    assert [leg.goal for leg in found.failed] == [("second", 0)], "the nearer of both is planned first"
+    assert found.order == ("first", "second")
+    assert found.stops[1].branch == 1
+
+
 def test_a_call_that_was_cancelled_plans_nothing(service: ps.PlannerService) -> None:
     cancel = ps.CancelToken()
     cancel.cancel()
