@@ -20,6 +20,7 @@ from benchmarks.attack.harness import Case, Part, Wrong, packed, unpacked
 from benchmarks.attack.mutations import changed
 from benchmarks.attack.words import TABLES, draw_word, require_told
 from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
+from planner_service.cell import Arm, Cell, CellPlan
 from planner_service.constraints import load_constraints
 from planner_service.files.disk_cache import DiskCache
 from planner_service.files.package_data import data_folder
@@ -28,11 +29,12 @@ from planner_service.gate.log_reader import read_log
 from planner_service.geometry.arrays import FloatArray
 from planner_service.memory import Memory
 from planner_service.records import plan_file, read_problems
+from planner_service.records.cells import SavedCellPlan, load_cell_plan, prove_cell, save_cell_plan
 from planner_service.records.request import RequestRecord
 from planner_service.scene import read_moveit_scene, read_urdf_scene
 from planner_service.tasks import Alternatives, MoveTo, Repeat, Task, Wait, pick_steps, plan_pick_place
 
-__all__ = ["Attack"]
+__all__ = ["Attack", "crossing_arms"]
 
 TAKEN = "blue_block"
 
@@ -54,6 +56,17 @@ KEY = "0" * 64
 
 AMONG_CELLS = "plan among cells"
 """A kind of file: a plan with evidence in a scene with a cloud."""
+
+
+CELL = "plan of a cell"
+
+
+def crossing_arms() -> CellPlan:
+    """Two planar arms, of which one waits until the other has left."""
+    robot = ps.load_robot("planar2")
+    cell = Cell({"left": robot, "right": Arm(robot, ps.Pose((2.2, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))}, ps.Scene())
+    leaves = ps.PlanRequest([0.0, 0.1], [1.5, 0.1], velocity_scale=0.2)
+    return cell.plan({"left": leaves, "right": ps.PlanRequest([0.6, 0.1], [-0.6, 0.1])}, delay=0.1)
 
 
 def _stored(save: Callable[..., None], *arrays: FloatArray, **named: FloatArray) -> bytes:
@@ -103,6 +116,8 @@ class _Stock:
         for kind, made in (("plan", self.result), ("task", self.task), (AMONG_CELLS, cells)):
             made.save(folder / f"{kind}.json")
             self._tree(kind, (folder / f"{kind}.json").read_bytes())
+        save_cell_plan(crossing_arms(), folder / f"{CELL}.json")
+        self._tree(CELL, (folder / f"{CELL}.json").read_bytes())
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
@@ -147,6 +162,7 @@ class _Stock:
             "plan": ("f.json", plan_file.load_plan_or_task),
             "task": ("f.json", plan_file.load_plan_or_task),
             AMONG_CELLS: ("f.json", plan_file.load_plan_or_task),
+            CELL: ("f.json", _proven_cell),
             "steps": ("f.json", Task.load),
             "gate log": ("f.jsonl", lambda path: read_log(path, 6)),
             "roadmap": ("f.npz", ps.Roadmap.load),
@@ -172,13 +188,22 @@ class _Stock:
         return out
 
 
-WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7, "mjcf": 0.01}
+def _proven_cell(path: Path) -> SavedCellPlan:
+    """The plan of a cell, proven again if it is one."""
+    saved = load_cell_plan(path)
+    if saved.failure is None:
+        prove_cell(saved)
+    return saved
+
+
+WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7, "mjcf": 0.01, CELL: 0.5}
 """How often kinds that take more time are drawn; the others 1."""
 
 TEXTS = frozenset(
     {
         "plan",
         "task",
+        CELL,
         "steps",
         "gate log",
         "obj",
@@ -198,7 +223,7 @@ TEXTS = frozenset(
 
 class Attack(Part):
     name = "files"
-    what = "files of 32 kinds, bytes, words, lines and structure mutated"
+    what = "files of 33 kinds, bytes, words, lines and structure mutated"
 
     @cached_property
     def _stock(self) -> _Stock:

@@ -9,20 +9,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.cell.arms import Arm, Part, parts_at_places, parts_of
+from planner_service.cell.arms import Arm, parts_at_places, parts_of
+from planner_service.cell.layout import Layout
 from planner_service.cell.planning import plan_arms
 from planner_service.cell.result import CellPlan
 from planner_service.cell.services import Services
+from planner_service.certify import Certifier
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.validation import checked_name, instance, number, numbers
+from planner_service.geometry.validation import checked_name, instance, items, number, numbers
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.robot_setup.loading import load_robot
@@ -50,6 +53,7 @@ class Cell:
     Attributes:
         robot: All arms as one robot, with joints such as ``left_joint_0`` in the order of the arms.
         scene: The scene.
+        layout: What it is made of.
 
     Raises:
         InvalidRequest: There are not one to four arms, or their names do not keep their parts apart.
@@ -65,7 +69,7 @@ class Cell:
             found = load_robot(given) if isinstance(given, str) else given
             instance(f"arms[{name!r}]", found, (Arm, Robot), "an Arm, a Robot, or the name of one")
             placed[name] = found if isinstance(found, Arm) else Arm(found)
-        self._set(*parts_at_places(placed), scene)
+        self._set(Layout(_loaded(scene), placed))
 
     @classmethod
     def of(
@@ -93,17 +97,34 @@ class Cell:
             raise InvalidRequest("groups", len(groups), f"1 to {MAX_ARMS} arms")
         for name in groups:
             checked_name("groups", name)
+        named = {name: items(f"groups[{name!r}]", joints, str, "names of joints") for name, joints in groups.items()}
         cell = object.__new__(cls)
-        cell._set(whole, parts_of(whole, groups, tools or {}), scene)
+        cell._set(Layout(_loaded(scene), whole=whole, groups=named, tools=tools or {}))
         return cell
 
-    def _set(self, robot: Robot, parts: Sequence[Part], scene: Scene | str | Path) -> None:
-        self.robot = robot
-        self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    @classmethod
+    def laid_out(cls, layout: Layout) -> Cell:
+        """The cell that is made of this.
+
+        Raises:
+            InvalidRequest: As ``Cell`` and ``Cell.of``.
+            UnknownName: As ``Cell.of``.
+        """
+        instance("layout", layout, Layout, "a Layout")
+        if layout.whole is None:
+            return cls(layout.arms, layout.scene)
+        return cls.of(layout.whole, layout.groups, layout.scene, tools=layout.tools)
+
+    def _set(self, layout: Layout) -> None:
+        self.layout, self.scene = layout, layout.scene
         if self.scene.attached:
             carried = [item.name for item in self.scene.attached]
             raise InvalidRequest("scene", carried, "a scene in which nothing is carried")
-        self._services = Services(robot, self.scene, parts)
+        if layout.whole is None:
+            self.robot, parts = parts_at_places(layout.arms)
+        else:
+            self.robot, parts = layout.whole, parts_of(layout.whole, layout.groups, layout.tools)
+        self._services = Services(self.robot, self.scene, parts)
 
     def __repr__(self) -> str:
         return f"<Cell: {', '.join(self.arms)} in {self.scene.name or 'a scene'}>"
@@ -134,6 +155,20 @@ class Cell:
         if name in others:
             raise InvalidRequest("standing", name, "other arms than this one")
         return self._services.alone(name, others)
+
+    def between(self, a: str, b: str, q: ArrayLike) -> Certifier:
+        """A certifier that judges what moves with one arm against what moves with the other, and nothing else.
+
+        Args:
+            q: Of the whole: joints without an end have turned as there, joints of other arms stand.
+
+        Raises:
+            UnknownName: No such arm.
+            InvalidRequest: ``q`` is not of the whole, or the two are one.
+        """
+        if self._services.part(a) is self._services.part(b):
+            raise InvalidRequest("b", b, "another arm than a")
+        return self._services.between(a, b, joint_vector("q", q, self.robot))
 
     def joined(self, values: Mapping[str, ArrayLike]) -> FloatArray:
         """q of the whole (n,), arms and joints that are not named at home.
@@ -192,7 +227,7 @@ class Cell:
         both = sorted(still.keys() & requests.keys())
         if both:
             raise InvalidRequest("standing", both[0], "an arm without a request")
-        return plan_arms(self._services, requests, still, delay, cancel)
+        return replace(plan_arms(self._services, requests, still, delay, cancel), layout=self.layout)
 
     def _joints(self, field: str, values: object) -> dict[str, FloatArray]:
         """Joints by the names of arms, checked."""
@@ -200,3 +235,7 @@ class Cell:
         return {
             name: joint_vector(f"{field}[{name!r}]", q, self._services.part(name).robot) for name, q in given.items()
         }
+
+
+def _loaded(scene: Scene | str | Path) -> Scene:
+    return scene if isinstance(scene, Scene) else load_scene(scene)

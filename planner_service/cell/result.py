@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.cell.layout import Layout
 from planner_service.collision import CheckCounts
 from planner_service.errors import PlanningFailed
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
@@ -55,6 +56,7 @@ class CellPlan:
         distances: Bounds that this took, beside those of each motion's own proof.
         tried: All plans that were made for it, for what it cost.
         notes: How the motions were brought together.
+        layout: What the cell is made of that they were planned for; None if that is not known.
     """
 
     clocks: tuple[OwnClock, ...]
@@ -65,6 +67,7 @@ class CellPlan:
     distances: int = 0
     tried: tuple[PlanResult, ...] = ()
     notes: tuple[str, ...] = ()
+    layout: Layout | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         copied_in(self, "clocks", "tried", "notes")

@@ -75,10 +75,13 @@ __all__ = [
     "VERSION",
     "SavedPlan",
     "SavedTask",
+    "Sections",
     "load_plan",
     "load_plan_or_task",
     "load_task",
+    "made_with_here",
     "plan_or_task",
+    "plan_or_task_of",
 ]
 
 OURS = re.compile(
@@ -101,7 +104,7 @@ _LIBRARIES = ("planner-service", "numpy", "python-fcl", "ompl", "pin", "toppra")
 
 
 @lru_cache(maxsize=1)
-def _versions() -> Mapping[str, str]:
+def made_with_here() -> Mapping[str, str]:
     """What plans are made with here."""
     versions = {"python": platform.python_version()}
     for name in _LIBRARIES:
@@ -198,7 +201,7 @@ class SavedPlan(_Saved):
 
     request: PlanRequest | None
     result: PlanResult
-    made_with: Mapping[str, str] = field(default_factory=_versions)
+    made_with: Mapping[str, str] = field(default_factory=made_with_here)
     sections: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -266,7 +269,7 @@ class SavedTask(_Saved):
     failure: Failure | None = None
     notes: tuple[str, ...] = ()
     request: PlanRequest | None = None
-    made_with: Mapping[str, str] = field(default_factory=_versions)
+    made_with: Mapping[str, str] = field(default_factory=made_with_here)
     sections: Mapping[str, Any] = field(default_factory=dict)
     steps: tuple[StepReport, ...] = ()
 
@@ -717,7 +720,16 @@ def plan_or_task(name: str, data: bytes) -> SavedPlan | SavedTask:
     Raises:
         InvalidFile: the content cannot be used; it lists all problems found, not the first.
     """
-    saved: SavedPlan | SavedTask = _read(Path(name), parse_json(Path(name), data), None)
+    return plan_or_task_of(Path(name), parse_json(Path(name), data))
+
+
+def plan_or_task_of(file: Path, document: Any) -> SavedPlan | SavedTask:
+    """The same of the document that is in a file.
+
+    Raises:
+        InvalidFile: as ``plan_or_task``.
+    """
+    saved: SavedPlan | SavedTask = _read(file, document, None)
     return saved
 
 

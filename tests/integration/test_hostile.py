@@ -15,6 +15,7 @@ import pytest
 
 import planner_service
 from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
+from benchmarks.attack.files import crossing_arms
 from planner_service import JointPath, PlannerService, PlanRequest, Pose, Scene, load_robot
 from planner_service.cell import Arm, Cell
 from planner_service.certify import certify, certify_gripper, prove_kept
@@ -22,6 +23,7 @@ from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
 from planner_service.gate import ActionGate, TargetFilter, Tracking
 from planner_service.infeasibility import prove_no_path
+from planner_service.records.cells import load_cell_plan, load_saved, prove_cell, save_cell_plan
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
 
@@ -110,6 +112,18 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         "Cell.arm": Call(Cell({"one": arm}, scene).arm, {"name": "one", "standing": None}),
         "Cell.joined": Call(Cell({"one": arm}, scene).joined, {"values": {"one": arm.home}}),
         "Cell.of_arm": Call(Cell({"one": arm}, scene).of_arm, {"name": "one", "q": arm.home}),
+        "Cell.between": Call(
+            Cell({"one": arm, "two": Arm(arm, Pose((2.0, 0.0, 0.0)))}, scene).between,
+            {"a": "one", "b": "two", "q": [*arm.home, *arm.home]},
+        ),
+        "prove_cell": Call(prove_cell, {"plan": crossing_arms(), "padding": 0.0}),
+        "save_cell_plan": Call(
+            save_cell_plan,
+            {"plan": crossing_arms(), "path": tmp_path_factory.mktemp("cells") / "out.json"},
+            into=("path",),
+        ),
+        "load_cell_plan": Call(load_cell_plan, {"path": "nothing-there"}),
+        "load_saved": Call(load_saved, {"path": "nothing-there"}),
         "ActionGate.update": Call(lambda **given: gate().update(**given), {"scene": scene, **when}),
         "ActionGate.occupied": Call(lambda **given: gate().occupied(**given), {"name": "arm", "base": None}),
         "TargetFilter": Call(TargetFilter, {"gate": gate(), "jump": 0.2, "speed": 0.5}),

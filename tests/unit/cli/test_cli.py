@@ -26,6 +26,7 @@ from planner_service.files.package_data import data_folder
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
+from planner_service.records.cells import save_cell_plan
 from planner_service.records.exports.trajectory_export import yaml_text
 from planner_service.records.plan_file import load_plan
 from planner_service.robot_setup.loading import load_robot
@@ -36,6 +37,7 @@ from planner_service.tasks.pick_place import places_on, standing_on
 from planner_service.view.recordings.rerun_recording import rerun_bytes
 from tests.support.command import document, refused, run
 from tests.support.optional import present
+from tests.unit.records.cells.cells import crossing, two_discs
 
 PLANAR = ("plan", "--robot", "planar2", "--scene", "discs", "--time-limit", "inf")
 BLOCKED = (*PLANAR, "--start", "lesson_start", "--goal", "lesson_goal")
@@ -274,6 +276,26 @@ def test_a_plan_is_proven_against_the_scene_in_its_file_or_one_that_is_given(tmp
     told = " ".join(asked.stdout.split())
     assert "using --scene empty instead of the scene in this file" in told
     assert "made for another scene: discs" in told
+
+
+def test_the_plan_of_a_cell_is_proven_over_all_clocks(tmp_path: Path) -> None:
+    there = tmp_path / "cell.json"
+    save_cell_plan(crossing(two_discs()), there)
+    found = run("certify", str(there))
+    assert found.exit_code == 0
+    assert found.stdout.startswith("certified:")
+    assert "all of them: tolerates 0.100 s of delay" in found.stdout
+    proven = json.loads(run("certify", str(there), "--json").stdout)
+    assert (proven["certified"], proven["arms"], len(proven["motions"])) == (True, ["left", "right"], 2)
+    refused = run("certify", str(there), "--scene", "discs")
+    assert refused.exit_code == 1
+    assert "using --scene discs" in refused.stdout
+    assert run("certify", str(there), "--robot", "wxai").exit_code == 2
+    claim = json.loads(there.read_text()) | {"tolerates": 0.5}
+    there.write_text(json.dumps(claim))
+    late = run("certify", str(there))
+    assert late.exit_code == 1
+    assert "left x right: not proven apart when each may be 0.5 s late" in " ".join(late.stdout.split())
 
 
 def planar_urdf() -> str:
