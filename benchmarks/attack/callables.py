@@ -459,6 +459,7 @@ def _tasks(folder: Path) -> Calls:
         _call(grasping.grasp_quality, robot=robot, target=block, grasp=grasp[0], friction=0.5),
         _call(grasping.GraspKinds, kinds=(grasping.GraspKind.SIDE,), friction=0.5, seed=0, most=4),
         _call(grasping.GraspKinds((grasping.GraspKind.SIDE,)).poses, robot=robot, target=block),
+        _call(grasping.GraspKinds((grasping.GraspKind.SIDE,)).by_kind, robot=robot, target=block),
         _call(places_on, target=block, support=tray),
         _call(service.torque_limits, scale=0.5),
         _call(service.certify_gripper, q=robot.home, start=0.0, end=0.01),

@@ -544,14 +544,15 @@ class Remote:
         cancel: CancelToken | None,
         *,
         taken: str = "",
-        upright: Sequence[Constraint] = (),
+        upright: Iterable[Constraint] | None = None,
         grasps: Sequence[Grasp] = (),
     ) -> TaskResult:
         """The outcome of a task.
 
         Args:
             request: The request of all its motions; it starts where the robot stands.
-            taken: The object that is carried with one of the constraints ``upright``, if there are any.
+            taken: The object that is carried with one of the constraints ``upright``, if these are given; no more of
+                them are asked for than need be.
             grasps: Those that a task with all motions has: what they take is carried, as upright as they ask for.
         """
         answer = self._work(kind, body, cancel)
@@ -562,7 +563,11 @@ class Remote:
         task = task_result(saved, request)
         scenes = [task.world.scene, *(segment.scene for segment in task.segments if segment.scene is not None)]
         held = [each for scene in scenes for each in scene.attached if each.name == taken]
-        if upright and not all(set(each.constraints) & set(upright) for each in held):
+        for constraint in () if upright is None else upright:
+            held = [each for each in held if constraint not in each.constraints]
+            if not held:
+                break
+        if held and upright is not None:
             raise InvalidFile(answer.url, [f"{taken}: carried without the constraint that was asked for"])
         if task.ok:
             require_carried(answer, grasps, [each for scene in scenes for each in scene.attached])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
@@ -17,13 +17,14 @@ from planner_service.errors import InvalidFile
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
-from planner_service.grasping.grasps import top_grasps
+from planner_service.grasping.kinds import GraspKinds
 from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
 from planner_service.planning.request import Pace, PlanRequest, kept_in
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.records.http.sections import LineSections
 from planner_service.robot.model import joint_vector
+from planner_service.scene.scene import Obstacle
 from planner_service.tasks.contacts import kept_upright
 from planner_service.tasks.primitives import require_poses
 from planner_service.tasks.tool_motions import Target
@@ -34,7 +35,7 @@ __all__ = ["move_linear", "pick", "place", "plan_pick_place"]
 
 @unless_cancelled
 def pick(
-    remote: Remote, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None = None
+    remote: Remote, q: ArrayLike, target: str, grasps: Sequence[Pose] | None = None, handling: Handling | None = None
 ) -> TaskResult:
     """Take hold of an object; see ``planner_service.pick``.
 
@@ -44,11 +45,12 @@ def pick(
         ServerUnavailable: As ``Remote.plan``.
     """
     start, handling = _started(remote, q, handling)
-    remote.scene.obstacle(target)
-    require_poses("grasps", grasps)
+    obstacle = remote.scene.obstacle(target)
+    if grasps is not None:
+        require_poses("grasps", grasps)
     body = {"q": start, "target": target, "grasps": grasps, "handling": handling}
     lean = handling.upright
-    upright = [] if lean is None else [kept_upright(grasp, lean) for grasp in grasps]
+    upright = None if lean is None else _upright(remote, obstacle, grasps, lean)
     return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
 
 
@@ -95,8 +97,14 @@ def plan_pick_place(
         require_poses("poses", poses)
     body = {"target": target, "onto": onto, "poses": poses, "start": start, "upright": upright, "request": request}
     obstacle = remote.scene.obstacle(target)
-    kept = [] if upright is None else [kept_upright(grasp, upright) for grasp in top_grasps(remote.robot, obstacle)]
+    kept = None if upright is None else _upright(remote, obstacle, None, upright)
     return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
+
+
+def _upright(remote: Remote, target: Obstacle, grasps: Sequence[Pose] | None, lean: float) -> Iterator[Constraint]:
+    """What an object may keep, by which of the grasps it is taken; grasps that are not given are found as asked for."""
+    kinds = [grasps] if grasps is not None else (each for _, each, _ in GraspKinds().by_kind(remote.robot, target))
+    return (kept_upright(grasp, lean) for poses in kinds for grasp in poses)
 
 
 @unless_cancelled

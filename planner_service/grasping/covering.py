@@ -37,17 +37,26 @@ def covering(poses: Sequence[Pose], most: int, fits: Callable[[int], bool]) -> t
         fits: Whether a pose, by its number, is to be considered; asked once for each that is not like a chosen one.
     """
     rows = np.array([(*pose.position, *pose.quaternion) for pose in poses]).reshape(-1, 7)
-    chosen, coarseness = list(range(len(rows))), 1.0
-    known: dict[int, bool] = {}
+    coarseness, known, before = 1.0, dict[int, bool](), list[int]()
+
+    def apart(number: int, others: list[int], least: float) -> bool:
+        return not others or float(unlike(rows[others], rows[number]).min()) >= least
+
     while True:
         kept: list[int] = []
-        for number in chosen:
-            if kept and float(unlike(rows[kept], rows[number]).min()) < coarseness:
+        for number in range(len(rows)):
+            if not apart(number, kept, coarseness):
                 continue
             if number not in known:
                 known[number] = fits(number)
             if known[number]:
                 kept.append(number)
+                if len(kept) > most:
+                    break
         if len(kept) <= most:
-            return tuple(poses[number] for number in kept)
-        chosen, coarseness = kept, coarseness * COARSER
+            break
+        before, coarseness = kept, coarseness * COARSER
+    for number in before:  # there may be room for some more that are less unlike
+        if len(kept) < most and number not in kept and apart(number, kept, coarseness / COARSER):
+            kept.append(number)
+    return tuple(poses[number] for number in sorted(kept))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from planner_service.errors import InvalidRequest
@@ -66,25 +66,44 @@ class GraspKinds:
         Raises:
             InvalidRequest: The robot has no gripper, or there is no grasp of these kinds; it says why for each.
         """
+        found = list(self.by_kind(robot, target))
+        if not any(poses for _, poses, _ in found):
+            refused = "; ".join(f"{kind.value}: {why}" for kind, _, why in found)
+            raise InvalidRequest("target", target.name, refused)
+        return tuple(pose for _, poses, _ in found for pose in poses)
+
+    def by_kind(self, robot: Robot, target: Obstacle) -> Iterator[tuple[GraspKind, tuple[Pose, ...], str]]:
+        """Each kind with its grasps, best first, and with why there are none; looked for when it is asked for.
+
+        Kinds that the gripper cannot do are left out, and so are grasps that an earlier kind has as well.
+
+        Raises:
+            InvalidRequest: The robot has no gripper, or one that can do none of these kinds.
+        """
         instance("target", target, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
         gripper = instance("robot", robot, Robot, "a Robot").gripper
         if gripper is None:
             raise InvalidRequest("robot", robot.name, "a robot with a gripper")
         cup = gripper.kind == "vacuum"
-        found, refused = dict[Pose, None](), list[str]()
-        for kind in self.kinds:
-            if kind is not GraspKind.TOP and cup != (kind is GraspKind.SUCTION):
-                continue
-            try:
-                found.update(dict.fromkeys(self._of(kind, robot, target)))
-            except InvalidRequest as error:
-                refused.append(f"{kind.value}: {error.expected}")
-        if found:
-            return tuple(found)
-        if not refused:
+        kinds = [kind for kind in self.kinds if kind is GraspKind.TOP or cup == (kind is GraspKind.SUCTION)]
+        if not kinds:
             given = ", ".join(kind.value for kind in self.kinds)
             raise InvalidRequest("kinds", given, f"some that a {gripper.kind} gripper can do")
-        raise InvalidRequest("target", target.name, "; ".join(refused))
+        return self._each(kinds, robot, target)
+
+    def _each(
+        self, kinds: Sequence[GraspKind], robot: Robot, target: Obstacle
+    ) -> Iterator[tuple[GraspKind, tuple[Pose, ...], str]]:
+        """See ``by_kind``."""
+        known: set[Pose] = set()
+        for kind in kinds:
+            try:
+                found = tuple(pose for pose in self._of(kind, robot, target) if pose not in known)
+            except InvalidRequest as error:
+                yield kind, (), str(error.expected)
+                continue
+            known.update(found)
+            yield kind, found, "" if found else "the same as before"
 
     def _of(self, kind: GraspKind, robot: Robot, target: Obstacle) -> tuple[Pose, ...]:
         if kind is GraspKind.TOP:

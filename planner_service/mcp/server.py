@@ -91,7 +91,7 @@ TOOLS = {
         Session.pick,
         arguments.PickArguments,
         answers.Planned,
-        "Plans to take an object from above: approach, close, lift. Nothing moves.",
+        "Plans to take an object, from above where that can be: approach, close, lift. Nothing moves.",
     ),
     "place": ToolKind(
         Session.place,

@@ -24,7 +24,7 @@ from planner_service.errors import UnknownName
 from planner_service.files.schema import Record
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Pose
-from planner_service.grasping.grasps import middle_of, top_grasps
+from planner_service.grasping.grasps import middle_of
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.reachability import why_unreachable
 from planner_service.mcp import answers, arguments
@@ -207,20 +207,19 @@ class Session:
         return self._moved(state, "line", f"move the tool straight {said}", result, request, given.after)
 
     def pick(self, given: arguments.PickArguments, cancel: CancelToken) -> Answer:
-        """Proven motions that take an object from above, kept by their id."""
+        """Proven motions that take an object, from above where that can be, kept by their id."""
         state = self._at(given.after)
         if state.scene.attached:
             held = quoted(state.scene.attached[0].name)
             raise Refused("HOLDING", f"the gripper holds {held}.", "Place it first.")
-        obstacle = state.scene.obstacle(given.object)
         handling = Handling(
             support=standing_on(state.scene, given.object),
             request=_base(state),
             upright=given.upright,
             cancel=cancel,
         )
-        grasps = top_grasps(state.world.robot, obstacle)
-        return self._kept(state, pick(state.service, state.q, given.object, grasps, handling), given.after)
+        task = pick(state.service, state.q, given.object, None, handling)
+        return self._kept(state, task, given.after)
 
     def place(self, given: arguments.PlaceArguments, cancel: CancelToken) -> Answer:
         """Proven motions that set down what is held, kept by their id."""

@@ -38,7 +38,7 @@ class Move:
     Attributes:
         object: The name of an obstacle, or an obstacle that is there only when it is its turn, as on a feeder.
         poses: Where it may be set down, in the base frame; each is kept free by all other motions.
-        grasps: As of ``tasks.Grasp``; None for ``top_grasps``.
+        grasps: As of ``tasks.Grasp``.
         handling: How it is taken; its request is not used.
         onto: The obstacle that it stands on afterwards.
         after: Names of objects that must have been placed before.

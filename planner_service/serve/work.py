@@ -22,7 +22,6 @@ from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import Record, read_record, recorded
-from planner_service.grasping.grasps import top_grasps
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest, World
@@ -385,10 +384,7 @@ def _check(call: _Call, body: bodies.CheckBody) -> Answer:
 
 
 def _pick(call: _Call, body: bodies.PickBody) -> Answer:
-    grasps = body.arguments["grasps"]
-    if grasps is None:
-        grasps = top_grasps(call.service.robot, call.service.scene.obstacle(body.target))
-    task = pick(call.service, body.q, body.target, grasps, _handling(call, body.handling))
+    task = pick(call.service, body.q, body.target, body.arguments["grasps"], _handling(call, body.handling))
     return _task(call, SavedTask.of(task))
 
 

@@ -8,17 +8,19 @@ stood or will stand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TypeVar
 
 from planner_service.collision import CollisionChecker
 from planner_service.constraints import Constraint, KeepUpright
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
-from planner_service.grasping.grasps import top_grasps, width_across
+from planner_service.grasping.grasps import width_across
 from planner_service.grasping.guards import grasp_objection, unwanted
+from planner_service.grasping.kinds import GraspKind, GraspKinds
 from planner_service.grasping.openings import opened, openings
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.model import Robot
@@ -29,15 +31,18 @@ from planner_service.tasks.motions import Motions, NoMotion, Touch
 from planner_service.tasks.steps import Grasp, GraspSource, Release
 
 __all__ = [
+    "Choices",
     "Contact",
+    "choices_of",
     "contact_here",
-    "contacts_of",
     "fingers_of",
     "frame_of",
     "gripper_of",
     "kept_upright",
     "placed_poses",
 ]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,36 +98,64 @@ class Contact:
         return (*fingers, *standing)
 
 
-def contacts_of(motions: Motions, service: PlannerService, step: Grasp | Release) -> list[Contact]:
-    """The grasps or placements of a step, best first, with the usual opening.
+class Choices:
+    """The grasps or placements of one kind, best first, each made when it is first asked for.
+
+    Attributes:
+        kind: What reasons call it; empty for the usual one, and for poses that were given.
+        count: How many there are.
+        why: Why there are none.
+    """
+
+    def __init__(self, kind: str, poses: Sequence[Pose], make: Callable[[Pose], Contact], why: str = "") -> None:
+        self.kind, self.count, self.why = kind, len(poses), why
+        self._poses, self._make = poses, make
+        self._made: dict[int, Contact | NoMotion] = {}
+
+    def contact(self, k: int) -> Contact:
+        """The one of number k, with the usual opening.
+
+        Raises:
+            NoMotion: The gripper cannot be opened as it should be.
+        """
+        if k not in self._made:
+            try:
+                self._made[k] = self._make(self._poses[k])
+            except NoMotion as none:
+                self._made[k] = none
+        made = self._made[k]
+        if isinstance(made, NoMotion):
+            raise made
+        return made
+
+
+def choices_of(motions: Motions, service: PlannerService, step: Grasp | Release) -> Iterator[Choices]:
+    """The grasps or placements of a step, kind by kind; a kind is looked for once the ones before it are not enough.
 
     Raises:
-        NoMotion: There are none.
+        NoMotion: There can be none.
     """
-    return _graspings(motions, service, step) if isinstance(step, Grasp) else _placings(motions, service, step)
-
-
-def _graspings(motions: Motions, service: PlannerService, step: Grasp) -> list[Contact]:
+    if isinstance(step, Release):
+        held = _held(service, step.object)
+        yield Choices("", placed_poses(service, step), partial(_placing, motions, service, held, step=step))
+        return
     obstacle = service.scene.obstacle(step.object)
-    if step.grasps is None:
-        poses: Sequence[Pose] = _found(partial(top_grasps, service.robot, obstacle))
-    elif isinstance(step.grasps, GraspSource):
-        poses = _found(partial(step.grasps.poses, service.robot, obstacle))
+    make = partial(_grasping, motions, service, obstacle, step=step)
+    if isinstance(step.grasps, GraspKinds | None):
+        kinds = GraspKinds() if step.grasps is None else step.grasps
+        for kind, poses, why in _found(partial(motions.grasps, kinds, service.robot, obstacle)):
+            none = f"no {kind.value} grasp: expected {why}" if why else ""
+            yield Choices("" if kind is GraspKind.TOP else kind.value, poses, make, none)
+        return
+    if isinstance(step.grasps, GraspSource):
+        given: Sequence[Pose] = _found(partial(step.grasps.poses, service.robot, obstacle))
     else:
         frame = frame_of(service, step.frame)
-        poses = step.grasps if frame is None else [frame @ pose for pose in step.grasps]
-    made, refused = [], ""
-    for pose in poses:
-        try:
-            made.append(_grasping(motions, service, obstacle, pose, step))
-        except NoMotion as none:
-            refused = refused or str(none)
-    if not made:
-        raise NoMotion(refused or f"no grasp of {step.object} was found")
-    return made
+        given = step.grasps if frame is None else [frame @ pose for pose in step.grasps]
+    yield Choices("", given, make, "" if given else f"no grasp of {step.object} was found")
 
 
-def _found(find: Callable[[], Sequence[Pose]]) -> Sequence[Pose]:
+def _found(find: Callable[[], T]) -> T:
     try:
         return find()
     except InvalidRequest as error:
@@ -130,7 +163,7 @@ def _found(find: Callable[[], Sequence[Pose]]) -> Sequence[Pose]:
 
 
 def _grasping(
-    motions: Motions, service: PlannerService, target: Obstacle, grasp: Pose, step: Grasp, rank: int = 0
+    motions: Motions, service: PlannerService, target: Obstacle, grasp: Pose, *, step: Grasp, rank: int = 0
 ) -> Contact:
     """A grasp, with the opening of a rank, the widest first."""
     gripper = gripper_of(service.robot)
@@ -157,7 +190,9 @@ def _grasping(
         width=widths[rank],
         then=width,
         services=(before, after),
-        less=lambda other: _grasping(motions, service, target, grasp, step, other) if other < len(widths) else None,
+        less=lambda other: (
+            _grasping(motions, service, target, grasp, step=step, rank=other) if other < len(widths) else None
+        ),
         objection=objection,
         fingers=touch,
         standing=_standing(service, step),
@@ -184,9 +219,10 @@ def contact_here(motions: Motions, service: PlannerService, step: Grasp | Releas
     tool = Pose.from_matrix(service.robot.tool_pose(q))
     if isinstance(step, Release):
         held = _held(service, step.object)
-        return _placing(motions, service, held, tool @ held.pose, step)
+        return _placing(motions, service, held, tool @ held.pose, step=step)
     width = service.robot.gripper_width
-    return _grasping(motions, service, service.scene.obstacle(step.object), tool, replace(step, open_width=width))
+    obstacle = service.scene.obstacle(step.object)
+    return _grasping(motions, service, obstacle, tool, step=replace(step, open_width=width))
 
 
 def kept_upright(grasp: Pose, tolerance: float) -> Constraint:
@@ -196,11 +232,6 @@ def kept_upright(grasp: Pose, tolerance: float) -> Constraint:
 
 
 # Placements.
-
-
-def _placings(motions: Motions, service: PlannerService, step: Release) -> list[Contact]:
-    held = _held(service, step.object)
-    return [_placing(motions, service, held, pose, step) for pose in placed_poses(service, step)]
 
 
 def placed_poses(service: PlannerService, step: Release) -> Sequence[Pose]:
@@ -214,7 +245,7 @@ def placed_poses(service: PlannerService, step: Release) -> Sequence[Pose]:
 
 
 def _placing(
-    motions: Motions, service: PlannerService, held: Attached, pose: Pose, step: Release, rank: int = 0
+    motions: Motions, service: PlannerService, held: Attached, pose: Pose, *, step: Release, rank: int = 0
 ) -> Contact:
     """A placement, with the opening of a rank, the widest first."""
     gripper, names = gripper_of(service.robot), Names(service.robot, service.scene)
@@ -238,7 +269,9 @@ def _placing(
         width=service.robot.gripper_width,
         then=widths[rank],
         services=(lambda: service, after),
-        less=lambda other: _placing(motions, service, held, pose, step, other) if other < len(widths) else None,
+        less=lambda other: (
+            _placing(motions, service, held, pose, step=step, rank=other) if other < len(widths) else None
+        ),
         objection=objection,
         fingers=Touch(_touching(service, held.name), None, gripper.touching(held.name, "leave")),
         standing=_standing(service, step),

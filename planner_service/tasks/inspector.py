@@ -110,9 +110,9 @@ class Visit:
         stage: Which.
         service: What plans there.
         q: Where the robot stands, (n,).
-        noted: What did not work, in words, in order, each with the number of its step.
+        noted: What did not work, in words, in order, each with the number of its step and its kind of grasp.
         unreached: Tool poses out of reach, by the number of their way.
-        ways: How many grasps or placements there are.
+        kinds: The kinds of grasps that were looked for, or the placements, and how many of each there are.
         farthest: The step at which the way ended that had come farthest, and how far.
         failure: Why nothing could begin there, or the one motion has no plan.
         ahead: The visit of a later stage without which this one is in vain.
@@ -122,9 +122,9 @@ class Visit:
     stage: ContactStage | MotionStage
     service: PlannerService
     q: FloatArray
-    noted: list[tuple[str, str]] = field(default_factory=list)
+    noted: list[tuple[str, str, str]] = field(default_factory=list)
     unreached: dict[int, Pose] = field(default_factory=dict)
-    ways: int = 0
+    kinds: list[tuple[str, int]] = field(default_factory=list)
     farthest: tuple[Rank, Numbered] | None = None
     failure: Failure | None = None
     ahead: Visit | None = None
@@ -132,7 +132,21 @@ class Visit:
     @property
     def tried(self) -> list[str]:
         """What did not work, in words, in order."""
-        return [told for _, told in self.noted]
+        return [told for _, told, _ in self.noted]
+
+    @property
+    def kind(self) -> str:
+        """The kind of grasp that is tried; empty for the usual one, and for what is no grasp."""
+        return self.kinds[-1][0] if self.kinds else ""
+
+    @property
+    def ways(self) -> int:
+        """How many grasps or placements there are, of the kinds that were looked for."""
+        return sum(count for _, count in self.kinds)
+
+    def begins(self, kind: str, count: int) -> None:
+        """Grasps of a kind are tried from here on, or placements."""
+        self.kinds.append((kind, count))
 
     def refuse(
         self, numbered: Numbered, why: str, told: str | None = None, rank: Rank = Rank.POSE, *, known: bool = False
@@ -145,7 +159,7 @@ class Visit:
         """
         if not known:
             self.inspector.tried(numbered)
-            self.inspector.failed(numbered, why, None)
+            self.inspector.failed(numbered, self._of_kind(why), None)
         self._note(numbered, told or why, rank)
 
     @contextmanager
@@ -159,11 +173,15 @@ class Visit:
         try:
             yield
         except NoMotion as none:
-            self.inspector.failed(numbered, str(none), none.result)
+            self.inspector.failed(numbered, self._of_kind(str(none)), none.result)
             self._note(numbered, f"{prefix}{none}", rank)
             raise
 
+    def _of_kind(self, why: str) -> str:
+        """A reason with the kind of grasp, where that is not the usual one and there are some."""
+        return f"{self.kind}: {why}" if self.kind and self.kinds[-1][1] else why
+
     def _note(self, numbered: Numbered, told: str, rank: Rank) -> None:
-        self.noted.append((numbered.number, told))
+        self.noted.append((numbered.number, told, self.kind))
         if self.farthest is None or rank > self.farthest[0]:
             self.farthest = rank, numbered

@@ -76,7 +76,8 @@ class LookAhead:
         tools = [pose @ held.inverse() for pose in placed_poses(service, step)]
         if any(len(self._motions.solutions(service.robot, tool, still)) for tool in tools):
             return None
-        found = Visit(self._inspector, stage, service, visit.q, ways=len(tools))
+        found = Visit(self._inspector, stage, service, visit.q)
+        found.begins("", len(tools))
         found.unreached |= dict(enumerate(tools, start=1))
         for number in found.unreached:
             found.refuse(stage.act, OUT_OF_REACH, f"way {number}: {OUT_OF_REACH}")

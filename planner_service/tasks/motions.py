@@ -6,8 +6,9 @@ Every question of a task that costs something is asked here, counted here, and a
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from planner_service.collision.budget import Cancelled
 from planner_service.constraints import Constraint
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
+from planner_service.grasping.kinds import GraspKind, GraspKinds
 from planner_service.kinematics.cartesian_waypoints import line_blends
 from planner_service.kinematics.inverse import ToolChain, inverse_kinematics
 from planner_service.memory import Memory
@@ -25,7 +27,7 @@ from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, keeps_torques
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.model import Robot
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.timing.laws import Timing
 
@@ -34,6 +36,9 @@ __all__ = ["Ended", "Motions", "NoMotion", "Touch"]
 Pair = tuple[str, str]
 
 T = TypeVar("T")
+
+FoundGrasps = tuple[GraspKind, tuple[Pose, ...], str]
+"""A kind, its grasps, and why there are none."""
 
 LOOKS = 3
 """Ways whose lines may be proven for each search that a task may try."""
@@ -91,6 +96,7 @@ class Motions:
         self._grips: dict[tuple[Any, ...], GripperMotion] = {}
         self._services: dict[tuple[float, Scene], PlannerService] = {}
         self._solutions: dict[tuple[Any, ...], FloatArray] = {}
+        self._grasps: dict[tuple[GraspKinds, Obstacle], tuple[list[FoundGrasps], Iterator[FoundGrasps]]] = {}
 
     def look(self) -> None:
         """The lines of one more way are looked at.
@@ -127,6 +133,30 @@ class Motions:
         if key not in self._solutions:
             self._solutions[key] = inverse_kinematics(robot, pose, seed=self.request.seed, still=still)
         return self._solutions[key]
+
+    def grasps(self, kinds: GraspKinds, robot: Robot, target: Obstacle) -> Iterator[FoundGrasps]:
+        """``GraspKinds.by_kind``: each kind is looked for once, however often an object stands like this.
+
+        Raises:
+            InvalidRequest: The gripper can do none of the kinds.
+            Ended: It was cancelled, or no time is left for another kind.
+        """
+        found, rest = self._grasps.setdefault((kinds, target), ([], kinds.by_kind(robot, target)))
+        return self._each(found, rest)
+
+    def _each(self, found: list[FoundGrasps], rest: Iterator[FoundGrasps]) -> Iterator[FoundGrasps]:
+        """What is found, and what else will be; several callers may be at different places of the same."""
+        for k in count():
+            if k == len(found):
+                if k > 0:  # a kind may take a second to find
+                    self._share_of_time(one_of_many=True)
+                    if self._cancel is not None and self._cancel.cancelled:
+                        raise Ended(Failure(Stage.SEARCH, Reason.PREEMPTED, "cancelled"))
+                following = next(rest, None)
+                if following is None:
+                    return
+                found.append(following)
+            yield found[k]
 
     # Motions.
 

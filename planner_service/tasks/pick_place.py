@@ -12,13 +12,13 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
-from planner_service.grasping.grasps import middle_of, top_grasps
+from planner_service.grasping.grasps import middle_of
 from planner_service.memory import Memory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import pick_steps, place_steps, require_poses
+from planner_service.tasks.primitives import pick_steps, place_steps, require_grasps, require_poses
 from planner_service.tasks.solver import solved
 from planner_service.tasks.steps import Connect, MoveTo
 from planner_service.tasks.task import Task
@@ -43,6 +43,8 @@ def plan_pick_place(
     cancel: CancelToken | None = None,
 ) -> TaskResult:
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
+
+    Grasps are those of ``GraspKinds()``: from above where one of these has a plan, else of the other kinds.
 
     Args:
         onto: The obstacle that the object is set down on.
@@ -69,7 +71,8 @@ def plan_pick_place(
         require_poses("poses", poses)
     places = places_on(obstacle, support) if poses is None else poses
     picking = Handling(support=standing_on(scene, target), request=request, upright=upright)
-    _, *taken = pick_steps(target, top_grasps(service.robot, obstacle), picking)
+    require_grasps(service.robot, obstacle)
+    _, *taken = pick_steps(target, None, picking)
     steps = (Connect("home -> pregrasp"), *taken, *place_steps(target, places, Handling(support=onto)))
     title = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
     task = Task((*steps, MoveTo(name="retreat -> home")), title)

@@ -15,24 +15,27 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, text
-from planner_service.grasping.grasps import width_across
+from planner_service.grasping.grasps import top_grasps, width_across
+from planner_service.grasping.kinds import GraspKinds
 from planner_service.grasping.openings import openings
 from planner_service.memory import Memory
 from planner_service.planning.task_result import Handling, TaskResult
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.contacts import gripper_of
 from planner_service.tasks.solver import solved
 from planner_service.tasks.steps import Approach, Connect, Grasp, GraspSource, Release, Retreat, Step
 from planner_service.tasks.task import Task
 
-__all__ = ["pick", "pick_steps", "place", "place_steps", "require_poses"]
+__all__ = ["pick", "pick_steps", "place", "place_steps", "require_grasps", "require_poses"]
 
 
 def pick(
     service: PlannerService,
     q: ArrayLike,
     target: str,
-    grasps: Sequence[Pose],
+    grasps: Sequence[Pose] | GraspSource | None = None,
     handling: Handling | None = None,
     *,
     memory: Memory | None = None,
@@ -45,19 +48,24 @@ def pick(
     Args:
         q: Where the robot stands, shape (n,).
         target: The obstacle to take.
-        grasps: Tool poses, best first (``top_grasps`` suggests some).
+        grasps: Tool poses, best first, or what finds them such as ``GraspKinds``. None: those of ``top_grasps``, and
+            where none of them has a plan, those of the other kinds.
         memory: What is remembered of this cell, as for ``PlannerService.plan``; ``result.memory`` is what is then.
 
     Raises:
         UnknownName: There is no such obstacle or support.
-        InvalidRequest: No grasp is given, the robot has no gripper, or the object is too wide for it.
+        InvalidRequest: An empty list is given, the robot has no gripper, or the object is too wide for it at a grasp
+            that is given, or for all grasps.
     """
     instance("service", service, PlannerService, "a PlannerService")
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     obstacle, gripper = service.scene.obstacle(target), gripper_of(service.robot)
-    require_poses("grasps", grasps)
-    for grasp in grasps:
-        openings(gripper, width_across(obstacle, grasp, service.robot), handling.open_width)
+    if grasps is None:
+        require_grasps(service.robot, obstacle)
+    elif not isinstance(grasps, GraspSource):
+        require_poses("grasps", grasps)
+        for grasp in grasps:
+            openings(gripper, width_across(obstacle, grasp, service.robot), handling.open_width)
     if handling.support is not None:
         service.scene.obstacle(handling.support)
     return _handled(service, q, pick_steps(target, grasps, handling), handling, f"pick {target}", memory)
@@ -156,3 +164,16 @@ def require_poses(name: str, poses: object) -> None:
     """Refuse what is no list of poses, or an empty one."""
     if not isinstance(poses, list | tuple) or not poses or not all(isinstance(pose, Pose) for pose in poses):
         raise InvalidRequest(name, poses, "a list of at least one Pose")
+
+
+def require_grasps(robot: Robot, target: Obstacle) -> None:
+    """Refuse what a gripper cannot take in any way.
+
+    Raises:
+        InvalidRequest: It says why.
+    """
+    try:
+        top_grasps(robot, target, tilts=(0.0,))
+    except InvalidRequest:
+        if not any(poses for _, poses, _ in GraspKinds().by_kind(robot, target)):
+            raise

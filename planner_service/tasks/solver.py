@@ -374,7 +374,8 @@ class _Search:
         """The state after the motions of a way."""
         inward, outward = ways.segments(way, lines)
         length = f", {way.length(ways.service.robot) * 100:.0f} cm of straight line" if way.inward else ""
-        notes = (f"way {way.number} of {way.of}{length}", *visit.tried)
+        kind = f", {way.kind} grasp" if way.kind else ""
+        notes = (f"way {way.number} of {way.of}{kind}{length}", *visit.tried)
         if len(self._task.stages) > 1:
             notes = tuple(f"{ways.stage.act.step}: {note}" for note in notes)
         grip, contact = None if outward else lines.grip, way.contact
@@ -566,15 +567,16 @@ class _Search:
         last = blocked[0] if blocked is not None else visit.farthest[1] if visit.farthest is not None else None
         if last is not None and self._named:
             step = f"{last.step}: "
-            tried = [told for number, told in visit.noted if number == last.number] or tried
+            tried = [told for number, told, _ in visit.noted if number == last.number] or tried
         if visit.failure is not None:
             return replace(visit.failure, detail=f"{step}{visit.failure.detail}")
         if self._named and blocked is not None and blocked[0] not in tuple(steps_of(visit.stage)):
             report = blocked[1]
             detail = f"{step}{report.failed} of {report.tried} tries failed: {report.why}"
         else:
-            none = f"none of {visit.ways} ways has a plan: " if visit.ways else ""
-            detail = f"{step}{none}{'; '.join([*dict.fromkeys(tried)][:6])}"
+            number = "the only way has no plan" if visit.ways == 1 else f"none of {visit.ways} ways has a plan"
+            none = f"{number}: " if visit.ways else ""
+            detail = f"{step}{none}{_by_kind(visit, last) or '; '.join([*dict.fromkeys(tried)][:6])}"
         return self._explained(visit, Failure(PlanStage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
     def _explained(self, visit: Visit, failure: Failure) -> Failure:
@@ -608,6 +610,19 @@ class _Search:
             self._inspector.reports(),
             state.memory,
         )
+
+
+def _by_kind(visit: Visit, last: Numbered | None) -> str:
+    """What was in the way of each kind of grasps; empty where there was one kind."""
+    if len(visit.kinds) < 2:
+        return ""
+    parts = []
+    for kind, count in visit.kinds:
+        here = [(number, told) for number, told, of in visit.noted if of == kind]
+        at = [told for number, told in here if last is not None and number == last.number]
+        why = "; ".join([*dict.fromkeys(at or [told for _, told in here])][:2])
+        parts.append(f"{count} {kind or 'top'} {'grasp' if count == 1 else 'grasps'}: {why}" if count else why)
+    return "; ".join(parts)
 
 
 def _end(result: PlanResult) -> FloatArray:

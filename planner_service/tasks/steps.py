@@ -365,8 +365,8 @@ class Grasp(Step):
 
     Attributes:
         object: The obstacle to take.
-        grasps: Tool poses, best first, or what finds them. None: those of ``top_grasps``; or, without an approach,
-            where the tool is.
+        grasps: Tool poses, best first, or what finds them. None: ``GraspKinds()``, which is from above first, and of
+            the other kinds where none of these has a plan; or, without an approach, where the tool is.
         frame: The obstacle in whose frame the poses are given, such as the object itself; empty for the base.
         open_width: Metres between the fingers before; None to have it chosen.
         support: The obstacle that the object stands on. The two may touch until the object is ``support_gap`` away.

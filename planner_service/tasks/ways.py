@@ -7,122 +7,40 @@ lines, and only then whether these, and the gripper's own motion, are proven fre
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import NoneType
+from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from planner_service.certify import GripperMotion
-from planner_service.collision import CancelToken, CollisionChecker
-from planner_service.collision.budget import Cancelled
-from planner_service.errors import InvalidRequest
+from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import instance
 from planner_service.grasping.openings import FINGER_ROOMS, tells_of_fingers
 from planner_service.kinematics.cartesian_waypoints import thinned
 from planner_service.kinematics.tool_line import straight_tool_line
 from planner_service.memory.memory import gripped_near, knows
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import PlanRequest, require_timing
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Segment
-from planner_service.robot.model import Robot, joint_vector
+from planner_service.robot.model import Robot
 from planner_service.scene.names import Names
 from planner_service.service import PlannerService
-from planner_service.tasks.contacts import Contact, contact_here, contacts_of, fingers_of, gripper_of
-from planner_service.tasks.inspector import Inspector, Rank, Visit
-from planner_service.tasks.motions import Ended, Motions, NoMotion, Touch
-from planner_service.tasks.names import require_names
-from planner_service.tasks.steps import USUAL_LENGTHS, Approach, Retreat, Step
-from planner_service.tasks.task import ContactStage, Numbered, Task
-from planner_service.timing.laws import Timing
+from planner_service.tasks.contacts import Choices, Contact, choices_of, contact_here, fingers_of, gripper_of
+from planner_service.tasks.inspector import Rank, Visit
+from planner_service.tasks.motions import Motions, NoMotion, Touch
+from planner_service.tasks.steps import USUAL_LENGTHS, Approach, Retreat
+from planner_service.tasks.task import ContactStage, Numbered
 
-__all__ = ["OUT_OF_REACH", "Lines", "ProvenWay", "Way", "Ways", "proven_ways"]
+__all__ = ["OUT_OF_REACH", "Lines", "Way", "Ways"]
 
 Vector = tuple[float, float, float]
 
 OUT_OF_REACH = "out of reach"
-
-
-@dataclass(frozen=True, eq=False)
-class ProvenWay:
-    """One way to a contact and on, proven, without the motion that leads there.
-
-    Attributes:
-        number: Of its grasp or placement, from 1.
-        before: What plans the motion there, with the gripper open for it.
-        after: What plans on.
-        q_in: Where the first approach begins, (n,).
-        q_out: Where the last retreat ends, (n,).
-        segments: The approaches and the retreats; the first retreat has the gripper's motion.
-    """
-
-    number: int
-    before: PlannerService
-    after: PlannerService
-    q_in: FloatArray
-    q_out: FloatArray
-    segments: tuple[Segment, ...]
-
-
-def proven_ways(
-    service: PlannerService,
-    steps: Sequence[Step],
-    q: ArrayLike,
-    *,
-    request: PlanRequest | None = None,
-    line_timing: Timing | None = None,
-    cancel: CancelToken | None = None,
-) -> Iterator[ProvenWay]:
-    """The proven ways of ``Connect``, approaches, ``Grasp`` or ``Release``, and retreats, the preferred first.
-
-    There is one for each grasp or placement and each inverse kinematics solution at most; nothing is searched.
-
-    Args:
-        q: Near where the robot will come from, shape (n,): continuous joints are turned towards it.
-        request: As for ``PlannerService.solve``; so are the others.
-
-    Raises:
-        InvalidRequest: The steps are others than these, or a value is of the wrong kind or out of its range.
-        Cancelled: by ``cancel``.
-    """
-    instance("service", service, PlannerService, "a PlannerService")
-    instance("request", request, (PlanRequest, NoneType), "a PlanRequest, or None")
-    instance("cancel", cancel, (CancelToken, NoneType), "a CancelToken, or None")
-    if line_timing is not None:
-        require_timing(line_timing)
-    task = Task(steps)
-    (stage, *more) = task.stages
-    if more or not isinstance(stage, ContactStage) or stage.connect is None:
-        raise InvalidRequest(
-            "steps", [str(step) for step in task.steps], "Connect, Approach, Grasp or Release, Retreat"
-        )
-    require_names(service, task.stages)
-    start = joint_vector("q", q, service.robot)
-    template = replace(request or PlanRequest(start, start), start=start, goal=start)
-    motions = Motions(template, line_timing, cancel, turns=1, searches=1_000)
-    ways, visit = Ways(motions, stage, motions.begin(service)), Visit(Inspector([stage]), stage, service, start)
-    done = set[tuple[int, int]]()
-    for found in ways(start, visit):
-        if (found.number, found.solution) in done:
-            continue
-        way = found.turned(service.robot, start)
-        try:
-            lines = ways.lines(way, visit)
-        except NoMotion:
-            continue
-        except Ended as ended:
-            raise Cancelled(ended.failure.detail) from ended
-        done.add((way.number, way.solution))
-        inward, outward = ways.segments(way, lines)
-        contact = way.contact
-        yield ProvenWay(way.number, contact.before, contact.after, way.begin, way.end, (*inward, *outward))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +49,12 @@ class Way:
 
     Attributes:
         number: Of its grasp or placement, from 1.
-        of: How many grasps or placements there are.
+        of: How many grasps or placements there are, of the kinds that were looked for.
         solution: Of its inverse kinematics solutions, which.
         q: At the contact, (n,).
         inward: Each approach as a line outwards, the last approach first: waypoints (N, n).
         outward: Each retreat: waypoints (N, n).
+        kind: Of its grasp, if that is not the usual one.
     """
 
     number: int
@@ -145,6 +64,7 @@ class Way:
     q: FloatArray
     inward: tuple[FloatArray, ...]
     outward: tuple[FloatArray, ...]
+    kind: str = ""
 
     @property
     def begin(self) -> FloatArray:
@@ -171,8 +91,8 @@ class Way:
         turns = robot.nearest_turns(np.concatenate([*self.outward, self.q[None], *self.inward]), q)
         if not turns.any():
             return self
-        moved = (tuple(line + turns for line in lines) for lines in (self.inward, self.outward))
-        return Way(self.number, self.of, self.solution, self.contact, self.q + turns, *moved)
+        inward, outward = (tuple(line + turns for line in lines) for lines in (self.inward, self.outward))
+        return replace(self, q=self.q + turns, inward=inward, outward=outward)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +117,9 @@ class Ways:
     stage: ContactStage
     service: PlannerService
     _cramped: bool = False
+    _choices: list[Choices] = field(default_factory=list)
+    _more: Iterator[Choices] | None = None
+    _refused: set[tuple[Choices, int]] = field(default_factory=set)
     _told: dict[Contact, list[str]] = field(default_factory=dict)
     _narrower: dict[tuple[Contact, int], Contact | None] = field(default_factory=dict)
     _fitting: dict[tuple[Contact, bytes], tuple[list[tuple[int, FloatArray]], list[str]]] = field(default_factory=dict)
@@ -205,53 +128,94 @@ class Ways:
     _opened: dict[Contact, list[Contact]] = field(default_factory=dict)
     _objections: dict[tuple[Contact, bytes], str] = field(default_factory=dict)
 
-    @cached_property
-    def contacts(self) -> list[Contact]:
-        """The grasps or placements, best first, the gripper opened as wide as usual.
-
-        Raises:
-            NoMotion: There are none.
-        """
-        return contacts_of(self.motions, self.service, self.stage.act.step)
-
-    def __call__(self, q: FloatArray, visit: Visit) -> Iterator[Way]:
+    def __call__(self, q: FloatArray, visit: Visit, enough: Callable[[], bool] = lambda: False) -> Iterator[Way]:
         """The ways in the order of preference, for a robot that stands at q (n,); ``visit`` is told what is refused.
 
-        Where open fingers meet something, the gripper is opened less, once all has been tried with the usual opening.
-        Before all, those are tried that are like one that is remembered.
+        Grasps of another kind follow when all of the kind before were tried. Where open fingers meet something, the
+        gripper is opened less, once all of a kind has been tried with the usual opening. Before all of them, those are
+        tried that are like one that is remembered.
+
+        Args:
+            enough: Asked before another kind is looked for: whether the ones before will do.
         """
+        still = self.service.robot.unwound(q)
+        begin = 1
         try:
-            contacts = self.contacts
+            for choices in self._kinds():
+                visit.begins(choices.kind, choices.count)
+                if choices.count:
+                    yield from self._of_kind(choices, begin, still, visit)
+                else:
+                    visit.refuse(self.stage.act, choices.why)
+                begin += choices.count
+                if enough():
+                    return
         except NoMotion as none:
             visit.refuse(self.stage.act, str(none))
-            return
-        visit.ways = len(contacts)
-        still = self.service.robot.unwound(q)
-        numbered = list(enumerate(contacts, start=1))
+
+    def _kinds(self) -> Iterator[Choices]:
+        """The kinds of grasps, or the placements; found once.
+
+        Raises:
+            NoMotion: There can be none.
+        """
+        if self._more is None:
+            self._more = choices_of(self.motions, self.service, self.stage.act.step)
+        for k in count():
+            if k == len(self._choices):
+                following = next(self._more, None)
+                if following is None:
+                    return
+                self._choices.append(following)
+            yield self._choices[k]
+
+    def _of_kind(self, choices: Choices, begin: int, still: FloatArray, visit: Visit) -> Iterator[Way]:
+        """The ways of one kind, numbered from ``begin``."""
         before: set[tuple[Any, ...]] = set()
-        for way in self._remembered(numbered, still, visit):
+        for way in self._remembered(choices, begin, still, visit):
             before.add(way.key)
             yield way
+        numbered: list[tuple[int, Contact]] = []
         for rank in range(1, len(FINGER_ROOMS) + 1):
             for short in (False, True):
-                for number, contact in numbered:
+                first = rank == 1 and not short
+                for number, contact in self._usual(choices, begin, visit, numbered) if first else numbered:
                     for solution, at in self._solutions(number, contact, still, visit, again=short):
                         ways = self._lined(number, solution, contact, at, visit, short=short)
                         yield from (way for way in ways if way.key not in before)
             numbered = [(number, less) for number, each in numbered for less in self._less(each, rank)]
 
-    def _remembered(self, numbered: list[tuple[int, Contact]], still: FloatArray, visit: Visit) -> Iterator[Way]:
+    def _usual(
+        self, choices: Choices, begin: int, visit: Visit, numbered: list[tuple[int, Contact]]
+    ) -> Iterator[tuple[int, Contact]]:
+        """The contacts of one kind with the usual opening, each made when its turn comes and added to ``numbered``."""
+        for k in range(choices.count):
+            try:
+                contact = choices.contact(k)
+            except NoMotion as none:
+                key = choices, k
+                visit.refuse(self.stage.act, str(none), f"way {begin + k}: {none}", known=key in self._refused)
+                self._refused.add(key)
+                continue
+            numbered.append((begin + k, contact))
+            yield begin + k, contact
+
+    def _remembered(self, choices: Choices, begin: int, still: FloatArray, visit: Visit) -> Iterator[Way]:
         """The ways at whose contact the gripper closed or opened like this before, along a line that was gone."""
         memory, robot = self.motions.memory, self.service.robot
         if memory is None or not memory.grips:
             return
-        for number, usual in numbered:
+        for k in range(choices.count):
+            try:
+                usual = choices.contact(k)
+            except NoMotion:
+                continue
             for solution, q in enumerate(self.motions.solutions(robot, usual.tool, still)):
                 for contact in self._openings(usual):
                     if not gripped_near(memory, q, contact.width, contact.then) or self._objection(contact, q):
                         continue
                     for short in (False, True):
-                        for way in self._lined(number, solution, contact, q, visit, short=short):
+                        for way in self._lined(begin + k, solution, contact, q, visit, short=short):
                             if not way.inward or knows(memory, way.inward[0][-1], q):
                                 yield way
 
@@ -293,7 +257,7 @@ class Ways:
         except NoMotion as none:
             visit.refuse(self.stage.act, str(none))
             return
-        visit.ways = 1
+        visit.begins("", 1)
         if objection := self._objection(contact, q):
             visit.refuse(self.stage.act, objection)
             return
@@ -340,7 +304,7 @@ class Ways:
         """The ways through one configuration at a contact."""
         for inward in self._inward(contact, q, visit, number, short=short):
             for outward in self._outward(contact, q, inward, visit, number):
-                yield Way(number, len(self.contacts), solution, contact, q, inward, outward)
+                yield Way(number, visit.ways, solution, contact, q, inward, outward, visit.kind)
 
     def _inward(
         self, contact: Contact, q: FloatArray, visit: Visit, number: int, *, short: bool

@@ -466,13 +466,16 @@ class PickBody(InWorld):
     Attributes:
         q: Where the robot stands: joint values in radians (metres for joints that slide), or the name of a pose.
         target: The name of the obstacle to be taken.
-        grasps: Poses of the tool in the robot's base frame, best first; from above if not given.
+        grasps: Poses of the tool in the robot's base frame, best first; if not given, those from above, and where none
+            of them has a plan those of other kinds.
         handling: How it is taken.
     """
 
     q: Configuration
     target: Text
-    grasps: Poses | None = Field(default=None, description="Poses of the tool, best first; from above if not given")
+    grasps: Poses | None = Field(
+        default=None, description="Poses of the tool, best first; if not given, from above first, then of other kinds"
+    )
     handling: HandlingBody | None = None
 
 

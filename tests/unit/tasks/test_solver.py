@@ -18,6 +18,7 @@ import pytest
 
 import planner_service as ps
 from auditor.verify import verify
+from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.planning.result import Reason
 from planner_service.records.evidence import with_evidence
 from planner_service.records.exports.robot_programs import program_text
@@ -123,7 +124,7 @@ def test_a_failure_names_the_step_its_cause_and_how_often(cell: ps.PlannerServic
     far = turned(0.9, 0.0, HALF)
     task = cell.solve(moved(cell, far), cell.robot.home)
     failure = present(task.failure)
-    assert failure.detail.startswith("Release block: none of 1 ways has a plan: way 1: out of reach")
+    assert failure.detail.startswith("Release block: the only way has no plan: way 1: out of reach")
     assert present(failure.unreachable).gap > 0.1
     release = next(step for step in task.steps if step.step == "7 Release block")
     assert release.tried == release.failed > 0
@@ -428,7 +429,7 @@ def test_fingers_that_cannot_close_are_refused_by_a_state_once_a_proof_has_faile
         there = ps.Pose((0.28, 0.14 + sign * 0.031, 0.03))
         scene = scene.with_obstacle(ps.Obstacle(f"plate {sign}", ps.Box((0.07, 0.01, 0.06)), there))
     service = ps.PlannerService("wxai", scene)
-    task = service.solve(Task(pick_steps("block", None, ON_TABLE)), service.robot.home)
+    task = service.solve(Task(pick_steps("block", GraspKinds([GraspKind.TOP]), ON_TABLE)), service.robot.home)
     assert not task.ok
     reasons = dict(next(step for step in task.steps if "Grasp" in step.step).reasons)
     proofs = sum(times for reason, times in reasons.items() if "the gripper cannot close" in reason)
