@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from benchmarks.harness.report import Row
@@ -38,6 +39,18 @@ class Kept:
             self._rows[key] = row
             with self._path.open("a", encoding="utf-8") as file:
                 file.write("\n" * self._broken() + json.dumps([key, row]) + "\n")
+
+    def rows(self, key: str, make: Callable[[], Iterable[Row]] | None) -> list[Row]:
+        """The rows of something: those that are kept, or those that are made, and kept all at once.
+
+        Args:
+            make: Makes them; None for rows that were not asked for, of which there are those that are kept.
+        """
+        done = self.get(key)
+        if done is None and make is not None:
+            done = {"rows": list(make())}
+            self.put(key, done)
+        return [] if done is None else list(done["rows"])
 
     def _broken(self) -> bool:
         """Whether the last line has no end."""

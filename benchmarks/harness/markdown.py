@@ -22,9 +22,15 @@ MAX_TEXT = 5_000_000
 def write_part(report: Report, where: Path) -> None:
     """Write tables and promises between ``<!-- generated: NAME -->`` and ``<!-- end of NAME -->`` of a text.
 
+    A report that has parts is written part by part, each in its own place.
+
     Raises:
         InvalidFile: the text has no such part, or cannot be read.
     """
+    if report.parts:
+        for part in report.parts:
+            write_part(part, where)
+        return
     begin, end = f"<!-- generated: {report.name} -->", f"<!-- end of {report.name} -->"
     try:
         text = read_bytes(where, MAX_TEXT).decode("utf-8")

@@ -34,12 +34,17 @@ class Promise:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """One benchmark's outcome."""
+    """One benchmark's outcome.
+
+    Attributes:
+        parts: What it was merged from, if each of these has a place of its own in a text.
+    """
 
     name: str
     rows: tuple[Row, ...]
     tables: tuple[Table, ...]
     promises: tuple[Promise, ...] = ()
+    parts: tuple[Report, ...] = ()
 
 
 def merged(name: str, reports: Sequence[Report]) -> Report:

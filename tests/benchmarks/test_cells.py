@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 import planner_service as ps
-from benchmarks.studies.cells import executed, failures, solved
+from benchmarks.harness.kept import Kept
+from benchmarks.harness.markdown import write_part
+from benchmarks.harness.report import Row
+from benchmarks.studies.cells import PARTS, executed, failures, run, solved
 from benchmarks.studies.cells.physics import Physics
+from benchmarks.studies.cells.work import kept_rows
 from benchmarks.worlds.cells import KINDS, ROBOTS, Cell, cell
 from planner_service.execute.mjcf import link_of
 
@@ -97,6 +103,29 @@ def test_a_motion_through_a_thing_is_an_unexpected_contact() -> None:
     physics = Physics(robot, ps.Scene((post,)), robot.home, ())
     outcome = physics.run([ps.planning.task_result.Segment("swing", plan, 0.0)])
     assert any("post" in pair for pair in outcome.unexpected)
+
+
+def test_parts_are_written_each_in_its_place_with_what_was_kept_of_other_robots(tmp_path: Path) -> None:
+    text, keep = tmp_path / "cells.md", tmp_path / "done.jsonl"
+    marks = [f"<!-- generated: cells {part} -->\nold\n<!-- end of cells {part} -->\n" for part in PARTS]
+    text.write_text("".join(marks))
+    rows: list[Row] = [{"x": 0.0}]
+    Kept(keep).put("solved screws panda 0 1", {"rows": rows})
+
+    def jobs(each: Cell, queries: int | None) -> list[Row]:
+        return [{"cell": each.name, "queries": queries}]
+
+    found = kept_rows("solved", jobs, 1, 0, "wxai", Kept(keep))
+    assert [row for row in found if "cell" not in row] == rows
+    assert len(found) == len(KINDS) + 1
+    assert kept_rows("solved", jobs, 1, 0, "ur5_vacuum", Kept(keep))[1] == {
+        "cell": "palletise, ur5_vacuum",
+        "queries": 1,
+    }
+    write_part(run("failures", 1, robot="ur5_vacuum"), text)
+    written = text.read_text()
+    assert "| the cup has no flat face |" in written
+    assert written.count("old") == len(PARTS) - 1
 
 
 def test_a_failure_of_a_cup_names_step_and_cause() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from benchmarks.harness.kept import Kept
+from benchmarks.harness.report import Row
 from benchmarks.studies.gate import chunks, times
 
 
@@ -21,6 +24,21 @@ def test_what_was_done_is_there_again_and_a_line_that_was_cut_off_is_not(tmp_pat
     assert again.get("b") is None
     again.put("b", {"x": 2})
     assert Kept(file).get("b") == {"x": 2}
+
+
+def test_rows_are_made_once_and_those_that_were_not_asked_for_are_there_if_they_are_kept(tmp_path: Path) -> None:
+    made = list[int]()
+
+    def rows() -> Iterator[Row]:
+        made.append(len(made))
+        yield {"x": math.inf}
+
+    for _ in range(2):
+        assert Kept(tmp_path / "done.jsonl").rows("a", rows) == [{"x": math.inf}]
+    assert made == [0]
+    assert Kept(tmp_path / "done.jsonl").rows("a", None) == [{"x": math.inf}]
+    assert Kept(tmp_path / "done.jsonl").rows("b", None) == []
+    assert Kept().rows("a", rows) == [{"x": math.inf}]
 
 
 @pytest.mark.slow

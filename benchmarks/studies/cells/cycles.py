@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 
 import planner_service as ps
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
-from benchmarks.studies.cells.work import Work, cells, objections, solved
+from benchmarks.studies.cells.work import Work, kept_rows, objections, solved
 from benchmarks.worlds.cells import Cell, Job
 from planner_service.memory import Memory
 from planner_service.planning.task_result import TaskResult
@@ -41,9 +42,9 @@ class _Round:
     memory: Memory
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """Each cell: without a memory, with an empty one, with what that learned, and with objects that stand aside."""
-    rows = [row for each in cells(seed, robot) for row in _rows(each, queries)]
+    rows = kept_rows("cycles", _rows, queries, seed, robot, kept)
     lines = [
         {
             "cell": name,
@@ -58,7 +59,7 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
         for which, each in grouped(mine, "round").items()
     ]
     caption = f"p50 / p95 of a job; CPU time the least of {TURNS} turns. Moved: boxes stand {ASIDE * 1e3:g} mm aside."
-    return Report("cells", tuple(rows), (table_of("Cycles", lines, caption=caption),), _promises(rows))
+    return Report("cells cycles", tuple(rows), (table_of("Cycles", lines, caption=caption),), _promises(rows))
 
 
 def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:

@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass, replace
 
 import planner_service as ps
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.cells.physics import Physics
-from benchmarks.studies.cells.work import Work, cells, solved
+from benchmarks.studies.cells.work import Work, kept_rows, solved
 from benchmarks.worlds.cells import Cell, Job
 from planner_service.execute import SimulatedArm, Streaming, rehearse
 from planner_service.planning.task_result import TaskResult
@@ -41,9 +42,9 @@ class _Done:
     trouble: str = ""
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """Each cell from its first object to its last."""
-    rows = [row for each in cells(seed, robot) for row in _rows(each, queries)]
+    rows = kept_rows("executed", _rows, queries, seed, robot, kept)
     lines = []
     for name in dict.fromkeys(row["cell"] for row in rows):
         mine = [row for row in rows if row["cell"] == name]
@@ -63,7 +64,7 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
         Promise("unexpected contacts in simulation", f"{sum(len(row['contacts']) for row in rows)}", not touched),
     )
     caption = "Planned with 3 or 4 mm of padding from where the simulator has the object."
-    return Report("cells", tuple(rows), (table_of("Cells in simulation", lines, caption=caption),), promises)
+    return Report("cells executed", tuple(rows), (table_of("Cells in simulation", lines, caption=caption),), promises)
 
 
 def _rows(cell: Cell, queries: int | None) -> list[Row]:

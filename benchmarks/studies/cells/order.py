@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from rich.table import Table
 
 import planner_service as ps
 from benchmarks.baselines.robotsp import robotsp_seconds
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.grasps import tool_rotation
@@ -44,24 +46,25 @@ SIZE, TOP = 0.03, 0.011
 """Edge of a block that is moved, and where its underside stands, in metres."""
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """Orders of each robot.
 
     Args:
         queries: Visits of the only cell, and no moves; 30 and 200 visits, and 12 moves, if None.
     """
-    rows = [row for name in ROBOTS if robot in (None, name) for row in _rows(name, queries, seed)]
-    return Report("order", tuple(rows), (_table(rows),), tuple(_promises(rows)))
+    rows = [row for name in ROBOTS for row in _rows(name, queries, seed, robot in (None, name), kept)]
+    return Report("cells order", tuple(rows), (_table(rows),), tuple(_promises(rows)))
 
 
-def _rows(name: str, queries: int | None, seed: int) -> Iterator[Row]:
+def _rows(name: str, queries: int | None, seed: int, asked: bool, kept: Kept) -> Iterator[Row]:
     for count in (FEW, MANY) if queries is None else (queries,):
-        yield _visited(name, count, seed)
+        visited = partial(_visited, name, count, seed)
+        yield from kept.rows(f"order {name} {count} visits {seed}", visited if asked else None)
     if queries is None:
-        yield _moved(name)
+        yield from kept.rows(f"order {name} moves", partial(_moved, name) if asked else None)
 
 
-def _visited(name: str, count: int, seed: int) -> Row:
+def _visited(name: str, count: int, seed: int) -> Iterator[Row]:
     service, visits = visiting(name, count, seed)
     request = _request(service)
     clock = time.process_time()
@@ -69,10 +72,10 @@ def _visited(name: str, count: int, seed: int) -> Row:
     cpu = time.process_time() - clock
     jobs = [(tuple(branch for branch in visit.ways if isinstance(branch, Branch)),) for visit in visits]
     base, plans = robotsp_seconds(service, jobs, request)
-    return {"robot": name, "what": f"{count} visits", "count": count, **_row(found, cpu, base, plans)}
+    yield {"robot": name, "what": f"{count} visits", "count": count, **_row(found, cpu, base, plans)}
 
 
-def _moved(name: str) -> Row:
+def _moved(name: str) -> Iterator[Row]:
     service, moves = moving(name)
     request = _request(service)
     clock = time.process_time()
@@ -80,7 +83,7 @@ def _moved(name: str) -> Row:
     cpu = time.process_time() - clock
     given = [replace(move, after=(moves[k - 1].name,) if k else ()) for k, move in enumerate(moves)]
     base = order_moves(service, given, request, gap=GAP)  # the rows one after another, as a person would
-    return {"robot": name, "what": f"{len(moves)} moves", "count": 0, **_row(found, cpu, base.duration, base.plans)}
+    yield {"robot": name, "what": f"{len(moves)} moves", "count": 0, **_row(found, cpu, base.duration, base.plans)}
 
 
 def _row(found: OrderResult, cpu: float, base: float, plans: int) -> Row:

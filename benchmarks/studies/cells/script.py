@@ -8,6 +8,7 @@ from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, cpu_ms, table_of
 
 __all__ = ["run"]
@@ -19,9 +20,9 @@ MOST_LINES = 25
 BOXES = 24
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """It has no options: they are ignored."""
-    del queries, seed, robot
+    del queries, seed, robot, kept
     told = StringIO()
     with redirect_stdout(told):
         ms, _ = cpu_ms(lambda: runpy.run_path(str(SCRIPT), run_name="__main__"))
@@ -38,4 +39,4 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
         Promise(f"a pallet of 24 in at most {MOST_LINES} lines", f"{lines} lines", lines <= MOST_LINES),
         Promise("and all 24 have a plan", f"{placed} of {BOXES}", placed == BOXES),
     )
-    return Report("cells", (row,), (table_of("A script", [shown]),), promises)
+    return Report("cells script", (row,), (table_of("A script", [shown]),), promises)

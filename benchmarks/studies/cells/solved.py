@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 
 import planner_service as ps
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, p50, spread, table_of
-from benchmarks.studies.cells.work import Work, cells, objections, solved
+from benchmarks.studies.cells.work import Work, kept_rows, objections, solved
 from benchmarks.worlds.cells import Cell
 
 __all__ = ["run"]
@@ -18,9 +19,9 @@ CHECKS = 300_000
 """States of each motion, at most."""
 
 
-def run(queries: int | None, seed: int, robot: str | None) -> Report:
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """Each cell from its first object to its last."""
-    rows = [row for each in cells(seed, robot) for row in _rows(each, queries)]
+    rows = kept_rows("solved", _rows, queries, seed, robot, kept)
     lines = []
     for name in dict.fromkeys(row["cell"] for row in rows):
         mine = [row for row in rows if row["cell"] == name]
@@ -45,7 +46,7 @@ def run(queries: int | None, seed: int, robot: str | None) -> Report:
         Promise("motions that the auditor finds touching", f"{len(rejected)} of {len(rows)} jobs", not rejected),
     )
     caption = f"p50 / p95 of a job. Solvable: by {MORE} times the budget where it was not solved."
-    return Report("cells", tuple(rows), (table_of("Cells", lines, caption=caption),), promises)
+    return Report("cells solved", tuple(rows), (table_of("Cells", lines, caption=caption),), promises)
 
 
 def _rows(cell: Cell, queries: int | None) -> list[Row]:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 
 import numpy as np
 
 import planner_service as ps
 from auditor.checker import IndependentChecker, tables_of
 from benchmarks.harness.audit import Pair, touch_of_plan
+from benchmarks.harness.kept import Kept
+from benchmarks.harness.report import Row
 from benchmarks.worlds.cells import KINDS, ROBOTS, Cell, Job, cell
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
@@ -21,7 +25,7 @@ from planner_service.tasks import Approach, Connect, Grasp, Release, Retreat, Ta
 from planner_service.tasks.solver import BEAM, SEARCHES
 from planner_service.tasks.steps import Step
 
-__all__ = ["LOOK", "Work", "cells", "objections", "solved", "steps"]
+__all__ = ["LOOK", "Work", "kept_rows", "objections", "solved", "steps"]
 
 LOOK = 0.004
 """Metres that a point of the robot moves, at most, from one configuration that is judged to the next."""
@@ -63,12 +67,31 @@ class Work:
         return replace(self, service=ps.PlannerService.of(done.world), q=done.q)
 
 
-def cells(seed: int, robot: str | None) -> Iterator[Cell]:
-    """All cells of a draw, of one robot or all."""
-    for kind in KINDS:
-        for name in ROBOTS:
-            if robot in (None, name):
-                yield cell(kind, name, seed)
+def kept_rows(
+    part: str,
+    rows: Callable[[Cell, int | None], Iterable[Row]],
+    queries: int | None,
+    seed: int,
+    robot: str | None,
+    kept: Kept,
+) -> list[Row]:
+    """The rows of all cells of a draw: of one robot those that were not kept are made, or of all.
+
+    Args:
+        part: What is done in each cell; kept rows are of this part.
+        rows: Makes the rows of a cell, of so many of its jobs.
+    """
+    found = list[Row]()
+    for kind, name in product(KINDS, ROBOTS):
+        make = partial(_rows_of, rows, kind, name, seed, queries) if robot in (None, name) else None
+        found += kept.rows(f"{part} {kind} {name} {seed} {queries or 'all'}", make)
+    return found
+
+
+def _rows_of(
+    rows: Callable[[Cell, int | None], Iterable[Row]], kind: str, name: str, seed: int, queries: int | None
+) -> Iterable[Row]:
+    return rows(cell(kind, name, seed), queries)
 
 
 def steps(job: Job) -> Task:
