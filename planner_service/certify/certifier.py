@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from types import NoneType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import hulls, separation
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion_terms
-from planner_service.certify.diagram import Moving
+from planner_service.certify.diagram import Diagram, Moving
 from planner_service.certify.interval_proof import NO_LEAVES, EdgeProof, EdgeVerdict, Judged, Obstruction, Roots, Span
 from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
@@ -39,9 +39,6 @@ from planner_service.path.joint_path import JointPath
 from planner_service.presentation.measures import range_text
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from planner_service.certify.native._proof import Diagram
 
 __all__ = [
     "LIMIT_SLACK",
