@@ -45,7 +45,7 @@ class CollidingSolution:
 def colliding_solutions(
     certifier: Certifier, Q: FloatArray, lowest: FloatArray, highest: FloatArray
 ) -> tuple[CollidingSolution, ...] | None:
-    """Solutions Q (k, n) with two things that overlap in all of their boxes; None if that is not proven of one of them."""
+    """Solutions Q (k, n) with two things that overlap in all of their boxes; None if one has no such proof."""
     out = []
     for q, lower, upper in zip(Q, lowest, highest, strict=True):
         overlap = proven_overlap(certifier, lower, upper)
