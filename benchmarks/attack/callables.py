@@ -302,10 +302,20 @@ def _methods() -> Calls:
     )
     yield from _each(
         {"s": [0.1, 0.2], "order": 0, "blends": [0.0, 0.1, 0.0], "k": 1, "t": [0.1, 0.2], "dt": 0.1, "factor": 1.5}
-        | {"path": path, "limits": _limits(), "speed_limit": None, "points": [[0.0, 0.1], [1.0, 0.5]]}
+        | {"path": path, "limits": _limits(), "speed_limit": None, "places": [0.05], "points": [[0.0, 0.1], [1.0, 0.5]]}
         | {"robot": arm, "request": ps.PlanRequest(q, q), "timing": ps.ToppRa()},
-        *(path.__call__, path.with_blends, path.turns_back, path.travel, law.__call__, law.s, law.moving, law.sample),
-        *(law.dilated, ps.ToppRa().time_path, ps.SCurve().time_path, ps.Trapezoidal().time_path, Pace.of),
+        *(path.__call__, path.with_blends, path.with_stops, path.turns_back, path.travel),
+        *(
+            law.__call__,
+            law.s,
+            law.moving,
+            law.sample,
+            law.dilated,
+            ps.ToppRa().time_path,
+            ps.SCurve().time_path,
+            ps.Trapezoidal().time_path,
+            Pace.of,
+        ),
         *(Pace(ps.ToppRa()).limits, ps.PlanRequest(q, q).goals, roadmap.with_path),
     )
     yield from _each(

@@ -122,6 +122,10 @@ class Turned:
         """As of ``Between``."""
         return -self._between.in_the_way(-lead, delay)[:, ::-1]
 
+    def proven(self, level: int) -> BoolArray:
+        """As of ``Between``."""
+        return self._between.proven(level).T
+
 
 def between_arms(robot: Robot, first: frozenset[str], second: frozenset[str], still: Sequence[str]) -> Certifier:
     """A certifier that judges what moves with one arm against what moves with the other, and nothing else."""

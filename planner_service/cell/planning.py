@@ -1,8 +1,9 @@
 """How motions of several arms are brought together: each alone, in turns, or all as one.
 
 Each arm is planned with the others away, and starts as early as the proof between the motions allows, in the best of
-all orders. If none is proven, arms are planned around those that are through and those that wait. If that does not do
-either, or an arm has to wait, all are planned as one robot that shares a clock, and the shorter motion is taken.
+all orders. If none is proven, an arm may also stop on its way and wait there. If that does not do, arms are planned
+around those that are through and those that wait. If that does not do either, or an arm has to wait, all are planned as
+one robot that shares a clock, and the shorter motion is taken.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 from planner_service.cell.clocks import Between, Clock, Turned, best_start, tolerated
 from planner_service.cell.result import CellPlan, OwnClock
 from planner_service.cell.services import Services
+from planner_service.cell.waits import Passing, can_pass, waiting
 from planner_service.collision import CancelToken
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planning.request import PlanRequest
@@ -35,8 +37,9 @@ ROOMIER = (0.01, 0.03)
 
 
 class _Schedule(NamedTuple):
-    """When each arm starts, what is proven between each two, and when all are through."""
+    """Motions, when each starts, what is proven between each two, and when all are through."""
 
+    plans: Mapping[str, PlanResult]
     starts: dict[str, float]
     pairs: dict[tuple[str, str], Between]
     end: float
@@ -103,14 +106,12 @@ class _Planning:
         orders = list(permutations(plans))
         schedule = self._best_of(orders, plans)
         if schedule is not None:
-            return self._done(plans, schedule, ())
+            return self._done(schedule, ())
         in_turn = [(order, self._in_turn(order, goals)) for order in orders]
-        turns = [(turn, self._schedule(order, turn, {})) for order, turn in in_turn if turn is not None]
-        schedule = self._best([schedule for _, schedule in turns])
+        schedule = self._best([self._schedule(order, turn, {}) for order, turn in in_turn if turn is not None])
         if schedule is None:
             return None
-        plans = next(turn for turn, each in turns if each is schedule)
-        return self._done(plans, schedule, ("each arm is planned around those that are through, and those that wait",))
+        return self._done(schedule, ("each arm is planned around those that are through, and those that wait",))
 
     def _start_trouble(self) -> Failure | None:
         """That two arms touch, or an arm that stands and the scene; of one that moves, its plan tells the rest."""
@@ -147,7 +148,9 @@ class _Planning:
         for order in orders:
             found.append(self._schedule(order, plans, known))
             if found[-1] is not None and not any(found[-1].starts.values()):
-                break
+                return found[-1]
+        if self._best(found) is None and all(map(can_pass, known.values())):
+            found += [self._passing(order, plans, known) for order in orders]
         return self._best(found)
 
     def _schedule(
@@ -167,7 +170,45 @@ class _Planning:
             if wait is None:
                 return None
             starts[name] = wait
-        return _Schedule(starts, known, max(starts[name] + clocks[name].duration for name in order))
+        return _Schedule(plans, starts, known, max(starts[name] + clocks[name].duration for name in order))
+
+    def _passing(
+        self, order: Sequence[str], plans: Mapping[str, PlanResult], known: dict[tuple[str, str], Between]
+    ) -> _Schedule | None:
+        """As ``_schedule``, where arms may stop on their way for those before them."""
+        clocks = {name: self._clock(name, plan) for name, plan in plans.items()}
+        timed, starts = dict[str, PlanResult](), dict[str, float]()
+        for name in order:
+            others = [
+                Passing(
+                    self._between(other, name, clocks, known), plans[other].unwrap()[1], timed[other].unwrap()[1], start
+                )
+                for other, start in starts.items()
+            ]
+            ends = [start + timed[other].unwrap()[1].duration for other, start in starts.items()]
+            latest = max(ends, default=0.0) + clocks[name].duration + 2.0 * self._delay
+            found = waiting(
+                plans[name], self._services.part(name).robot, self._requests[name].pace, others, self._delay, latest
+            )
+            if found is None:
+                return None
+            timed[name], starts[name] = found
+        pairs = {
+            (a, b): known[a, b] if timed[a] is plans[a] and timed[b] is plans[b] else self._between_anew(a, b, timed)
+            for a, b in known
+        }
+        proven = all(
+            not len(between.in_the_way(starts[b] - starts[a], self._delay)) for (a, b), between in pairs.items()
+        )
+        end = max(starts[name] + timed[name].unwrap()[1].duration for name in order)
+        return _Schedule(timed, starts, pairs, end) if proven else None
+
+    def _between_anew(self, a: str, b: str, plans: Mapping[str, PlanResult]) -> Between:
+        certifier = self._services.between(a, b, self._start)
+        clocks = [self._clock(name, plans[name]) for name in (a, b)]
+        between = Between(certifier, clocks[0], clocks[1], self._start, self._padding)
+        self._asked.append(between)
+        return between
 
     def _between(
         self, a: str, b: str, clocks: Mapping[str, Clock], known: dict[tuple[str, str], Between]
@@ -188,13 +229,13 @@ class _Planning:
     def _best(schedules: Sequence[_Schedule | None]) -> _Schedule | None:
         return min((each for each in schedules if each is not None), key=lambda each: each.end, default=None)
 
-    def _done(self, plans: Mapping[str, PlanResult], schedule: _Schedule, notes: tuple[str, ...]) -> CellPlan:
+    def _done(self, schedule: _Schedule, notes: tuple[str, ...]) -> CellPlan:
         lates = [
             tolerated(between, schedule.starts[second] - schedule.starts[first], self._delay)
             for (first, second), between in schedule.pairs.items()
         ]
         clocks = [
-            OwnClock((name,), plans[name], start, (tuple(self._services.part(name).columns),))
+            OwnClock((name,), schedule.plans[name], start, (tuple(self._services.part(name).columns),))
             for name, start in sorted(schedule.starts.items(), key=lambda item: item[1])
         ]
         return self._result(clocks, min(lates, default=math.inf), None, notes)

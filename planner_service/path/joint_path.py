@@ -270,6 +270,27 @@ class JointPath:
         path._lay(self._polyline, _widths(NO_BLENDS if blends is None else blends, len(self.waypoints)))
         return path
 
+    def with_stops(self, places: ArrayLike) -> JointPath:
+        """The same curve, up to rounding, for a timing law that is to stop at some s, too: on lines, not on blends.
+
+        Raises:
+            InvalidRequest: A place outside the path, on a blend, or within 1e-9 of a waypoint or another place.
+        """
+        at = np.sort(numbers("places", places, "numbers s, shape (k,)").reshape(-1))
+        near = np.abs(at[:, None] - self.knots).min(axis=1, initial=math.inf)
+        near[1:] = np.minimum(near[1:], np.diff(at))
+        outside = ~((at > 0.0) & (at < self.length) & (near > MIN_WIDTH))
+        wrong = outside | self.blended[self.pieces_at(np.where(outside, 0.0, at))] if len(self._lines) else outside
+        if np.any(wrong):
+            raise InvalidRequest("places", float(at[wrong.argmax()]), "s on a line of the path, off its waypoints")
+        order = np.argsort([*self.knots, *at], kind="stable")
+        path = JointPath(
+            np.concatenate([self.waypoints, self(at)])[order], np.concatenate([self.blends, np.zeros(len(at))])[order]
+        )
+        more = np.flatnonzero(order >= len(self.knots)).tolist()
+        path.__dict__["corners"] = tuple(sorted({*path.corners, *more}))
+        return path
+
     def __call__(self, s: ArrayLike, order: int = 0) -> FloatArray:
         """Configurations (order 0), tangents dq/ds (1), their derivatives (2, 3), shape (..., n) for s of shape (...).
 

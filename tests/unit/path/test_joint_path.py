@@ -16,6 +16,8 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath, polyline_length
 from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import JointLimits
+from planner_service.timing.laws import ToppRa, Trapezoidal
 from tests.reference import joint_path as reference
 
 ELBOW = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])
@@ -385,3 +387,31 @@ def test_a_path_is_the_same_curve_in_both_languages_and_exact_at_its_ends(
         assert np.array_equal(path(s[1:-1], order), expected[1:-1])
         assert np.array_equal(path(s, order)[[0, -1]], expected[[0, -1]]) or order == 0
     assert path([0.0, path.length]).tolist() == path.waypoints[[0, -1]].tolist()
+
+
+def test_a_path_with_stops_is_the_same_curve_whose_law_stops_there() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    path = JointPath(points, np.array([0.0, 0.2, 0.0]))
+    stopping = path.with_stops([1.6, 0.3])
+    one = np.ones(2)
+    limits = JointLimits(-9.0 * one, 9.0 * one, one, one, 9.0 * one)
+    s = np.linspace(0.0, path.length, 200)
+    assert stopping(s) == pytest.approx(path(s), abs=1e-12)
+    assert stopping.knots[list(stopping.corners)].tolist() == pytest.approx([0.3, 1.6])
+    for law in (ToppRa(), Trapezoidal()):
+        timed = law.time_path(stopping, limits)
+        stopped = timed.coefficients[timed.coefficients[:, 1] == 0.0, 0]
+        assert stopped.tolist() == pytest.approx([0.0, 0.3, 1.6], abs=1e-9)
+        assert timed.duration > law.time_path(path, limits).duration
+
+
+@pytest.mark.parametrize("places", [[0.9], [-0.1], [2.0], [0.0], [2.5], [0.3, 0.3], [math.nan], "a", [[None]]])
+def test_a_stop_on_a_blend_or_off_the_path_is_refused(places: object) -> None:
+    path = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([0.0, 0.2, 0.0]))
+    with pytest.raises(InvalidRequest, match="places"):
+        path.with_stops(places)  # type: ignore[arg-type]
+
+
+def test_a_point_has_no_place_for_a_stop() -> None:
+    with pytest.raises(InvalidRequest, match="places"):
+        JointPath(np.zeros((1, 2))).with_stops([0.0])
