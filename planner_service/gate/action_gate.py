@@ -24,6 +24,7 @@ from planner_service.gate.decision import Decision
 from planner_service.gate.limits import CommandLimits
 from planner_service.gate.log import GateLog
 from planner_service.gate.neighbour import Occupied
+from planner_service.gate.pace import Pace
 from planner_service.gate.tracking import Course, Setpoint, Tracking, Whereabouts
 from planner_service.gate.verdict import Counts, Kind, Refused, Verdict
 from planner_service.gate.way_round import ways_round
@@ -51,20 +52,8 @@ PARTS = 4
 """Of rooms that are too much as a whole: so many are looked at of a chunk, and of what brakes the arm after it. With 12
 a chunk takes up to twice as long, and no fewer chunks are refused."""
 
-SLOWER = 6
-"""Halvings of the interval in which the largest speed is looked for that keeps the limits."""
-
-SLOWEST = 1.0 / 64.0
-"""Share of its speed: what would have to be slower is a jump, and refused."""
-
-SLOWDOWNS = tuple(1.25**k for k in range(20))
-"""How many times as long as it would be the rest of a chunk may take behind a plan, tried in turn: up to 70."""
-
 SPEED = 0.8
 """Part of the limits of velocity that plans use: the room that a late target costs needs some."""
-
-RAMP = 1.5
-"""Times the targets that it takes to get to the speed of a chunk if all of the acceleration went into that."""
 
 
 class ActionGate:
@@ -121,6 +110,7 @@ class ActionGate:
             *(self.robot, service.scene, self.rate, self.tracking),
             acceleration_scale=acceleration_scale, jerk_scale=jerk_scale, torque_scale=torque_scale,
         )  # fmt: skip
+        self._pace = Pace(self.limits, self.rate, self.tracking)
         self.slow, self.repair = flag("slow", slow), flag("repair", repair)
         self.counts = Counts()
         self._log = None if log is None else GateLog(log)
@@ -221,8 +211,8 @@ class ActionGate:
     def late(self) -> Verdict:
         """Take the last verdict back, which came too late: its first row was not sent within ``verdict.due`` seconds.
 
-        The one before still holds: whoever sends its rows in time has gone on with them meanwhile, and ``sent`` of the
-        next ``check`` counts those. If nothing was sent, that is 0, and the arm comes to rest where its last target is.
+        The verdict before it still holds. Rows of that one that were sent meanwhile are what ``sent`` of the next
+        ``check`` counts; 0 if none were, in which case the arm comes to rest at the last target that was sent.
 
         Returns:
             What is left of that verdict, refused as ``Kind.LATE``.
@@ -428,7 +418,9 @@ class ActionGate:
         targets = wanted = wanted if beyond is None else wanted[: beyond.index]
         course = self._course(now, targets)
         refused = self.limits.objection(course, targets)
-        slowed = self._slowed(now, wanted) if refused is not None and self.slow else None
+        slowed = None
+        if refused is not None and self.slow:
+            slowed = self._pace.slowed(now, now.place if self._target is None else self._target, wanted)
         if slowed is not None:
             speed, targets = slowed
             course, refused = self._course(now, targets), None
@@ -466,7 +458,7 @@ class ActionGate:
         """
         bounds, place = verdict.bounds, verdict.rows[-1]
         for first in self._rejoined(now, wanted, verdict, by):
-            rest = self._followed(wanted[first], wanted[first + 1 :])
+            rest = self._pace.from_rest(wanted[first], wanted[first + 1 :])
             ways = () if rest is None else ways_round(
                 self.service, place, wanted[first], self.rate, speed=SPEED, acceleration=self._acceleration_scale
             )  # fmt: skip
@@ -489,25 +481,6 @@ class ActionGate:
         backwards = course.places[:k][::-1], wanted[::-1], course.radii[:k][::-1] + self._error
         free = by.certify_tubes(*backwards, padding=self.padding).free
         return sorted({max(k - free, verdict.accepted), k - 1}) if free else []
-
-    def _followed(self, place: FloatArray, wanted: FloatArray) -> FloatArray | None:
-        """Targets that take an arm at rest along a line (k, n) to its end, about as fast as the limits allow."""
-        k, line = len(wanted), np.concatenate([place[None], wanted])
-        if k == 0:
-            return wanted
-        rests, needs = Setpoint.at_rest(place, np.zeros(len(place))), self._needed(np.diff(line, axis=0))
-        for slower in SLOWDOWNS:
-            ramp = max(1.0, math.ceil(RAMP * needs / slower))
-            count = math.ceil(slower * k + 0.5 * ramp)
-            done = np.cumsum(np.minimum(np.arange(1, count + 1) / ramp, 1.0))
-            targets = _along(line, done * (k / done[-1]))
-            if self.limits.objection(self._course(rests, targets), targets) is None:
-                return targets
-        return None
-
-    def _needed(self, steps: FloatArray) -> float:
-        """In how many periods an arm at rest may get as fast as steps (k, n) are."""
-        return float((np.abs(steps).max(axis=0) * self.rate**2 / self.limits.acceleration).max())
 
     def _course(self, now: Setpoint, targets: FloatArray) -> Course:
         return now.course(targets, self._shares, self.tracking.goal_time)
@@ -549,33 +522,6 @@ class ActionGate:
         detail = f"after it the arm could not stop: {touched.detail}"
         return replace(stop, detail=detail, pair=touched.pair, at=touched.at, depth=touched.depth)
 
-    def _slowed(self, now: Setpoint, wanted: FloatArray) -> tuple[float, FloatArray] | None:
-        """A chunk as fast as the limits allow, about: the share of its way that is done, and the targets.
-
-        None if that is so little that it is no motion but a jump. The speed along its line goes to a share of its own,
-        at once or over as many targets as the acceleration needs.
-        """
-        begun = now.place if self._target is None else self._target
-        line, k = np.concatenate([begun[None], wanted]), len(wanted)
-        steps, least = np.diff(line, axis=0), float(np.finfo(np.float64).tiny)
-        now_done = float(now.speed @ steps[0]) / self.rate / max(float(steps[0] @ steps[0]), least)
-        going = min(max(now_done, 0.0), 1.0)
-        needs = self._needed(steps)
-        best: tuple[float, FloatArray] | None = None
-        for ramp in {1.0, max(1.0, math.ceil(RAMP * needs))}:
-            reached, low, high = np.minimum(np.arange(1, k + 1) / ramp, 1.0), 0.0, 1.0
-            for _ in range(SLOWER):
-                share = 0.5 * (low + high)
-                done = np.cumsum(going + (share - going) * reached)
-                targets = _along(line, done)
-                if self.limits.objection(self._course(now, targets), targets) is not None:
-                    high = share
-                    continue
-                low = share
-                if done[-1] / k > (SLOWEST if best is None else best[0]):
-                    best = float(done[-1]) / k, targets
-        return best
-
     def _chunk(self, chunk: ArrayLike) -> FloatArray:
         expected = f"targets of shape (k, {self.robot.n}) or ({self.robot.n},), 1 to {MAX_CHUNK} of them"
         rows = numbers("chunk", chunk, expected)
@@ -612,9 +558,3 @@ def _no_collection() -> Iterator[None]:
     finally:
         if was_on:
             gc.enable()
-
-
-def _along(line: FloatArray, done: FloatArray) -> FloatArray:
-    """Points (k, n) of a polyline (k + 1, n) after so many of its pieces, (k,)."""
-    k = np.minimum(done.astype(np.intp), len(line) - 2)
-    return np.asarray(line[k] + (line[k + 1] - line[k]) * (done - k)[:, None])

@@ -86,6 +86,33 @@ def test_the_judge_finds_what_dense_looks_find_and_its_gaps_hold(name: str) -> N
     assert min(found) > 3
 
 
+@pytest.mark.parametrize("name", ["wxai", "ur5"])
+def test_beside_a_way_that_is_known_the_judge_finds_what_dense_looks_find(name: str) -> None:
+    """On ways beside it, and on others that lead away from their corners."""
+    rng, found = np.random.default_rng(2), [0, 0]
+    for number in range(10):
+        place = world(name, 3, number).near_contact(rng)
+        judge, checker = place.judge, IndependentChecker(data_folder("robots") / name, tables_of(place.service.scene))
+        way = np.concatenate([place.start[None], place.start + np.cumsum(rng.normal(0.0, 0.02, (5, place.n)), axis=0)])
+        walked = judge.walked(way)
+        if walked.touch is not None:
+            continue
+        for scale in (0.01, 0.1, 0.3):
+            points = way + rng.uniform(-scale, scale, way.shape)
+            ends = points[1:-1] + rng.uniform(-scale, scale, (4, place.n))
+            off, away = np.abs(points - way), np.abs(ends - way[1:-1])
+            rooms = np.maximum(off[:-1], off[1:]), np.maximum(off[1:-1], away)
+            touch, at = judge.beside(points, rooms[0], ends, rooms[1], walked.gaps)
+            ways = [points, *np.stack([points[1:-1], ends], axis=1)]
+            dense = [checker.path_touch(each, 0.0005) for each in ways]
+            found[touch is None] += 1
+            if any(each is not None and each.b != "limit" for each in dense):
+                assert touch is not None
+            if touch is not None:
+                assert min(checker.gaps(at).values()) <= 0.0
+    assert min(found) > 3
+
+
 def test_nothing_in_a_proven_tube_touches() -> None:
     (row,) = tubes.run(2, seed=0, robot="panda").rows
     assert (row["tubes"], row["touching"]) == (2, 0)

@@ -83,11 +83,14 @@ class Driver:
 
     def followed(self, targets: FloatArray, intervals: FloatArray) -> tuple[FloatArray, Driver]:
         """The setpoint as each of targets (k, n) comes and when the next would, (k + 1, n), and the driver then."""
-        now, places = self, [self.setpoint]
-        for target, seconds in zip(targets, intervals, strict=True):
-            now = now.told(target).waited(float(seconds))
-            places.append(now.setpoint)
-        return np.array(places), now
+        if not len(targets):
+            return self.setpoint[None], self
+        place, places = self.setpoint, [self.setpoint]
+        for target, seconds in zip(targets, intervals.tolist(), strict=True):
+            share = seconds / self.goal_time
+            place = target.copy() if share >= 1.0 else place + (target - place) * share
+            places.append(place)
+        return np.array(places), replace(self, setpoint=place, target=targets[-1], ago=seconds)
 
     def sides(self, count: int, side: float | None, rng: np.random.Generator) -> FloatArray:
         """Where the arm is beside that many places of the setpoint, (count, n)."""

@@ -75,33 +75,57 @@ class Judge:
         if self._known is not None:
             gaps = self._known[1] - self.reaches @ np.abs(points[0] - self._known[0])
             spare = TRUSTED * gaps
-        least = np.empty((len(points) - 1, len(gaps)))
-        pairs = np.arange(len(gaps))
-        for k in range(len(points) - 1):
+        m, pairs = len(points) - 1, np.arange(len(gaps))
+        least, known, moved = np.empty((m, len(gaps))), np.empty((m + 1, len(gaps))), np.empty((m, len(gaps)))
+        for k in range(m):
             place = None if k else points[0]
+            known[k] = gaps
             touch, at = self._piece(points[k], points[k + 1], pairs, gaps, spare, least[k], place)
             if touch is not None:
                 return Walked(touch, at, least[:k])
+            moved[k] = self.reaches @ np.abs(points[k + 1] - points[k])
+        known[m] = gaps
+        for k in range(m - 1, -1, -1):  # what is known of the end of a piece bounds it as well
+            back = known[k + 1] - moved[k]
+            np.maximum(least[k], back, out=least[k])
+            np.maximum(known[k], back, out=known[k])
         return Walked(None, np.empty(0), least)
 
-    def beside(self, a: FloatArray, b: FloatArray, off: FloatArray, gaps: FloatArray) -> tuple[str | None, FloatArray]:
-        """What touches between configurations a and b, (m, n) each, and where, if all around them is known already.
+    def beside(
+        self, points: FloatArray, off: FloatArray, ends: FloatArray, off_ends: FloatArray, gaps: FloatArray
+    ) -> tuple[str | None, FloatArray]:
+        """What touches on a polyline, or straight on from its corners, and where, if all around it is known already.
 
         Args:
-            off: How far each joint is on each way from where it is known, at most, (m, n).
-            gaps: The gap of each pair there, (m, pairs).
+            points: Configurations (m + 1, n).
+            off: How far each joint is on each piece from where it is known, at most, (m, n).
+            ends: Where another way leads from the end of each of the first pieces, (k, n).
+            off_ends: How far each joint is on that, at most, from where the piece before it is known to end, (k, n).
+            gaps: The gap of each pair on each piece, as it is known, (m, pairs).
         """
-        some = np.flatnonzero(self.reaches @ off.max(axis=0, initial=0.0) >= TRUSTED * gaps.min(axis=0, initial=np.inf))
-        near = off @ self.reaches[some].T >= TRUSTED * gaps[:, some]
+        room, free = off.max(axis=0, initial=0.0), TRUSTED * gaps.min(axis=0, initial=np.inf)
+        some = (self.reaches @ np.maximum(room, off_ends.max(axis=0, initial=0.0)) >= free).nonzero()[0]
+        if not len(some):
+            return None, np.empty(0)
+        reaches, free = self.reaches[some].T, TRUSTED * gaps[:, some]
+        corner = np.maximum(free[: len(ends)], free[1 : len(ends) + 1])  # both pieces tell of it
+        near, near_end = off @ reaches >= free, off_ends @ reaches >= corner
         now, spare, walked = np.zeros(len(some)), np.zeros(len(some)), np.full(len(some), -2)
-        for k in np.flatnonzero(near.any(axis=1)).tolist():
-            pairs = np.flatnonzero(near[k])
-            goes_on = k > 0 and np.array_equal(a[k], b[k - 1])
-            here, left = now[pairs], np.where(goes_on & (walked[pairs] == k - 1), spare[pairs], 0.0)
-            touch, at = self._piece(a[k], b[k], some[pairs], here, left, np.empty(len(pairs)), None)
-            if touch is not None:
-                return touch, at
-            now[pairs], spare[pairs], walked[pairs] = here, left, k
+        any_end = near_end.any(axis=1).tolist()
+        for k, any_near in enumerate(near.any(axis=1).tolist()):
+            if any_near:
+                pairs = near[k].nonzero()[0]
+                here, left = now[pairs], np.where(walked[pairs] == k - 1, spare[pairs], 0.0)
+                touch, at = self._piece(points[k], points[k + 1], some[pairs], here, left, np.empty(len(pairs)), None)
+                if touch is not None:
+                    return touch, at
+                now[pairs], spare[pairs], walked[pairs] = here, left, k
+            if k < len(ends) and any_end[k]:
+                pairs = near_end[k].nonzero()[0]
+                here, left = now[pairs], np.where(walked[pairs] == k, spare[pairs], 0.0)
+                touch, at = self._piece(points[k + 1], ends[k], some[pairs], here, left, np.empty(len(pairs)), None)
+                if touch is not None:
+                    return touch, at
         return None, np.empty(0)
 
     def slope(self, q: FloatArray) -> FloatArray:
@@ -112,24 +136,36 @@ class Judge:
         ends = ((self._gaps(q + step, near).min(), self._gaps(q - step, near).min()) for step in steps)
         return np.array([(more - less) / (2.0 * SLOPE) for more, less in ends])
 
-    def lowest(self, q: FloatArray, room: FloatArray) -> float:
-        """The smallest gap found at corners of a room about q, (n,) each, joint by joint as long as it shrinks."""
+    def lowest(self, q: FloatArray, room: FloatArray, below: float = np.inf) -> float:
+        """The smallest gap found at corners of a room about q, (n,) each; only what may be less than ``below`` counts.
+
+        Of each pair that may be the nearest a corner is looked for by its slope, and from there joint by joint as long
+        as its gap shrinks.
+        """
         gaps = self._gaps(q, np.arange(len(self.reaches)))
         moved = self.reaches @ room
-        near = np.flatnonzero(gaps - moved <= (gaps + moved).min())  # what may be the smallest anywhere in it
-        side = -np.sign(self.slope(q))
-        best = float(self._gaps(q + side * room, near).min())
+        near = (gaps - moved <= min(below, float((gaps + moved).min()))).nonzero()[0]
+        steps = SLOPE * np.eye(len(q))
+        slopes = np.array([self._gaps(q + step, near) - self._gaps(q - step, near) for step in steps])  # (n, near)
+        best = float(gaps.min())
+        for k in range(len(near)):
+            best = min(best, self._corner(q, room, np.where(slopes[:, k] > 0.0, -1.0, 1.0), near[k : k + 1]))
+        return best
+
+    def _corner(self, q: FloatArray, room: FloatArray, side: FloatArray, pair: IntArray) -> float:
+        """The smallest gap of a pair from one corner of a room on, its sides (n,)."""
+        best = float(self._gaps(q + side * room, pair)[0])
         for _ in range(SWEEPS):
             before = best
-            for joint in range(len(q)):
+            for joint in room.nonzero()[0].tolist():
                 other = side.copy()
-                other[joint] = -1.0 if side[joint] > 0.0 else 1.0
-                gap = float(self._gaps(q + other * room, near).min())
+                other[joint] = -side[joint]
+                gap = float(self._gaps(q + other * room, pair)[0])
                 if gap < best:
                     best, side = gap, other
             if best == before:
                 break
-        return min(best, float(gaps.min()))
+        return best
 
     def _gaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
         """Coal's distances of some pairs at q (n,)."""
@@ -165,7 +201,7 @@ class Judge:
         at = 0.0
         least[:] = np.inf
         while True:
-            due = np.flatnonzero(spare <= ROUNDING)
+            due = (spare <= ROUNDING).nonzero()[0]
             if len(due):
                 q = a + (b - a) * at
                 gaps[due] = found = self._gaps(q, pairs[due])

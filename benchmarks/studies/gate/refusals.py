@@ -29,8 +29,8 @@ MOST = 0.01
 LONGEST, STARTS = 50, 6
 """Targets of a chunk, and chunks that begin somewhere on a plan."""
 
-NEAREST, PLACES = 10, 4
-"""Places of a chunk at which the worst corner of its room is searched for, and places on each edge."""
+PLACES = 4
+"""On each edge, at which the worst corner of its room is searched for."""
 
 RAMP = 0.3
 """Seconds in which a chunk reaches the plan's own speed."""
@@ -125,10 +125,11 @@ def _gap(place: World, chunk: FloatArray) -> float:
 
 
 def _least(judge: Judge, places: FloatArray, rooms: FloatArray) -> float:
+    """Every place counts whose room may reach anything; the likeliest come first, and one that does is enough."""
     gaps = np.array([judge.gap(q) for q in places])
     least = float(gaps.min())
-    for k in np.argsort(gaps - rooms @ judge.reach)[:NEAREST]:
-        if least < CLEARANCE:
+    for k in np.argsort(gaps - rooms @ judge.reach):
+        if least < CLEARANCE or gaps[k] - rooms[k] @ judge.reach >= CLEARANCE:
             break
-        least = min(least, judge.lowest(places[k], rooms[k]))
+        least = min(least, judge.lowest(places[k], rooms[k], CLEARANCE))
     return least

@@ -176,11 +176,9 @@ class Session:
         for name, way in self._others(rows, base, walked.least):
             tally.ways += 1
             off = np.abs(way.points - base.points)
-            touch, at = judge.beside(way.points[:-1], way.points[1:], np.maximum(off[:-1], off[1:]), walked.gaps)
-            if touch is None:
-                ends = way.silent
-                off = np.maximum(off[1:-1], np.abs(ends - base.points[1:-1]))
-                touch, at = judge.beside(way.points[1:-1], ends, off, walked.gaps[:-1])
+            silent = np.abs(way.silent - base.points[1:-1])
+            off_ends = np.maximum(off[1:-1], silent)
+            touch, at = judge.beside(way.points, np.maximum(off[:-1], off[1:]), way.silent, off_ends, walked.gaps)
             if touch is not None:
                 tally.touched.append(Touched(touch, name, tuple(at.tolist())))
                 return

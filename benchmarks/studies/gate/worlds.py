@@ -97,7 +97,9 @@ class World:
                 near = middle
             else:
                 far = middle
-        return replace(self, start=self._between(near))
+        there = replace(self, start=self._between(near))
+        vars(there)["judge"] = self.judge  # of the same scene
+        return there
 
     def _between(self, share: float) -> FloatArray:
         return np.asarray(self.start + share * (self.goal - self.start))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -20,8 +21,33 @@ README = Path(__file__).parents[1] / "README.md"
 SIMULATED = "--robot.simulated=true --robot.scene=table --teleop.type=scripted_leader"
 
 
+MACHINE_LATE = re.compile(r"a command was due [\d.]+ s ago")
+"""What a run says that was stopped since the machine gave it no time, as it is to be then: the arms hold."""
+
+TRIES = 3
+
+
 def said_by(command: str, folder: Path) -> str:
-    """What one of LeRobot's commands says, which is to succeed."""
+    """What one of LeRobot's commands says, which is to succeed.
+
+    Where the machine was too late for a plan's stream, that is stopped: nothing was touched then either, and the
+    command is tried again, without the files that it has left.
+    """
+    before = set(folder.iterdir())
+    for _ in range(TRIES):
+        code, said = ended(command, folder)
+        if MACHINE_LATE.search(said) is None:
+            break
+        assert all(what == "nothing" for what in re.findall(r"the simulated arm touched (\w+)", said))
+        for left in set(folder.iterdir()) - before:
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+    assert code == 0, said[-3000:]
+    assert "is left where it is" not in said
+    return said
+
+
+def ended(command: str, folder: Path) -> tuple[int, str]:
+    """How a command ends, and what it says."""
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         ["bash", "-c", command],
@@ -32,10 +58,7 @@ def said_by(command: str, folder: Path) -> str:
         timeout=300,
         check=False,
     )
-    assert done.returncode == 0, done.stderr[-3000:]
-    said = done.stderr + done.stdout
-    assert "is left where it is" not in said
-    return said
+    return done.returncode, done.stderr + done.stdout
 
 
 def test_episodes_are_recorded_as_the_readme_says_and_replayed_and_nothing_is_touched(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ from typer.testing import CliRunner
 from planner_service import PlannerService
 from planner_service.cli.commands import app
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
-from planner_service.gate import ActionGate, Tracking
+from planner_service.gate import ActionGate, Kind, Tracking
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot_setup.loading import load_robot
 
 
@@ -87,3 +89,78 @@ def test_options_about_data_sets_are_refused_with_a_log_and_so_is_a_log_of_anoth
     assert (wrong.exit_code, "--padding" in wrong.output) == (2, True)
     other = CliRunner().invoke(app, ["gate", "replay", str(log), "--scene", "post", "--robot", "panda"])
     assert (other.exit_code, "the robot has 7 joints" in other.output) == (2, True)
+
+
+class SteppedDriver:
+    """A driver that goes straight to each target, stepped every millisecond, whose arm is late and shakes."""
+
+    GOAL_TIME, LAG, SHAKE, JITTER = 0.1, 0.04, 0.003, 0.002
+
+    def __init__(self, q: FloatArray, seed: int) -> None:
+        self.rng, self.now = np.random.default_rng(seed), 0
+        self.setpoint, self.start, self.target, self.came = q, q, q, 0
+        self.trail = [q] * (1 + round(1000 * self.LAG))
+
+    def go(self, target: FloatArray) -> None:
+        """Send it to a target now."""
+        self.start, self.target, self.came = self.setpoint, np.array(target), self.now
+
+    def wait(self, periods: float) -> None:
+        """Until the next target, give or take the jitter."""
+        off = self.rng.uniform(-self.JITTER, self.JITTER)
+        for _ in range(round(1000 * (periods / 30.0 + off))):
+            self.now += 1
+            share = min(1.0, (self.now - self.came) / 1000 / self.GOAL_TIME)
+            self.setpoint = self.start + share * (self.target - self.start)
+            self.trail.append(self.setpoint)
+
+    def positions(self) -> FloatArray:
+        """Where the arm is, (n,)."""
+        late = self.trail[-1 - round(1000 * self.LAG)]
+        return np.asarray(late + self.rng.uniform(-self.SHAKE, self.SHAKE, len(late)))
+
+
+def swings(q: FloatArray, amplitude: float, count: int) -> FloatArray:
+    """Targets that leave q slowly, swing, and are back there at the end, (count, n)."""
+    times = np.arange(1, count + 1) / 30.0
+    ease = np.minimum(1.0, 0.5 * np.minimum(times, times[-1] - times))
+    return np.asarray(q + amplitude * (ease * np.sin(1.7 * times))[:, None] * np.array([1.0, 0.5, -0.5, 0.6, 0.7, 0.8]))
+
+
+def strays(tracking: Tracking, q: FloatArray) -> bool:
+    """Whether a gate that assumes so much says of another motion of the same driver that it does not follow."""
+    gate = ActionGate(PlannerService("wxai", "empty"), rate=30, tracking=tracking, acceleration_scale=3.0)
+    driver = SteppedDriver(q, 2)
+    gate.reset(q)
+    for target in swings(q, 0.25, 240):
+        verdict = gate.check(driver.positions(), target)
+        if verdict.refused is not None and verdict.refused.kind is Kind.TRACKING:
+            return True
+        assert verdict.ok
+        driver.go(verdict.rows[0])
+        driver.wait(1.0)
+    return False
+
+
+def test_a_gate_believes_the_driver_whose_log_was_measured_and_no_worse_one(tmp_path: Path) -> None:
+    q = np.array([0.0, 1.3, 1.2, -0.4, 0.0, 0.0])
+    driver, lines = SteppedDriver(q, 1), list[str]()
+    for target in swings(q, 0.3, 600):
+        driver.go(target)
+        lines.append(json.dumps({"t": driver.now / 1000, "target": target.tolist()}))
+        for _ in range(4):
+            lines.append(json.dumps({"t": driver.now / 1000, "q": driver.positions().tolist()}))
+            driver.wait(0.25)
+    log = tmp_path / "log.jsonl"
+    log.write_text("\n".join(lines))
+    done = CliRunner().invoke(app, ["gate", "measure", str(log), "--json"])
+    assert done.exit_code == 0
+    found = json.loads(done.output)
+    assert found["goal_time"] + found["lag"] == pytest.approx(driver.GOAL_TIME + driver.LAG, abs=0.02)
+    assert driver.SHAKE <= max(found["errors"].values()) <= 3.0 * driver.SHAKE
+    assert found["jitter"] <= 5.0 * driver.JITTER
+    assumed = found["tracking"]
+    tracking = Tracking(**(assumed | {"error": list(assumed["error"].values())}))
+    assert not strays(tracking, q)
+    assert strays(replace(tracking, lag=0.0), q)
+    assert strays(replace(tracking, error=0.3 * driver.SHAKE), q)
