@@ -1,4 +1,4 @@
-"""``python -m auditor FILE [--allow A B]...``: what a plan or a task with evidence shows, or a proof of no path.
+"""``python -m auditor FILE [--allow A B]...``: what a plan, task or cell with evidence shows, or a proof of no path.
 
 The last line begins with VALID or INVALID and says for what; the exit code is 0 or 1. ``--allow`` names a pair that may
 touch everywhere. A file that allows a pair is INVALID unless the pair is named here as well.
@@ -11,17 +11,22 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from auditor import verify, verify_no_path
-from auditor.schema import MOST_BYTES, Invalid, parsed
+from auditor import verify, verify_cell, verify_no_path
+from auditor.schema import CELL, MOST_BYTES, Invalid, parsed
 
 MOST_MEMORY, MOST_SECONDS = 8 * 2**30, 600.0
 
 
 def judged(document: Any, named: Sequence[Sequence[str]] = ()) -> Iterator[str]:
-    """What a file shows, whichever of both it is."""
-    no_path = isinstance(document, dict) and document.get("format") == verify_no_path.FORMAT
+    """What a file shows, whichever it is."""
+    form = document.get("format") if isinstance(document, dict) else None
     try:
-        yield from verify_no_path.verify(document) if no_path else verify.verify(document, named)
+        if form == verify_no_path.FORMAT:
+            yield from verify_no_path.verify(document)
+        elif form == CELL:
+            yield from verify_cell.verify(document)
+        else:
+            yield from verify.verify(document, named)
     except Invalid:
         raise
     except Exception as error:  # whatever a file is made of

@@ -16,6 +16,7 @@ import numpy as np
 
 Json = Any
 
+CELL = "planner-service/cell-plan"
 MOST_BYTES, LARGEST = 200_000_000, 1e12
 TABLE = """
 claim clearance:num|null padding:num exempt:exempt* part:2|null
@@ -26,6 +27,12 @@ file format:text version:int made_with:any robot:robot scene:scene allowed:text*
 planner-service/plan file result:result
 planner-service/task file task:text ok:flag failure:null counts:counts choosing:counts seconds:num notes:text*
     segments:segment* steps?:step*
+planner-service/cell-plan format:text version:int made_with:any arms:placed|member* failure:null tolerates:num|null
+    still:num* clocks:clock* rectangles:int distances:int counts:counts notes:text* scene:scene robots:robot*
+    sections:any
+placed name:text robot:int base:pose
+member name:text robot:int joints:text* tool?:text
+clock arms:text* start:num request:request|null result:result
 step step:text tried:int failed:int reasons:reason*
 reason reason:text times:int
 planner-service/no-path format:text version:int robot:robot scene:scene allowed:text*2* start:num* goals:num** moved:num
@@ -91,6 +98,9 @@ peak ratio:num|null joint:int time:num
 path length:num waypoints:num** blends:num*
 law duration:num dilation:num durations:num* coefficients:4* part:2|null
 evidence version:int robot:text scene:text boxes:any proofs:proof*
+cell_evidence version:int robots:text* scene:text moved:num* boxes:any proofs:arm_proof* between:pair_proof*
+arm_proof claim s:text pairs:text rows:text crowd?:text
+pair_proof arms:text*2 clearance:num|null times:text*2 pairs:text rows:text
 proof claim motion:int gripper:2 moved:2 s:text pairs:text rows:text crowd?:text
 """
 ONE_OF = {
@@ -143,7 +153,8 @@ def check_file(document: Json) -> None:
     if "sections" in document:
         has = isinstance(document["sections"], dict) and "evidence" in document["sections"]
         require(has, "sections: no evidence; planner-service certify FILE --evidence OUT adds it")
-        check(document["sections"]["evidence"], "evidence", "sections.evidence")
+        kind = "cell_evidence" if form == CELL else "evidence"
+        check(document["sections"]["evidence"], kind, "sections.evidence")
 
 
 def check(value: Json, kind: str, where: str) -> None:

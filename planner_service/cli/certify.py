@@ -16,7 +16,7 @@ from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
 from planner_service.cli.options import option
 from planner_service.cli.output import show
 from planner_service.errors import InvalidRequest
-from planner_service.records.cells import SavedCellPlan, load_saved, prove_cell
+from planner_service.records.cells import SavedCellPlan, load_saved, prove_cell, with_cell_evidence
 from planner_service.records.evidence import with_evidence
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.records.result import certificate_record
@@ -77,13 +77,18 @@ def _certify_cell(
     as_json: bool,
 ) -> None:
     """The same of the plan of a cell."""
-    for option_name, given in (("--robot", robot), ("--allow", allow or None), ("--evidence", evidence)):
+    for option_name, given in (("--robot", robot), ("--allow", allow or None)):
         if given is not None:
             raise InvalidRequest(option_name, str(given), "a plan or a task; this is the plan of a cell")
     notes = ["using the robots and the scene in this file"]
     if scene is not None:
         saved, notes = saved.within(load_scene(scene)), [f"using --scene {scene} instead of the scene in this file"]
     proven = prove_cell(saved, padding=padding)
+    if evidence is not None and proven.certified:
+        shown = with_cell_evidence(saved)
+        shown.save(evidence)
+        less = shown.plan.tolerates < proven.tolerates
+        notes.append(f"the trail of the proof is in {evidence}" + f", for {shown.plan.tolerates:g} s of delay" * less)
     verdict = "certified" if proven.certified else "refused"
     arms = ", ".join(proven.cell.arms)
     late = "one arm moves" if proven.tolerates == math.inf else f"tolerates {proven.tolerates:.3f} s of delay"

@@ -36,7 +36,7 @@ from planner_service.records.scene import SceneRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["EVIDENCE", "boxes_of", "packed", "save_plan", "with_evidence"]
+__all__ = ["EVIDENCE", "UNIT", "boxes_of", "digest_of", "packed", "save_plan", "trail_record", "with_evidence"]
 
 EVIDENCE = "evidence"
 """The section's name."""
@@ -72,7 +72,7 @@ def with_evidence(plan: SavedPlan | SavedTask) -> SavedPlan | SavedTask:
     section = {
         "version": VERSION,
         "robot": _robot_digest(plan.robot),
-        "scene": _digest(SceneRecord.of(plan.scene).document()),
+        "scene": digest_of(SceneRecord.of(plan.scene).document()),
         "boxes": boxes_of(*scenes),
         "proofs": [proof for k, motion in enumerate(proven.motions) for proof in _proofs(k, motion)],
     }
@@ -109,10 +109,10 @@ def _padding(plan: SavedPlan | SavedTask) -> float:
 
 @lru_cache(maxsize=16)
 def _robot_digest(robot: Robot) -> str:
-    return _digest(RobotRecord.of(robot).document())
+    return digest_of(RobotRecord.of(robot).document())
 
 
-def _digest(record: dict[str, Any]) -> str:
+def digest_of(record: dict[str, Any]) -> str:
     """SHA-256 of a record, in hex."""
     return hashlib.sha256(json.dumps(record, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
@@ -123,9 +123,9 @@ def _proofs(number: int, proven: ProvenMotion) -> Iterator[dict[str, Any]]:
     if proven.gripper is not None:
         gripper = proven.gripper
         fingers = _fingers(motion.robot, gripper.start, gripper.end)
-        yield {"motion": number, **fingers, **_trail(trails[1], gripper.certificate)}
+        yield {"motion": number, **fingers, **trail_record(trails[1], gripper.certificate)}
     width = motion.robot.gripper_width
-    yield {"motion": number, **_fingers(motion.robot, width, width), **_trail(trails[0], proven.certificate)}
+    yield {"motion": number, **_fingers(motion.robot, width, width), **trail_record(trails[0], proven.certificate)}
 
 
 def _fingers(robot: Robot, before: float, after: float) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def _fingers(robot: Robot, before: float, after: float) -> dict[str, Any]:
     return {"gripper": [before, after], "moved": moved}
 
 
-def _trail(trail: Trail, certificate: Certificate) -> dict[str, Any]:
+def trail_record(trail: Trail, certificate: Certificate) -> dict[str, Any]:
     """What a proof rests on: its claim, and the table of stretches.
 
     A row is a pair, the numbers of the places where its stretch begins and ends, and the directions there.

@@ -23,7 +23,7 @@ from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
 from planner_service.gate import ActionGate, TargetFilter, Tracking
 from planner_service.infeasibility import prove_no_path
-from planner_service.records.cells import load_cell_plan, load_saved, prove_cell, save_cell_plan
+from planner_service.records.cells import load_cell_plan, load_saved, prove_cell, save_cell_plan, with_cell_evidence
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
 
@@ -117,6 +117,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
             {"a": "one", "b": "two", "q": [*arm.home, *arm.home]},
         ),
         "prove_cell": Call(prove_cell, {"plan": crossing_arms(), "padding": 0.0}),
+        "with_cell_evidence": Call(with_cell_evidence, {"plan": crossing_arms()}),
         "save_cell_plan": Call(
             save_cell_plan,
             {"plan": crossing_arms(), "path": tmp_path_factory.mktemp("cells") / "out.json"},

@@ -25,7 +25,17 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.json_reader import MAX_BYTES, read_json
 from planner_service.files.json_writer import indented_json
 from planner_service.files.reading import as_path
-from planner_service.files.schema import Count, Numbers, Prose, Record, Text, at_most, read_record, recorded
+from planner_service.files.schema import (
+    Count,
+    GrownRecord,
+    Numbers,
+    Prose,
+    Record,
+    Text,
+    at_most,
+    read_record,
+    recorded,
+)
 from planner_service.files.writing import write_whole
 from planner_service.geometry.validation import instance
 from planner_service.planning.result import Failure, Origin, PlanResult
@@ -93,6 +103,11 @@ class SavedCellPlan:
     def scene(self) -> Scene:
         """The scene."""
         return self.layout.scene
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots of the arms, each once."""
+        return tuple(_robots(self.layout))
 
     @property
     def failure(self) -> Failure | None:
@@ -178,22 +193,22 @@ def _with_own_joints(value: Any, handler: ValidatorFunctionWrapHandler, info: Va
         reading.joints = None
 
 
-class ArmRecord(Record):
+class ArmRecord(GrownRecord):
     """An arm of a cell: a robot at a place, or some joints of the one robot.
 
     Attributes:
         name: The name of the arm.
         robot: Which of `robots` it is, from 0.
-        base: Pose of the robot's base frame in the cell's frame; null where arms are joints of one robot.
-        joints: The joints of the robot that are this arm's; null where arms are robots at places.
-        tool: The link that is the arm's tool; null if it is the robot's.
+        base: Pose of the robot's base frame in the cell's frame; not there where arms are joints of one robot.
+        joints: The joints of the robot that are this arm's; not there where arms are robots at places.
+        tool: The link that is the arm's tool; not there if it is the robot's.
     """
 
     name: Text
     robot: Count
-    base: PoseRecord | None
-    joints: Annotated[list[Text], at_most(MAX_JOINTS)] | None
-    tool: Text | None
+    base: PoseRecord | None = None
+    joints: Annotated[list[Text], at_most(MAX_JOINTS)] | None = None
+    tool: Text | None = None
 
 
 class ClockRecord(Record):

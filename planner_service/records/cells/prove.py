@@ -31,7 +31,7 @@ from planner_service.records.recertify import Recertified, recertify
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.names import Names
 
-__all__ = ["ProvenCell", "moving_arms", "moving_links", "pairs_beside", "prove_cell"]
+__all__ = ["ProvenCell", "moving_arms", "moving_links", "pairs_beside", "prove_cell", "two_that_move"]
 
 SAME_PLACE = 1e-9
 """Radians or metres between where an arm stands and where its motion begins."""
@@ -217,14 +217,19 @@ def _touching(cell: Cell, plan: CellPlan, padding: float) -> Iterator[str]:
         yield f"arms that stand: {found.refusal}"
 
 
+def two_that_move(plan: CellPlan, late: float) -> Iterator[tuple[tuple[OwnClock, str], tuple[OwnClock, str]]]:
+    """Each two arms whose motions are to be proven apart over both clocks, each with its clock."""
+    for first, second in combinations([(clock, name) for clock in plan.clocks for name in clock.arms], 2):
+        if first[0] is not second[0] or late > 0.0:  # of one clock its own proof has judged them
+            yield first, second
+
+
 def _between(cell: Cell, plan: CellPlan, padding: float) -> Iterator[tuple[str, str, Between, float, float]]:
     """Each two arms that move, what is proven between them, by how much the second starts later, and the delay."""
     every = np.arange(cell.robot.n)
     late = min(plan.tolerates, MAX_DELAY)
-    for first, second in combinations([(clock, name) for clock in plan.clocks for name in clock.arms], 2):
+    for first, second in two_that_move(plan, late):
         (one, a), (two, b) = first, second
-        if one is two and late == 0.0:  # one clock: its own proof has judged them
-            continue
         clocks = []
         for clock, name in (first, second):
             own = cell.of_arm(name, every).astype(int).tolist()

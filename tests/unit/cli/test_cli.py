@@ -291,6 +291,9 @@ def test_the_plan_of_a_cell_is_proven_over_all_clocks(tmp_path: Path) -> None:
     assert refused.exit_code == 1
     assert "using --scene discs" in refused.stdout
     assert run("certify", str(there), "--robot", "wxai").exit_code == 2
+    shown = tmp_path / "shown.json"
+    assert run("certify", str(there), "--evidence", str(shown)).exit_code == 0
+    assert "evidence" in json.loads(shown.read_text())["sections"]
     claim = json.loads(there.read_text()) | {"tolerates": 0.5}
     there.write_text(json.dumps(claim))
     late = run("certify", str(there))
