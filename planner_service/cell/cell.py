@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.cell.arms import Arm, parts_at_places, parts_of
 from planner_service.cell.layout import Layout
+from planner_service.cell.loads import constraints_of, loaded
 from planner_service.cell.planning import plan_arms
 from planner_service.cell.result import CellPlan
 from planner_service.cell.services import Services
@@ -30,7 +31,7 @@ from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
-from planner_service.scene.scene import Scene
+from planner_service.scene.scene import Attached, Scene
 from planner_service.service import PlannerService
 
 __all__ = ["Cell"]
@@ -48,7 +49,7 @@ class Cell:
     Args:
         arms: Robots by the names of the arms, each a robot or the name of one, at the cell's origin, or an ``Arm`` with
             its place.
-        scene: What stands there, in the cell's frame. No arm carries anything at the start.
+        scene: What stands there, in the cell's frame; what arms hold is not in it, see ``carrying``.
 
     Attributes:
         robot: All arms as one robot, with joints such as ``left_joint_0`` in the order of the arms.
@@ -112,18 +113,46 @@ class Cell:
         """
         instance("layout", layout, Layout, "a Layout")
         if layout.whole is None:
-            return cls(layout.arms, layout.scene)
-        return cls.of(layout.whole, layout.groups, layout.scene, tools=layout.tools)
+            cell = cls(layout.arms, layout.scene)
+        else:
+            cell = cls.of(layout.whole, layout.groups, layout.scene, tools=layout.tools)
+        return cell.carrying(layout.carried) if layout.carried else cell
+
+    def carrying(self, carried: Mapping[str, Sequence[Attached]]) -> Cell:
+        """The same cell where arms hold objects, and nothing else, by the names of the arms.
+
+        An object is at its pose in the arm's tool frame, and is a link of that arm, ``left_box``; its touch links are
+        links of the arm's own robot. What it keeps (``Attached.constraints``), that arm keeps in what ``plan`` plans.
+
+        Raises:
+            UnknownName: No such arm, or no such link.
+            InvalidRequest: Two things would get one name, or a shape is none of convex pieces.
+        """
+        instance("carried", carried, Mapping, "attached objects by the names of the arms")
+        held = {
+            name: items(f"carried[{name!r}]", each, Attached, "a sequence of Attached")
+            for name, each in carried.items()
+        }
+        cell = object.__new__(type(self))
+        cell._set(replace(self.layout, carried=held))
+        return cell
 
     def _set(self, layout: Layout) -> None:
         self.layout, self.scene = layout, layout.scene
+        layout = loaded(layout)
         if self.scene.attached:
             carried = [item.name for item in self.scene.attached]
-            raise InvalidRequest("scene", carried, "a scene in which nothing is carried")
+            raise InvalidRequest(
+                "scene", carried, "a scene in which nothing is carried; ``carrying`` says what arms hold"
+            )
         if layout.whole is None:
             self.robot, parts = parts_at_places(layout.arms)
         else:
             self.robot, parts = layout.whole, parts_of(layout.whole, layout.groups, layout.tools)
+        held = {f"{name}_{item.name}" for name, carried in self.layout.carried.items() for item in carried}
+        taken = sorted(held & {*self.scene.names})
+        if taken:
+            raise InvalidRequest("carried", taken[0], "names that nothing in the scene has")
         self._services = Services(self.robot, self.scene, parts)
 
     def __repr__(self) -> str:
@@ -227,7 +256,14 @@ class Cell:
         both = sorted(still.keys() & requests.keys())
         if both:
             raise InvalidRequest("standing", both[0], "an arm without a request")
-        return replace(plan_arms(self._services, requests, still, delay, cancel), layout=self.layout)
+        asked = {name: self._keeping(name, request) for name, request in requests.items()}
+        return replace(plan_arms(self._services, asked, still, delay, cancel), layout=self.layout)
+
+    def _keeping(self, name: str, request: PlanRequest) -> PlanRequest:
+        """A request with what the arm keeps for what it carries."""
+        kept = constraints_of(self.layout.carried.get(name, ()))
+        more = [constraint for constraint in kept if constraint not in request.constraints]
+        return replace(request, constraints=(*request.constraints, *more)) if more else request
 
     def _joints(self, field: str, values: object) -> dict[str, FloatArray]:
         """Joints by the names of arms, checked."""

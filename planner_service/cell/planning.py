@@ -242,9 +242,10 @@ class _Planning:
 
     def _together(self, goals: Mapping[str, FloatArray]) -> CellPlan:
         """All arms as one robot; how late each may be is proven as for clocks of their own."""
-        first = next(iter(self._requests.values()))
-        goal = self._services.joined({**self._idle, **goals})
-        request = replace(first, start=self._start, goal=goal)
+        request = self._shared_request(goals)
+        if isinstance(request, Failure):
+            return self._failed(request)
+        first = request
         best, columns = 0.0, tuple(tuple(self._services.part(name).columns) for name in self._requests)
         for padding in (first.padding, *(each for each in ROOMIER if each > first.padding)):
             slower, notes = 1.0, ["all arms are planned as one robot and share a clock"]
@@ -264,6 +265,33 @@ class _Planning:
                 return self._failed(replace(plan.failure, detail=f"all arms as one: {plan.failure.detail}"))
         detail = f"no motion was found that tolerates {self._delay:g} s of delay; one tolerates {best:.3f} s"
         return self._failed(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail))
+
+    def _shared_request(self, goals: Mapping[str, FloatArray]) -> PlanRequest | Failure:
+        """What is asked of all arms as one robot: as slow as the slowest, with the most padding.
+
+        What one arm keeps, its tool's speed, constraints or torques, is not asked of another robot: there is none then.
+        """
+        asked = list(self._requests.values())
+        first = asked[0]
+        for name, request in self._requests.items():
+            if len(asked) > 1 and (
+                request.constraints or request.max_tool_speed is not None or request.pace.keeps_torques
+            ):
+                detail = (
+                    f"no motions on clocks of their own are proven, and what {name} keeps is not planned for all as one"
+                )
+                return Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail)
+            if request.timing != first.timing:
+                detail = f"no motions on clocks of their own are proven, and {name} has another timing law"
+                return Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail)
+        return replace(
+            first,
+            start=self._start,
+            goal=self._services.joined({**self._idle, **goals}),
+            velocity_scale=min(request.velocity_scale for request in asked),
+            acceleration_scale=min(request.acceleration_scale for request in asked),
+            padding=self._padding,
+        )
 
     def _shared_clock(self, plan: PlanResult) -> float:
         """The delay that arms that share a clock tolerate."""

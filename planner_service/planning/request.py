@@ -300,7 +300,7 @@ def torque_limits(robot: Robot, scene: Scene, payload: Payload | None = None, sc
     """
     tool = Pose.from_matrix(robot.tool_placement)
     loads = [] if payload is None else [_payload(payload)]
-    loads += [_attached(held, held.mass) for held in scene.attached if held.mass is not None]
+    loads += [inertia_of(held, held.mass) for held in scene.attached if held.mass is not None]
     carried = (replace(load, body=robot.tool_body, pose=tool @ load.pose) for load in loads)
     return TorqueLimits(robot, tuple(carried), scale)
 
@@ -319,7 +319,7 @@ def _payload(payload: Payload) -> LinkInertia:
     return LinkInertia("payload", 0, payload.mass, payload.inertia, Pose(payload.com))
 
 
-def _attached(held: Attached, mass: float) -> LinkInertia:
+def inertia_of(held: Attached, mass: float) -> LinkInertia:
     """An object in the tool frame whose mass is spread evenly over its shape."""
     volume, (x, y, z), tensor = mass_properties(held.shape)
     numbers = tensor_numbers(np.asarray(tensor) * (mass / volume))

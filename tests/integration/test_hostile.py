@@ -16,7 +16,7 @@ import pytest
 import planner_service
 from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
 from benchmarks.attack.files import crossing_arms
-from planner_service import JointPath, PlannerService, PlanRequest, Pose, Scene, load_robot
+from planner_service import Attached, JointPath, PlannerService, PlanRequest, Pose, Scene, Sphere, load_robot
 from planner_service.cell import Arm, Cell
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
@@ -108,6 +108,9 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         "Cell.plan": Call(
             Cell({"one": arm}, scene).plan,
             {"requests": {"one": PlanRequest(arm.home, arm.home)}, "standing": None, "delay": 0.0, "cancel": None},
+        ),
+        "Cell.carrying": Call(
+            Cell({"one": arm}, scene).carrying, {"carried": {"one": [Attached("ball", Sphere(0.01), Pose())]}}
         ),
         "Cell.arm": Call(Cell({"one": arm}, scene).arm, {"name": "one", "standing": None}),
         "Cell.joined": Call(Cell({"one": arm}, scene).joined, {"values": {"one": arm.home}}),

@@ -43,7 +43,7 @@ from planner_service.records.plan_file import OURS, SavedPlan, SavedTask, Sectio
 from planner_service.records.request import RequestRecord
 from planner_service.records.result import CountsRecord, FailureRecord, ResultRecord
 from planner_service.records.robot import RobotRecord
-from planner_service.records.scene import PlanReading, SceneRecord
+from planner_service.records.scene import AttachedRecord, PlanReading, SceneRecord
 from planner_service.records.values import PoseRecord
 from planner_service.robot.model import Robot, joint_vector
 from planner_service.scene.scene import Scene
@@ -54,6 +54,9 @@ CELL_FORMAT = "planner-service/cell-plan"
 VERSION = 1
 
 MAX_ARMS = 4
+MAX_CARRIED = 100
+"""Objects that an arm holds."""
+
 MAX_NOTES = 1_000
 MAX_JOINTS = 1_000
 
@@ -202,6 +205,7 @@ class ArmRecord(GrownRecord):
         base: Pose of the robot's base frame in the cell's frame; not there where arms are joints of one robot.
         joints: The joints of the robot that are this arm's; not there where arms are robots at places.
         tool: The link that is the arm's tool; not there if it is the robot's.
+        carried: What the arm holds, at poses in its tool frame; not there if nothing.
     """
 
     name: Text
@@ -209,6 +213,7 @@ class ArmRecord(GrownRecord):
     base: PoseRecord | None = None
     joints: Annotated[list[Text], at_most(MAX_JOINTS)] | None = None
     tool: Text | None = None
+    carried: Annotated[list[AttachedRecord], at_most(MAX_CARRIED)] = Field(default_factory=list)
 
 
 class ClockRecord(Record):
@@ -327,6 +332,7 @@ class CellPlanRecord(Record):
                 raise InvalidRequest(f"arms[{k}].robot", arm.robot, f"one of {len(self.robots)} robots, from 0")
         of_one = [arm.joints is not None for arm in self.arms]
         scene: Scene = self.scene.value
+        carried = {arm.name: tuple(held.value for held in arm.carried) for arm in self.arms if arm.carried}
         if not any(of_one):
             for k, arm in enumerate(self.arms):
                 if arm.base is None or arm.tool is not None:
@@ -334,12 +340,12 @@ class CellPlanRecord(Record):
                     raise InvalidRequest(f"arms[{k}]", arm.name, expected)
             bases = [arm.base.value for arm in self.arms if arm.base is not None]
             placed = (Arm(self.robots[arm.robot].value, base) for arm, base in zip(self.arms, bases, strict=True))
-            return Layout(scene, dict(zip(names, placed, strict=True)))
+            return Layout(scene, dict(zip(names, placed, strict=True)), carried=carried)
         if not all(of_one) or len(self.robots) > 1 or any(arm.base is not None for arm in self.arms):
             raise InvalidRequest("arms", names, "robots at places, or joints of one robot that stands where it does")
         groups = {arm.name: tuple(arm.joints or ()) for arm in self.arms}
         tools = {arm.name: arm.tool for arm in self.arms if arm.tool is not None}
-        return Layout(scene, whole=self.robots[0].value, groups=groups, tools=tools)
+        return Layout(scene, whole=self.robots[0].value, groups=groups, tools=tools, carried=carried)
 
 
 def _clock(k: int, record: ClockRecord, cell: Cell) -> OwnClock:
@@ -383,11 +389,13 @@ def _arms(layout: Layout, robots: Sequence[Robot]) -> list[dict[str, Any]]:
     if layout.whole is not None:
         return [
             {"name": name, "robot": 0, "base": None, "joints": list(joints), "tool": layout.tools.get(name)}
+            | {"carried": list(layout.carried.get(name, ()))}
             for name, joints in layout.groups.items()
         ]
     number = {id(robot): k for k, robot in enumerate(robots)}
     return [
         {"name": name, "robot": number[id(arm.robot)], "base": arm.base, "joints": None, "tool": None}
+        | {"carried": list(layout.carried.get(name, ()))}
         for name, arm in layout.arms.items()
     ]
 
