@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, permutations
+from itertools import combinations, islice, permutations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.cell.clocks import Between, Clock, Turned, best_start, tolerated
+from planner_service.cell.goals import goals_of, together
 from planner_service.cell.result import CellPlan, OwnClock
 from planner_service.cell.services import Services
 from planner_service.cell.waits import HALVINGS, Passing, can_pass, waiting
@@ -31,6 +32,9 @@ __all__ = ["plan_arms"]
 
 NEAR = 1.15
 """How many times as long as the longest of the arms' own plans motions may take without others being looked for."""
+
+COMBINATIONS = 4
+"""Of goals of several arms to which plans are tried."""
 
 SLOWER, SLOWEST = 1.1, 10.0
 """How much slower than it seems to need a motion on a shared clock is made, and at most."""
@@ -86,6 +90,7 @@ class _Planning:
         self._padding = max(request.padding for request in requests.values())
         self._tried: list[PlanResult] = []
         self._asked: list[Between] = []
+        self._notes: tuple[str, ...] = ()
         self._known: dict[tuple[str, str], Between] = {}  # of the arms' own plans
 
     def plan(self) -> CellPlan:
@@ -93,17 +98,41 @@ class _Planning:
         trouble = self._start_trouble()
         if trouble is not None:
             return self._failed(trouble)
-        plans = {name: self._planned(name, self._idle) for name in self._requests}
+        plans: Mapping[str, PlanResult] = {name: self._planned(name, self._idle) for name in self._requests}
         for name, plan in plans.items():
             if plan.failure is not None:
                 return self._failed(replace(plan.failure, detail=f"{name}: {plan.failure.detail}"))
-        goals = {name: plan.unwrap()[0].waypoints[-1] for name, plan in plans.items()}
+        goals: Mapping[str, FloatArray] = {name: plan.unwrap()[0].waypoints[-1] for name, plan in plans.items()}
+        if len(goals) > 1 and not self._free(goals):
+            plans, goals = self._other_goals(plans, goals)
         longest = max(plan.unwrap()[1].duration for plan in plans.values())
         found = self._own_clocks(plans, goals, NEAR * longest)
         if found is not None and found.duration <= NEAR * longest:
             return found
         together = self._together(goals)
         return together if found is None or (together.ok and together.duration < found.duration) else found
+
+    def _free(self, goals: Mapping[str, FloatArray]) -> bool:
+        """Whether all arms can stand at some goals."""
+        return self._services.whole.checker.state_is_free(self._services.joined({**self._idle, **goals}))
+
+    def _other_goals(
+        self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray]
+    ) -> tuple[Mapping[str, PlanResult], Mapping[str, FloatArray]]:
+        """Plans to other goals of the requests, at which arms do not touch; the same if there are none."""
+        every = {
+            name: goals_of(part.robot, self._requests[name], goals[name])
+            for name, part in self._services.parts.items()
+            if name in self._requests
+        }
+        for chosen in islice(together(every, self._starts, self._free), COMBINATIONS):
+            changed = {name: q for name, q in chosen.items() if not np.array_equal(q, goals[name])}
+            others = {name: self._planned(name, self._idle, q) for name, q in changed.items()}
+            if all(plan.failure is None for plan in others.values()):
+                names = " and ".join(changed)
+                self._notes = (f"{names}: another goal than the nearest, at which arms would touch",)
+                return {**plans, **others}, chosen
+        return plans, goals
 
     def _own_clocks(
         self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray], enough: float
@@ -346,7 +375,9 @@ class _Planning:
         self, clocks: Sequence[OwnClock], late: float, failure: Failure | None, notes: tuple[str, ...]
     ) -> CellPlan:
         rectangles, bounds = (sum(getattr(each, what) for each in self._asked) for what in ("rectangles", "bounds"))
-        return CellPlan(tuple(clocks), late, failure, self._start, rectangles, bounds, tuple(self._tried), notes)
+        return CellPlan(
+            tuple(clocks), late, failure, self._start, rectangles, bounds, tuple(self._tried), (*self._notes, *notes)
+        )
 
 
 def _inside(services: Services, name: str, given: ArrayLike) -> FloatArray:
