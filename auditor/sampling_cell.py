@@ -60,6 +60,8 @@ def _objections(document: Json, samples: int, rng: np.random.Generator) -> Itera
         else:
             begin = sum(len(those.columns) for those in robots)
             columns[each["name"]] = [*range(begin, begin + len(names))]
+        if each.get("carried"):
+            yield "what arms carry is not looked at"
         if not one or not robots:
             arm, base = Arm(record), np.eye(4) if one else matrix(each["base"])
             own = [*range(len(names))] if one else columns[each["name"]]

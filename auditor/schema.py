@@ -30,8 +30,8 @@ planner-service/task file task:text ok:flag failure:null counts:counts choosing:
 planner-service/cell-plan format:text version:int made_with:any arms:placed|member* failure:null tolerates:num|null
     still:num* clocks:clock* rectangles:int distances:int counts:counts notes:text* scene:scene robots:robot*
     sections:any
-placed name:text robot:int base:pose
-member name:text robot:int joints:text* tool?:text
+placed name:text robot:int base:pose carried?:attached*
+member name:text robot:int joints:text* tool?:text carried?:attached*
 clock arms:text* start:num request:request|null result:result
 step step:text tried:int failed:int reasons:reason*
 reason reason:text times:int

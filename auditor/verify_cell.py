@@ -66,13 +66,14 @@ MOST_ARMS = 4
 
 
 class Arm(NamedTuple):
-    """An arm in the whole: its joints there, its tool, its ways out of named poses, and these."""
+    """An arm in the whole: its joints there, its tool, its ways out of named poses, these, and what it holds."""
 
     name: str
     columns: list[int]
     tool: tuple[int, Array]
     retreats: Json
     named_poses: Json
+    carried: Json
 
 
 class Cell(World):
@@ -123,12 +124,14 @@ def verify(document: Json) -> Iterator[str]:
     for each in document["arms"]:
         place = json.dumps(each["base"]) if "base" in each else f"joints {each['joints']}"
         yield f"{each['name']}: robot {each['robot']}, {place}"
+        for it in each.get("carried", ()):
+            yield f"{each['name']}: holds {it['name']}, not judged with {it['touch_links']}"
     n, still = len(whole["joint_names"]), np.array(document["still"], float)
     require(len(still) == n, "places of other joints")
     lower, upper = limits_of(whole)
     require((still >= lower - SLACK) & (still <= upper + SLACK), "an arm stands outside its limits")
     moved = [name for clock in document["clocks"] for name in clock["arms"]]
-    require(moved and all(clock["arms"] for clock in document["clocks"]), "a motion of no arm")
+    require(bool(moved) and all(clock["arms"] for clock in document["clocks"]), "no motion, or one of no arm")
     require(len({*moved}) == len(moved) and {*moved} <= arms.keys(), "an arm that is not there, or moves twice")
     world = Cell(whole, scene["obstacles"], [], [], section["boxes"], 0.0)
     world.movers = {
@@ -192,6 +195,8 @@ def together(document: Json, moved: Sequence[float]) -> tuple[Json, dict[str, Ar
     arms: dict[str, Arm] = {}
     for each in document["arms"]:
         robot, name, base = robots[each["robot"]], each["name"], frame(each["base"])
+        tool = robot["tool_body"], frame(robot["tool_placement"])
+        robot = holding(robot, each.get("carried", []), "", *tool)
         still = stiff(robot, moved[each["robot"]])
         bodies, joints = max(len(whole["bodies"]) - 1, 0), len(whole["joint_names"])
 
@@ -218,13 +223,13 @@ def together(document: Json, moved: Sequence[float]) -> tuple[Json, dict[str, Ar
         for key, values in robot["limits"].items():
             whole["limits"][key] += values
         columns = [*range(joints, len(whole["joint_names"]))]
-        require(0 <= robot["tool_body"] < len(robot["bodies"]), "a tool on a body that is not there")
-        tool = shifted(robot["tool_body"]), np.array(at(robot, "tool_placement", robot["tool_body"] == 0))
+        require(0 <= tool[0] < len(robot["bodies"]), "a tool on a body that is not there")
+        placed_tool = shifted(tool[0]), (base if tool[0] == 0 else np.eye(4)) @ tool[1]
         ways = [
             way | {"pairs": [renamed({"pair": p}, name, "pair")["pair"] for p in way["pairs"]]}
             for way in robot["retreats"]
         ]
-        arms[name] = Arm(name, columns, tool, ways, robot["named_poses"])
+        arms[name] = Arm(name, columns, placed_tool, ways, robot["named_poses"], each.get("carried", []))
     links = [
         {
             f"{name}_{it['link']}"
@@ -239,6 +244,25 @@ def together(document: Json, moved: Sequence[float]) -> tuple[Json, dict[str, Ar
 
 def renamed(item: Json, name: str, key: str) -> Json:
     return {**item, key: [f"{name}_{link}" for link in item[key]]}
+
+
+def holding(robot: Json, carried: Json, prefix: str, body: int, tool: Array) -> Json:
+    """The robot with what an arm holds at its tool as links, which may touch their touch links."""
+    shapes, contacts = [*robot["shapes"]], [*robot["allowed_contacts"]]
+    links = {it["link"] for it in shapes}
+    for it in carried:
+        link, solid, at = prefix + it["name"], it["shape"], tool @ frame(it["pose"])
+        known = {*(shape["link"] for shape in shapes), *(each["link"] for each in robot.get("link_frames", []))}
+        require(link not in known, f"{link}: held, and a link")
+        require({*it["touch_links"]} <= links, f"{link}: touches a link that is not there")
+        parts = solid["parts"] if solid["kind"] == "compound" else [{"shape": solid, "pose": np.eye(4).tolist()}]
+        require(
+            [part["shape"]["kind"] not in ("compound", "cloud", "heights") for part in parts], f"{link}: not convex"
+        )
+        own = {"link": link, "body": body}
+        shapes += [own | {"shape": part["shape"], "pose": (at @ frame(part["pose"])).tolist()} for part in parts]
+        contacts += [{"links": [link, touched], "reason": "it is held there"} for touched in it["touch_links"]]
+    return {**robot, "shapes": shapes, "allowed_contacts": contacts}
 
 
 def stiff(robot: Json, x: float) -> Json:
@@ -256,15 +280,20 @@ def of_one(document: Json, moved: float) -> tuple[Json, dict[str, Arm]]:
     """The same of one robot with several arms."""
     (robot,) = document["robots"]
     joints = robot["joint_names"]
-    whole = {**stiff(robot, moved), "continuous": robot.get("continuous") or [False] * len(joints)}
     frames = {item["link"]: (item["body"], frame(item["pose"])) for item in robot.get("link_frames", [])}
-    tool, taken, arms = (robot["tool_body"], frame(robot["tool_placement"])), list[str](), dict[str, Arm]()
+    tool = robot["tool_body"], frame(robot["tool_placement"])
     for each in document["arms"]:
-        require(each["joints"] and {*each["joints"]} <= {*joints}, f"{each['name']}: joints that are not there")
+        own = frames[each["tool"]] if "tool" in each else tool
+        robot = holding(robot, each.get("carried", []), f"{each['name']}_", *own)
+    whole = {**stiff(robot, moved), "continuous": robot.get("continuous") or [False] * len(joints)}
+    taken, arms = list[str](), dict[str, Arm]()
+    for each in document["arms"]:
+        there = bool(each["joints"]) and {*each["joints"]} <= {*joints}
+        require(there, f"{each['name']}: joints that are not there")
         taken += each["joints"]
         columns = sorted(joints.index(joint) for joint in each["joints"])
         own = frames[each["tool"]] if "tool" in each else tool
-        arms[each["name"]] = Arm(each["name"], columns, own, [], [])
+        arms[each["name"]] = Arm(each["name"], columns, own, [], [], each.get("carried", []))
     require(len({*taken}) == len(taken), "a joint of two arms")
     return whole, arms
 
@@ -298,8 +327,14 @@ def alone(
     rules = [*excused(world, curve, motion, robot, proof["exempt"], asked)]
     least = shown(world, proof, curve, 0.0, curve.length)
     constraints = [each for having in (result, asked or {}) for each in having.get("constraints", ())]
+    fingers = Curve(np.column_stack([spread, np.zeros(len(spread))]), result["path"]["blends"])  # which do not move
     for constraint in constraints:
-        kept(world, robot, constraint, curve, 0.0, curve.length)
+        kept(world, robot, constraint, fingers, 0.0, curve.length)
+    for name in clock["arms"]:
+        world.tool = arms[name].tool
+        for constraint in (each for held in arms[name].carried for each in held.get("constraints", ())):
+            kept(world, robot, constraint, fingers, 0.0, curve.length)
+            constraints.append(constraint)
     limits = {key: np.array(values, float)[columns].tolist() for key, values in whole["limits"].items()}
     paced = in_time({"limits": limits}, result, asked, Curve(points, result["path"]["blends"]))
     ends = [*reached({"request": spread_request(asked, still, columns), "robot": robot}, motion)]

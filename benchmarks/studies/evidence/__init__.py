@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.evidence import doors, explain, forgeries, levers, no_path, scara, trails
+from benchmarks.studies.evidence import cell_forgeries, doors, explain, forgeries, levers, no_path, scara, trails
 
 __all__ = ["run"]
 
 PARTS: dict[str, Callable[[int | None, int], Report]] = {
     "trails": trails.run,
     "forgeries": forgeries.run,
+    "cell-forgeries": cell_forgeries.run,
     "doors": doors.run,
     "levers": levers.run,
     "discs": no_path.discs,

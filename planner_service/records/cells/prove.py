@@ -22,10 +22,13 @@ import numpy as np
 
 from planner_service.cell import Cell, CellPlan, OwnClock
 from planner_service.cell.clocks import Between, Clock
+from planner_service.cell.loads import constraints_of
 from planner_service.certify import Certifier
+from planner_service.constraints import ToolRegion
 from planner_service.errors import InvalidRequest, NotProven, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, number
+from planner_service.planning.result import PlanResult
 from planner_service.records.cells.cell_file import SavedCellPlan, bound
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.robot.model import Robot, joint_vector
@@ -105,7 +108,8 @@ def prove_cell(plan: CellPlan | SavedCellPlan, *, padding: float = 0.0) -> Prove
     if problems:
         return ProvenCell(cell, saved.plan, (), saved.plan.tolerates, tuple(problems), 0, 0)
     claimed = bound(saved.plan, cell)
-    motions = tuple(recertify(clock.plan, padding=padding) for clock in claimed.clocks)
+    motions = tuple(recertify(_keeping(cell, clock), padding=padding) for clock in claimed.clocks)
+    problems += [problem for clock in claimed.clocks for problem in _not_looked_at(cell, clock)]
     clocks = []
     for clock, motion in zip(claimed.clocks, motions, strict=True):
         problems += [f"{' and '.join(clock.arms)}: {problem}" for problem in motion.problems]
@@ -120,6 +124,21 @@ def prove_cell(plan: CellPlan | SavedCellPlan, *, padding: float = 0.0) -> Prove
     rectangles, bounds = (sum(getattr(each[2], what) for each in asked) for what in ("rectangles", "bounds"))
     proven = replace(proven, rectangles=rectangles, distances=bounds)
     return ProvenCell(cell, proven, motions, saved.plan.tolerates, tuple(problems), rectangles, bounds)
+
+
+def _keeping(cell: Cell, clock: OwnClock) -> PlanResult:
+    """A motion that is said to keep, too, what its arms keep because of what they carry."""
+    kept = constraints_of([held for name in clock.arms for held in cell.layout.carried.get(name, ())])
+    more = tuple(constraint for constraint in kept if constraint not in clock.plan.constraints)
+    return replace(clock.plan, constraints=(*clock.plan.constraints, *more)) if more else clock.plan
+
+
+def _not_looked_at(cell: Cell, clock: OwnClock) -> Iterator[str]:
+    """Constraints of what an arm carries at its own tool, which a motion of several arms cannot be proven to keep."""
+    for name in clock.arms[1:]:
+        for constraint in constraints_of(cell.layout.carried.get(name, ())):
+            if isinstance(constraint, ToolRegion) and constraint.link is None:
+                yield f"{name}: {constraint.name} of what it carries is not proven where arms share a clock"
 
 
 def moving_arms(plan: CellPlan) -> tuple[str, ...]:

@@ -15,8 +15,9 @@ from auditor.__main__ import judged
 from auditor.schema import Invalid
 from auditor.trails import digest, unpacked
 from auditor.verify_cell import uncovered
-from planner_service import PlanRequest, Pose, load_robot
+from planner_service import Attached, Box, PlanRequest, Pose, load_robot
 from planner_service.cell import Arm, Cell
+from planner_service.constraints import KeepUpright
 from planner_service.records.cells import SavedCellPlan, with_cell_evidence
 from planner_service.records.evidence import packed
 from tests.unit.records.cells.cells import crossing, two_discs
@@ -61,6 +62,30 @@ def test_ways_out_of_folded_poses_and_one_robot_with_two_arms_are_accepted() -> 
         assert plan.ok
         lines = list(judged(document_of(with_cell_evidence(plan))))
         assert lines[-1].startswith("verified: ")
+
+
+def test_what_an_arm_holds_is_judged_and_named() -> None:
+    robot = load_robot("wxai")
+    places = {"left": Arm(robot, Pose((0.0, 0.3, 0.0))), "right": Arm(robot, Pose((0.0, -0.3, 0.0)))}
+    upright = KeepUpright((0.0, 0.0, 1.0), 3.0)
+    fingers = ("finger_left", "finger_right")
+    box = Attached("box", Box((0.03, 0.03, 0.1)), Pose(), fingers, constraints=(upright,))
+    cell = Cell(places, "empty").carrying({"left": [box]})
+    ready = robot.pose("ready")
+    requests = {name: PlanRequest(ready, ready + 0.1) for name in cell.arms}
+    document = document_of(with_cell_evidence(cell.plan(requests, delay=0.05)))
+    lines = list(judged(document))
+    assert "left: holds box, not judged with ['finger_left', 'finger_right']" in lines
+    held = document["arms"][0]["carried"][0]
+    held["shape"]["size"] = [0.6, 0.6, 0.6]
+    with pytest.raises(Invalid, match="left_box"):
+        list(judged(document))
+    held["shape"]["size"] = [0.03, 0.03, 0.1]
+    held["constraints"][0]["tilt"] = 0.001
+    for clock in document["clocks"]:
+        clock["request"]["constraints"] = clock["result"]["constraints"] = []
+    with pytest.raises(Invalid, match=r"left: .* is not kept"):
+        list(judged(document))
 
 
 def _rows(document: Document) -> tuple[Document, Any]:
@@ -165,6 +190,10 @@ def _one_stands(document: Document) -> None:
     document["tolerates"] = None
 
 
+def _nobody_moves(document: Document) -> None:
+    document["clocks"] = document["sections"]["evidence"]["proofs"] = document["sections"]["evidence"]["between"] = []
+
+
 def _unknown_word(document: Document) -> None:
     document["clocks"][0]["waits"] = 0.5
 
@@ -195,6 +224,7 @@ FORGERIES: dict[Callable[[Document], None], str] = {
     _faster: "velocity",
     _elsewhere: "does not begin where its arms stand",
     _one_stands: "does not reach both ends",
+    _nobody_moves: "no motion",
     _unknown_word: "unknown",
     _twice: "moves twice",
 }
