@@ -49,7 +49,7 @@ from planner_service.records import (
     save_plan,
     write_csv,
 )
-from planner_service.records.cells import load_cell_plan, load_saved
+from planner_service.records.cells import load_cell_plan, load_saved, read_cell_request
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene import load_scene, read_moveit_scene, read_sdf_scene, read_urdf_scene
@@ -538,5 +538,14 @@ def _files(folder: Path) -> Calls:
         _call(read_urdf_scene, path=stand),
     )
     scenes, problems = (read_moveit_scene, read_sdf_scene), (load_constraints, read_problems)
-    readers = (*scenes, *problems, load_plan, load_task, load_plan_or_task, load_cell_plan, load_saved)
+    readers = (
+        *scenes,
+        *problems,
+        load_plan,
+        load_task,
+        load_plan_or_task,
+        load_cell_plan,
+        load_saved,
+        read_cell_request,
+    )
     yield from _each({"path": folder / "nothing-there"}, *readers)

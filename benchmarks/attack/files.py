@@ -27,10 +27,9 @@ from planner_service.files.package_data import data_folder
 from planner_service.gate import ActionGate, Tracking
 from planner_service.gate.log_reader import read_log
 from planner_service.geometry.arrays import FloatArray
-from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.memory import Memory
 from planner_service.records import plan_file, read_problems
-from planner_service.records.cells import SavedCellPlan, load_cell_plan, prove_cell, save_cell_plan
+from planner_service.records.cells import SavedCellPlan, load_cell_plan, prove_cell, read_cell_request, save_cell_plan
 from planner_service.records.request import RequestRecord
 from planner_service.scene import read_moveit_scene, read_urdf_scene
 from planner_service.tasks import Alternatives, MoveTo, Repeat, Task, Wait, pick_steps, plan_pick_place
@@ -59,7 +58,24 @@ AMONG_CELLS = "plan among cells"
 """A kind of file: a plan with evidence in a scene with a cloud."""
 
 
-CELL = "plan of a cell"
+CELL, CELL_REQUEST = "plan of a cell", "request of a cell"
+
+ASKED = """scene = "discs"
+delay = 0.1
+
+[[arm]]
+name = "left"
+robot = "planar2"
+start = [0.0, 0.1]
+goal = { position = [1.0, 1.0, 0.0], quaternion_wxyz = [1.0, 0.0, 0.0, 0.0] }
+velocity_scale = 0.2
+
+[[arm]]
+name = "right"
+robot = "planar2"
+position = [2.2, 0.0, 0.0]
+stands = "folded"
+"""
 
 
 def crossing_arms() -> CellPlan:
@@ -119,13 +135,11 @@ class _Stock:
             self._tree(kind, (folder / f"{kind}.json").read_bytes())
         save_cell_plan(crossing_arms(), folder / f"{CELL}.json")
         self._tree(CELL, (folder / f"{CELL}.json").read_bytes())
+        self.contents[CELL_REQUEST] = ASKED.encode()
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
-        kinds = GraspKinds([GraspKind.SIDE], friction=0.4)
-        Task((*pick_steps(TAKEN, kinds), Repeat([Alternatives([MoveTo("home"), Wait(1.0)])], 2))).save(
-            folder / "steps.json"
-        )
+        Task((*pick_steps(TAKEN), Repeat([Alternatives([MoveTo("home"), Wait(1.0)])], 2))).save(folder / "steps.json")
         self._tree("steps", (folder / "steps.json").read_bytes())
         gate = ActionGate(service, rate=30, tracking=Tracking(0.1, 0.005), log=folder / "gate.jsonl")
         for k in range(4):
@@ -167,6 +181,7 @@ class _Stock:
             "task": ("f.json", plan_file.load_plan_or_task),
             AMONG_CELLS: ("f.json", plan_file.load_plan_or_task),
             CELL: ("f.json", _proven_cell),
+            CELL_REQUEST: ("f.toml", read_cell_request),
             "steps": ("f.json", Task.load),
             "gate log": ("f.jsonl", lambda path: read_log(path, 6)),
             "roadmap": ("f.npz", ps.Roadmap.load),
@@ -208,6 +223,7 @@ TEXTS = frozenset(
         "plan",
         "task",
         CELL,
+        CELL_REQUEST,
         "steps",
         "gate log",
         "obj",
@@ -227,7 +243,7 @@ TEXTS = frozenset(
 
 class Attack(Part):
     name = "files"
-    what = "files of 33 kinds, bytes, words, lines and structure mutated"
+    what = "files of 34 kinds, bytes, words, lines and structure mutated"
 
     @cached_property
     def _stock(self) -> _Stock:

@@ -40,6 +40,7 @@ NAMES = (
         "problems",
         "check",
         "plan",
+        "plan-cell",
         "explain",
         "pick-place",
         "solve",
@@ -588,6 +589,7 @@ def _others() -> typer.Typer:
     from planner_service.cli.episodes import episodes
     from planner_service.cli.export import export, join
     from planner_service.cli.gate.commands import gates
+    from planner_service.cli.plan_cell import plan_cell
     from planner_service.cli.roadmap.commands import roadmaps
     from planner_service.cli.run import run
     from planner_service.cli.serve import mcp, serve
@@ -596,6 +598,7 @@ def _others() -> typer.Typer:
     others = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
     _add(others, view, "view", "Show robot, scene and plan in the browser.", "view plan.json")
     _add(others, certify, "certify", "Prove a saved plan again.", "certify plan.json")
+    _add(others, plan_cell, "plan-cell", "Plan for several arms.", "plan-cell cell.toml --delay 0.1 --out cell.json")
     _add(others, export, "export", "Write a saved plan or task for other tools.", "export plan.json --format csv")
     _add(others, join, "join", "Write saved tasks as one.", "join pick.json place.json --out task.json")
     _add(others, run, "run", "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")

@@ -23,7 +23,14 @@ from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
 from planner_service.gate import ActionGate, TargetFilter, Tracking
 from planner_service.infeasibility import prove_no_path
-from planner_service.records.cells import load_cell_plan, load_saved, prove_cell, save_cell_plan, with_cell_evidence
+from planner_service.records.cells import (
+    load_cell_plan,
+    load_saved,
+    prove_cell,
+    read_cell_request,
+    save_cell_plan,
+    with_cell_evidence,
+)
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
 
@@ -127,6 +134,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
             into=("path",),
         ),
         "load_cell_plan": Call(load_cell_plan, {"path": "nothing-there"}),
+        "read_cell_request": Call(read_cell_request, {"path": "nothing-there"}),
         "load_saved": Call(load_saved, {"path": "nothing-there"}),
         "ActionGate.update": Call(lambda **given: gate().update(**given), {"scene": scene, **when}),
         "ActionGate.occupied": Call(lambda **given: gate().occupied(**given), {"name": "arm", "base": None}),
