@@ -27,6 +27,7 @@ from planner_service.files.package_data import data_folder
 from planner_service.gate import ActionGate, Tracking
 from planner_service.gate.log_reader import read_log
 from planner_service.geometry.arrays import FloatArray
+from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.memory import Memory
 from planner_service.records import plan_file, read_problems
 from planner_service.records.cells import SavedCellPlan, load_cell_plan, prove_cell, read_cell_request, save_cell_plan
@@ -139,7 +140,10 @@ class _Stock:
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
-        Task((*pick_steps(TAKEN), Repeat([Alternatives([MoveTo("home"), Wait(1.0)])], 2))).save(folder / "steps.json")
+        kinds = GraspKinds([GraspKind.SIDE], friction=0.4)
+        Task((*pick_steps(TAKEN, kinds), Repeat([Alternatives([MoveTo("home"), Wait(1.0)])], 2))).save(
+            folder / "steps.json"
+        )
         self._tree("steps", (folder / "steps.json").read_bytes())
         gate = ActionGate(service, rate=30, tracking=Tracking(0.1, 0.005), log=folder / "gate.jsonl")
         for k in range(4):

@@ -2,8 +2,8 @@
 
 Each arm is planned with the others away, and starts as early as the proof between the motions allows, in the best of
 all orders. If none is proven, an arm may also stop on its way and wait there. If that does not do, arms are planned
-around those that are through and those that wait. If that does not do either, or an arm has to wait, all are planned as
-one robot that shares a clock, and the shorter motion is taken.
+around those that are through and those that wait. If that does not do either, or takes much longer than the longest
+motion alone, all are planned as one robot that shares a clock, and the shorter motion is taken.
 """
 
 from __future__ import annotations
@@ -11,16 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, permutations
+from itertools import combinations, islice, permutations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.cell.clocks import Between, Clock, Turned, best_start, tolerated
+from planner_service.cell.goals import goals_of, together
 from planner_service.cell.result import CellPlan, OwnClock
 from planner_service.cell.services import Services
-from planner_service.cell.waits import Passing, can_pass, waiting
+from planner_service.cell.waits import HALVINGS, Passing, can_pass, waiting
 from planner_service.collision import CancelToken
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planning.request import PlanRequest
@@ -28,6 +29,12 @@ from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.scene.names import Names
 
 __all__ = ["plan_arms"]
+
+NEAR = 1.15
+"""How many times as long as the longest of the arms' own plans motions may take without others being looked for."""
+
+COMBINATIONS = 4
+"""Of goals of several arms to which plans are tried."""
 
 SLOWER, SLOWEST = 1.1, 10.0
 """How much slower than it seems to need a motion on a shared clock is made, and at most."""
@@ -83,32 +90,69 @@ class _Planning:
         self._padding = max(request.padding for request in requests.values())
         self._tried: list[PlanResult] = []
         self._asked: list[Between] = []
+        self._notes: tuple[str, ...] = ()
+        self._known: dict[tuple[str, str], Between] = {}  # of the arms' own plans
 
     def plan(self) -> CellPlan:
         """The motions, or why there are none."""
         trouble = self._start_trouble()
         if trouble is not None:
             return self._failed(trouble)
-        plans = {name: self._planned(name, self._idle) for name in self._requests}
+        plans: Mapping[str, PlanResult] = {name: self._planned(name, self._idle) for name in self._requests}
         for name, plan in plans.items():
             if plan.failure is not None:
                 return self._failed(replace(plan.failure, detail=f"{name}: {plan.failure.detail}"))
-        goals = {name: plan.unwrap()[0].waypoints[-1] for name, plan in plans.items()}
+        goals: Mapping[str, FloatArray] = {name: plan.unwrap()[0].waypoints[-1] for name, plan in plans.items()}
+        if len(goals) > 1 and not self._free(goals):
+            plans, goals = self._other_goals(plans, goals)
         longest = max(plan.unwrap()[1].duration for plan in plans.values())
-        found = self._own_clocks(plans, goals)
-        if found is not None and found.duration <= longest:
+        found = self._own_clocks(plans, goals, NEAR * longest)
+        if found is not None and found.duration <= NEAR * longest:
             return found
         together = self._together(goals)
         return together if found is None or (together.ok and together.duration < found.duration) else found
 
-    def _own_clocks(self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray]) -> CellPlan | None:
-        """The arms' own plans, or if these cannot be brought together, plans in turns; None if none are proven."""
+    def _free(self, goals: Mapping[str, FloatArray]) -> bool:
+        """Whether all arms can stand at some goals."""
+        return self._services.whole.checker.state_is_free(self._services.joined({**self._idle, **goals}))
+
+    def _other_goals(
+        self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray]
+    ) -> tuple[Mapping[str, PlanResult], Mapping[str, FloatArray]]:
+        """Plans to other goals of the requests, at which arms do not touch; the same if there are none."""
+        every = {
+            name: goals_of(part.robot, self._requests[name], goals[name])
+            for name, part in self._services.parts.items()
+            if name in self._requests
+        }
+        for chosen in islice(together(every, self._starts, self._free), COMBINATIONS):
+            changed = {name: q for name, q in chosen.items() if not np.array_equal(q, goals[name])}
+            others = {name: self._planned(name, self._idle, q) for name, q in changed.items()}
+            if all(plan.failure is None for plan in others.values()):
+                names = " and ".join(changed)
+                self._notes = (f"{names}: another goal than the nearest, at which arms would touch",)
+                return {**plans, **others}, chosen
+        return plans, goals
+
+    def _own_clocks(
+        self, plans: Mapping[str, PlanResult], goals: Mapping[str, FloatArray], enough: float
+    ) -> CellPlan | None:
+        """The arms' own plans, or if these cannot be brought together, plans in turns; None if none are proven.
+
+        Args:
+            enough: Seconds; where a turn takes no longer, others are not looked at.
+        """
         orders = list(permutations(plans))
         schedule = self._best_of(orders, plans)
         if schedule is not None:
             return self._done(schedule, ())
-        in_turn = [(order, self._in_turn(order, goals)) for order in orders]
-        schedule = self._best([self._schedule(order, turn, {}) for order, turn in in_turn if turn is not None])
+        found = list[_Schedule | None]()
+        for order in orders:
+            turn = self._in_turn(order, plans, goals)
+            found.append(None if turn is None else self._schedule(order, turn, {}))
+            if found[-1] is not None and found[-1].end <= enough:
+                break
+        schedule = self._best(found)
         if schedule is None:
             return None
         return self._done(schedule, ("each arm is planned around those that are through, and those that wait",))
@@ -130,10 +174,20 @@ class _Planning:
         self._tried.append(plan)
         return plan
 
-    def _in_turn(self, order: Sequence[str], goals: Mapping[str, FloatArray]) -> dict[str, PlanResult] | None:
-        """Each arm planned with those before it at their goals, those after it at their starts; None if one fails."""
+    def _in_turn(
+        self, order: Sequence[str], own: Mapping[str, PlanResult], goals: Mapping[str, FloatArray]
+    ) -> dict[str, PlanResult] | None:
+        """Each arm planned with those before it at their goals, those after it at their starts; None if one fails.
+
+        Its own plan stays where that is proven apart from all of them.
+        """
         plans = {}
         for k, name in enumerate(order):
+            if all(self._clear(name, other, -1) for other in order[:k]) and all(
+                self._clear(name, other, 0) for other in order[k + 1 :]
+            ):
+                plans[name] = own[name]
+                continue
             through = {other: goals[other] for other in order[:k]}
             waiting = {other: self._starts[other] for other in order[k + 1 :]}
             plans[name] = self._planned(name, {**self._idle, **through, **waiting}, goals[name])
@@ -141,9 +195,15 @@ class _Planning:
                 return None
         return plans
 
+    def _clear(self, name: str, other: str, end: int) -> bool:
+        """Whether an arm's own plan is proven apart from another arm at its start (0) or its end (-1)."""
+        if (name, other) in self._known:
+            return bool(self._known[name, other].proven(HALVINGS)[:, end].all())
+        return (other, name) in self._known and bool(self._known[other, name].proven(HALVINGS)[end].all())
+
     def _best_of(self, orders: Sequence[Sequence[str]], plans: Mapping[str, PlanResult]) -> _Schedule | None:
         """The schedule that ends first; none but the first are looked at if all can start at once."""
-        known: dict[tuple[str, str], Between] = {}
+        known = self._known
         found = list[_Schedule | None]()
         for order in orders:
             found.append(self._schedule(order, plans, known))
@@ -315,7 +375,9 @@ class _Planning:
         self, clocks: Sequence[OwnClock], late: float, failure: Failure | None, notes: tuple[str, ...]
     ) -> CellPlan:
         rectangles, bounds = (sum(getattr(each, what) for each in self._asked) for what in ("rectangles", "bounds"))
-        return CellPlan(tuple(clocks), late, failure, self._start, rectangles, bounds, tuple(self._tried), notes)
+        return CellPlan(
+            tuple(clocks), late, failure, self._start, rectangles, bounds, tuple(self._tried), (*self._notes, *notes)
+        )
 
 
 def _inside(services: Services, name: str, given: ArrayLike) -> FloatArray:

@@ -28,7 +28,7 @@ from planner_service.robot.model import Robot
 from planner_service.timing.laws import TimingFailed, time_with_peaks
 from planner_service.timing.limit_check import peaks
 
-__all__ = ["Passing", "can_pass", "waiting"]
+__all__ = ["HALVINGS", "Passing", "can_pass", "waiting"]
 
 HALVINGS = 7
 """Of both motions, for rectangles that are looked at."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
@@ -35,7 +35,11 @@ __all__ = ["move_linear", "pick", "place", "plan_pick_place"]
 
 @unless_cancelled
 def pick(
-    remote: Remote, q: ArrayLike, target: str, grasps: Sequence[Pose] | None = None, handling: Handling | None = None
+    remote: Remote,
+    q: ArrayLike,
+    target: str,
+    grasps: Sequence[Pose] | GraspKinds | None = None,
+    handling: Handling | None = None,
 ) -> TaskResult:
     """Take hold of an object; see ``planner_service.pick``.
 
@@ -46,7 +50,7 @@ def pick(
     """
     start, handling = _started(remote, q, handling)
     obstacle = remote.scene.obstacle(target)
-    if grasps is not None:
+    if not isinstance(grasps, GraspKinds | None):
         require_poses("grasps", grasps)
     body = {"q": start, "target": target, "grasps": grasps, "handling": handling}
     lean = handling.upright
@@ -101,9 +105,15 @@ def plan_pick_place(
     return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
 
 
-def _upright(remote: Remote, target: Obstacle, grasps: Sequence[Pose] | None, lean: float) -> Iterator[Constraint]:
+def _upright(
+    remote: Remote, target: Obstacle, grasps: Sequence[Pose] | GraspKinds | None, lean: float
+) -> Iterator[Constraint]:
     """What an object may keep, by which of the grasps it is taken; grasps that are not given are found as asked for."""
-    kinds = [grasps] if grasps is not None else (each for _, each, _ in GraspKinds().by_kind(remote.robot, target))
+    kinds: Iterable[Sequence[Pose]]
+    if isinstance(grasps, GraspKinds | None):
+        kinds = (each for _, each, _ in (grasps or GraspKinds()).by_kind(remote.robot, target))
+    else:
+        kinds = [grasps]
     return (kept_upright(grasp, lean) for poses in kinds for grasp in poses)
 
 

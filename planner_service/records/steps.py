@@ -49,13 +49,16 @@ from planner_service.files.schema import (
     recorded,
 )
 from planner_service.files.writing import write_whole
+from planner_service.grasping.covering import MOST
+from planner_service.grasping.held import FRICTION
+from planner_service.grasping.kinds import GraspKind, GraspKinds
 from planner_service.records.request import MAX_GOALS, ONE_OF_BOTH, JointGoal, RoomRecord, ToolGoal
 from planner_service.records.values import Constraints, KindRecord, PoseRecord, Target
 from planner_service.tasks import steps as values
 from planner_service.tasks.steps import MAX_BRANCHES, MAX_POSES, MAX_STEPS, GraspSource, Step
 from planner_service.tasks.task import Task
 
-__all__ = ["STEPS_FORMAT", "StepsRecord", "load_steps", "save_steps", "steps_of"]
+__all__ = ["STEPS_FORMAT", "Grasps", "StepsRecord", "load_steps", "save_steps", "steps_of"]
 
 STEPS_FORMAT = "planner-service/steps"
 OURS = re.compile(rb'\s*\{\s*"format":\s*"planner-service/steps"')
@@ -111,6 +114,39 @@ Goals = Annotated[list[StepGoal], Field(min_length=1), at_most(MAX_GOALS)]
 Targets = Annotated[list[Target], Field(min_length=1), at_most(MAX_STEPS)]
 Poses = Annotated[list[PoseRecord], FirstOnly(), at_most(MAX_POSES)]
 Lengths = Annotated[Numbers, at_most(MAX_BRANCHES)]
+
+
+Kinds = Annotated[list[Literal["top", "side", "antipodal", "suction"]], FirstOnly(), at_most(len(GraspKind))]
+
+
+class GraspKindsRecord(GrownRecord):
+    """A ``GraspKinds``; what has its usual value need not be there.
+
+    Attributes:
+        kinds: In the order of preference: "top", "side", "antipodal", "suction".
+        friction: Coefficient of friction between fingers and object, for antipodal grasps.
+    """
+
+    makes = about = GraspKinds
+
+    kinds: Kinds = Field(default_factory=lambda: [kind.value for kind in GraspKind])
+    friction: float = FRICTION
+    seed: Count = 0
+    most: Count = MOST
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        return super().arguments | {"kinds": tuple(map(GraspKind, self.kinds))}
+
+
+def _grasps_kind(value: Any) -> str:
+    return "by kind" if isinstance(value, dict | GraspKinds | GraspKindsRecord) else "poses"
+
+
+Grasps = Annotated[
+    Annotated[Poses, Tag("poses")] | Annotated[GraspKindsRecord, Tag("by kind")], Discriminator(_grasps_kind)
+]
+"""Poses of the tool, or the kinds of grasps that are looked for."""
 
 
 class MoveToRecord(TaskStep):
@@ -266,14 +302,15 @@ class GraspRecord(TaskStep):
 
     Attributes:
         kind: Tells kinds of steps apart.
-        grasps: Poses of the tool, best first; null for those from above.
+        grasps: Poses of the tool, best first; or which kinds of grasps are looked for, in the order of preference; null
+            for those from above first, and of the other kinds where none of these has a plan.
     """
 
     makes = about = values.Grasp
 
     kind: Literal["Grasp"]
     object: Text
-    grasps: Poses | None = None
+    grasps: Grasps | None = None
     frame: Text = ""
     open_width: float | None = None
     support: Text | None = None
@@ -282,8 +319,9 @@ class GraspRecord(TaskStep):
 
     @classmethod
     def fields_of(cls, value: Any) -> dict[str, Any]:
-        if isinstance(value.grasps, GraspSource):
-            raise InvalidRequest("grasps", value.grasps, "a list of Pose, or None: a source of your own is no data")
+        if isinstance(value.grasps, GraspSource) and type(value.grasps) is not GraspKinds:
+            expected = "a list of Pose, GraspKinds, or None: a source of your own cannot be written to a file"
+            raise InvalidRequest("grasps", value.grasps, expected)
         return super().fields_of(value)
 
 

@@ -49,7 +49,8 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
     """
     clouds: dict[int, list[Balls]] = {}
     for body, shape, pose in shapes:
-        clouds.setdefault(body, []).append(_hull(shape, pose))
+        if body > 0:  # no joint moves what is on the base
+            clouds.setdefault(body, []).append(_hull(shape, pose))
     out = [0.0] * len(travel)
     for joint in bodies[1:]:
         if joint.prismatic:

@@ -115,7 +115,7 @@ class Visit:
         kinds: The kinds of grasps that were looked for, or the placements, and how many of each there are.
         farthest: The step at which the way ended that had come farthest, and how far.
         failure: Why nothing could begin there, or the one motion has no plan.
-        ahead: The visit of a later stage without which this one is in vain.
+        ahead: The visit of a later stage without which this one is in vain; of several, the first that came farthest.
     """
 
     inspector: Inspector
@@ -147,6 +147,16 @@ class Visit:
     def begins(self, kind: str, count: int) -> None:
         """Grasps of a kind are tried from here on, or placements."""
         self.kinds.append((kind, count))
+
+    def leads_to(self, ahead: Visit) -> None:
+        """A way of this stage is in vain, as a later stage then has none."""
+        if self.ahead is None or ahead.rank > self.ahead.rank:
+            self.ahead = ahead
+
+    @property
+    def rank(self) -> int:
+        """How far it has come; -1 if nothing was tried."""
+        return -1 if self.farthest is None else self.farthest[0]
 
     def refuse(
         self, numbered: Numbered, why: str, told: str | None = None, rank: Rank = Rank.POSE, *, known: bool = False

@@ -48,7 +48,8 @@ class LookAhead:
         if following and contact not in self._dead_ends:
             self._find(following, way, visit)
         if contact in self._dead_ends:
-            visit.ahead, why = self._dead_ends[contact]
+            ahead, why = self._dead_ends[contact]
+            visit.leads_to(ahead)
             told = f"way {way.number}: {why}"
             if told not in visit.tried:
                 visit.refuse(stage.act, why, told, Rank.AHEAD)
@@ -100,7 +101,7 @@ class LookAhead:
             if found is None:
                 return
             seen.append(found)
-        visit.ahead = seen[0]
+        visit.leads_to(seen[0])
         why = _told(following[0][0], seen[0])
         self._dead_ends[way.contact] = seen[0], why
         visit.refuse(stage.act, why, f"way {way.number}: {why}", Rank.AHEAD)

@@ -513,7 +513,7 @@ class _Search:
             try:
                 q = _end(self._along(stage, service, q, ahead))
             except NoMotion as none:
-                visit.ahead = ahead
+                visit.leads_to(ahead)
                 assert isinstance(visit.stage, ContactStage)
                 why = f"then {step} has no plan: {none}"
                 visit.refuse(visit.stage.act, why, f"way {way.number}: {why}", Rank.AHEAD)
@@ -582,9 +582,12 @@ class _Search:
     def _explained(self, visit: Visit, failure: Failure) -> Failure:
         """The failure with why the tool cannot be brought to the nearest of the poses that are out of reach."""
         robot, seed, still = self._service.robot, self._motions.request.seed, visit.service.robot.unwound(visit.q)
+        found, unreached = len(visit.kinds) > 1, list(visit.unreached.items())
+        if found:  # the usual grasps are the ones to be asked about
+            unreached = [each for each in unreached if each[0] <= visit.kinds[0][1]]
         whys = [
-            (why.gap, why.turn, number, why)
-            for number, pose in list(visit.unreached.items())[:MAX_WHYS]
+            (why.gap, why.turn, number, replace(why, suggestion=None) if found else why)
+            for number, pose in unreached[:MAX_WHYS]
             for why in [why_unreachable(robot, pose, seed=seed, still=still)]
         ]
         if not whys:

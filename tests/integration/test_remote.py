@@ -23,6 +23,7 @@ import planner_service as ps
 from planner_service import tasks
 from planner_service.client import Remote, ServerRefused
 from planner_service.constraints import KeepUpright
+from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import Pace
 from planner_service.records.plan_file import load_plan
@@ -190,6 +191,11 @@ def test_picks_and_places_are_the_librarys_to_the_bit(here: Planner, there: Plan
         for planner in (here, there)
     ]
     assert task_bits(results[0]) == task_bits(results[1])
+    for grasps in (None, GraspKinds([GraspKind.SIDE, GraspKind.TOP], friction=0.4)):
+        handling = ps.Handling("bin_floor", upright=0.3, request=request)
+        results = [p.pick(p.service, HOME, "blue_block", grasps, handling) for p in (here, there)]
+        assert task_bits(results[0]) == task_bits(results[1])
+        assert results[0].ok
     far = [ps.Pose((3.0, 0.0, 0.0))]
     results = [
         planner.pick(planner.service, HOME, "blue_block", far, ps.Handling(support="bin_floor"))
@@ -206,10 +212,11 @@ PICKED = tasks.pick_steps("blue_block", handling=library.Handling(support="table
     "steps",
     [
         (*PICKED, tasks.MoveTo("home")),
+        tasks.pick_steps("blue_block", GraspKinds([GraspKind.SIDE])),
         (tasks.Alternatives([[tasks.MoveTo(LOW)], [tasks.MoveTo(ASIDE, name="aside")]]), tasks.Wait(0.5)),
         (tasks.Connect(), tasks.Approach(), tasks.Grasp("tray")),
     ],
-    ids=["a pick", "alternatives", "too wide"],
+    ids=["a pick", "from the side", "alternatives", "too wide"],
 )
 def test_tasks_of_steps_are_the_librarys_to_the_bit_with_how_each_step_fared(
     here: Planner, there: Planner, steps: Any

@@ -50,7 +50,7 @@ from planner_service.records.request import (
 )
 from planner_service.records.result import ExemptRecord
 from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanReading
-from planner_service.records.steps import Steps, steps_of
+from planner_service.records.steps import Grasps, Steps, steps_of
 from planner_service.records.values import Constraints, PoseRecord, Target
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
@@ -466,15 +466,16 @@ class PickBody(InWorld):
     Attributes:
         q: Where the robot stands: joint values in radians (metres for joints that slide), or the name of a pose.
         target: The name of the obstacle to be taken.
-        grasps: Poses of the tool in the robot's base frame, best first; if not given, those from above, and where none
-            of them has a plan those of other kinds.
+        grasps: Poses of the tool in the robot's base frame, best first, or which kinds of grasps are looked for; if not
+            given, those from above, and where none of them has a plan those of other kinds.
         handling: How it is taken.
     """
 
     q: Configuration
     target: Text
-    grasps: Poses | None = Field(
-        default=None, description="Poses of the tool, best first; if not given, from above first, then of other kinds"
+    grasps: Grasps | None = Field(
+        default=None,
+        description="Poses of the tool, best first, or kinds; if not given, from above first, then of other kinds",
     )
     handling: HandlingBody | None = None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.records.plan_file import load_task
 from planner_service.tasks import MoveTo, Task, pick_steps
 from tests.support.command import run
@@ -22,11 +23,11 @@ def test_a_task_of_steps_in_a_file_is_solved_saved_and_proven(tmp_path: Path) ->
 
 def test_a_task_without_a_plan_says_which_step_has_none_and_why(tmp_path: Path) -> None:
     steps, solved = tmp_path / "steps.json", tmp_path / "solved.json"
-    Task(pick_steps("tray")).save(steps)
+    Task(pick_steps("tray", GraspKinds([GraspKind.TOP]))).save(steps)
     done = run("solve", str(steps), "--scene", "bin", "--out", str(solved))
     assert done.exit_code == 1
-    assert re.search(r"3 Grasp tray +1 +1 +target: got 'tray'", done.output)
-    assert str(load_task(solved).steps[2]).startswith("3 Grasp tray: 1 of 1 failed: target: got 'tray'")
+    assert re.search(r"3 Grasp tray +1 +1 +no top grasp: expected", done.output)
+    assert str(load_task(solved).steps[2]).startswith("3 Grasp tray: 1 of 1 failed: no top grasp: expected an object")
 
 
 def test_a_file_that_is_no_task_of_steps_is_refused(tmp_path: Path) -> None:

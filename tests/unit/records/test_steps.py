@@ -13,6 +13,7 @@ import pytest
 from planner_service import InvalidFile, InvalidRequest, Pose, PoseGoal
 from planner_service.constraints import JointRange, ToolRegion
 from planner_service.geometry.shapes import Box
+from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
 from planner_service.tasks import (
@@ -43,6 +44,10 @@ STEPS: dict[str, tuple[Any, ...]] = {
     "a polyline": (Connect(constraints=KEPT[1:]), Follow([[0.0, 0.1], [0.2, 0.3]], blend=0.1)),
     "a pick": (Connect("to it"), Approach(), Grasp("block", support="table", upright=0.2), Retreat("lift")),
     "chosen grasps": (Connect(), Approach("down", (0.05,)), Grasp("block", [THERE], open_width=0.06), Retreat()),
+    "kinds of grasps": (
+        *(Connect(), Approach(), Grasp("block", GraspKinds()), Retreat()),
+        *(Connect(), Approach(), Grasp("mug", GraspKinds([GraspKind.SIDE, GraspKind.TOP], 0.3, 2**63 - 1, 20))),
+    ),
     "shorter": (Connect(), Approach(lengths=(0.05,), shorter=(0.02, 0.01)), Grasp("block", frame="block")),
     "no shorter": (Connect(), Approach(shorter=()), Grasp("block")),
     "a shelf": (
@@ -102,6 +107,10 @@ def test_what_a_file_does_not_say_is_as_the_library_has_it(tmp_path: Path) -> No
     assert task.steps == tuple(step for step, _ in minimal)
 
 
+def grasped(grasps: Any) -> list[dict[str, Any]]:
+    return [{"kind": "Connect"}, {"kind": "Approach"}, {"kind": "Grasp", "object": "block", "grasps": grasps}]
+
+
 @pytest.mark.parametrize(
     ("steps", "said"),
     [
@@ -119,6 +128,22 @@ def test_what_a_file_does_not_say_is_as_the_library_has_it(tmp_path: Path) -> No
         ([{"kind": "MoveTo", "goal": [{"where": "home"}]}], r"steps\[0\].goal\[0\]: .*an object with joints"),
         ([{"kind": "MoveLinear", "goal": [[0.0, 0.1]]}], r"steps\[0\].goal\[0\].*3 finite numbers"),
         ([{"kind": "Repeat", "steps": [{"kind": "MoveTo", "name": ""}], "times": 2}], r"steps\[0\].steps\[0\]"),
+        (
+            grasped({"kinds": ["side", "front"]}),
+            r"steps\[2\].grasps.kinds\[1\]: got 'front'; expected 'top', 'side'",
+        ),
+        (grasped({"kinds": []}), r"steps\[2\].grasps.kinds: got .*; expected at least one GraspKind, each once"),
+        (grasped({"kinds": ["top", "top"]}), r"steps\[2\].grasps.kinds: got .*; expected at least one GraspKind, each"),
+        (grasped({"kinds": "top"}), r"steps\[2\].grasps.kinds: got 'top'"),
+        (grasped({"kinds": ["top"] * 5}), r"steps\[2\].grasps.kinds.*at most 4 entries; there are 5"),
+        (grasped({"kind": ["top"]}), r"steps\[2\].grasps: unknown key 'kind'; did you mean 'kinds'"),
+        (grasped({"friction": 0.0}), r"steps\[2\].grasps.friction: got 0.0"),
+        (grasped({"friction": None}), r"steps\[2\].grasps.friction: got None"),
+        (grasped({"seed": 2**63}), r"steps\[2\].grasps.seed"),
+        (grasped({"seed": -1}), r"steps\[2\].grasps.seed"),
+        (grasped({"most": 1_001}), r"steps\[2\].grasps.most: got 1001"),
+        (grasped("top"), r"steps\[2\].grasps: got 'top'"),
+        (grasped([]), r"steps\[2\]\.?.*grasps: got .*; expected a list of at least one Pose"),
         ([{"kind": "Retreat"}], r"steps: 1 Retreat retreat: expected a Grasp or a Release before it"),
     ],
 )
@@ -159,7 +184,7 @@ def test_a_source_of_grasps_of_ones_own_has_no_place_in_a_file(tmp_path: Path) -
 
     assert Mine().poses(None, Obstacle("block", Box((1.0, 1.0, 1.0)), THERE)) == (THERE,)  # type: ignore[arg-type]
     task = Task((Connect(), Approach(), Grasp("block", Mine())))
-    with pytest.raises(InvalidRequest, match=r"grasps: .*a list of Pose, or None"):
+    with pytest.raises(InvalidRequest, match=r"grasps: .*a list of Pose, GraspKinds, or None: a source of your own"):
         task.save(tmp_path / "steps.json")
     assert not (tmp_path / "steps.json").exists()
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from planner_service import PlannerService
+from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.planning.task_result import StepReport, TaskResult
 from planner_service.records.plan_file import load_task
 from planner_service.tasks import Task, pick_steps
@@ -26,7 +27,7 @@ REPORTS = (
 @pytest.fixture(scope="module")
 def failed() -> tuple[PlannerService, TaskResult]:
     service = PlannerService("wxai", "bin")
-    return service, service.solve(Task(pick_steps("tray")), service.robot.home)
+    return service, service.solve(Task(pick_steps("tray", GraspKinds([GraspKind.TOP]))), service.robot.home)
 
 
 def test_the_step_that_failed_is_said_with_its_reasons(
@@ -37,7 +38,7 @@ def test_the_step_that_failed_is_said_with_its_reasons(
     for shown in (task, load_task(tmp_path / "task.json")):
         state = ViewState.of(service, shown)
         assert [str(step) for step in state.steps] == [str(step) for step in task.steps]
-        assert "| 3 Grasp tray | 1 of 1 | target\\: got" in result_markdown(state)
+        assert "| 3 Grasp tray | 1 of 1 | no top grasp\\: expected an object at most" in result_markdown(state)
 
 
 def test_a_plan_has_no_steps(failed: tuple[PlannerService, TaskResult]) -> None:
