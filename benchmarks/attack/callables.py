@@ -32,7 +32,7 @@ from planner_service.datasets import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
 from planner_service.geometry import Shape
 from planner_service.geometry.composite import Solid
-from planner_service.kinematics import straight_tool_line
+from planner_service.kinematics import PoseGoal, inverse_arcs, straight_tool_line
 from planner_service.memory import Memory
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.ordering import Branch, Move, Visit, order, order_moves
@@ -333,6 +333,8 @@ def _methods() -> Calls:
         | {"seeds": [wxai.home], "still": wxai.home, "q_start": wxai.home, "to": (0.0, 0.0, 0.01), "points": 5},
         *(wxai.with_gripper, wxai.locked, ps.inverse_kinematics, straight_tool_line),
     )
+    far = PoseGoal(ps.Pose((2.0, 0.0, 0.2)), free_axis=(0.0, 0.0, 1.0))
+    yield _call(inverse_arcs, robot=wxai, pose=far, still=wxai.home)
     yield _call(scene.without_attached, name="b")
     yield _call(contact_table, robot=arm, samples=10, max_bounds=1_000)
 

@@ -13,11 +13,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.arrays import BoolArray, FloatArray, as_sent, cross
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, cross
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import copied_in
+from planner_service.geometry.validation import copied_in, finite_numbers
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.native.loading import load_core
 from planner_service.robot.kinematic_tree import body_matrix, chain_to_base
@@ -26,7 +27,13 @@ from planner_service.robot.model import Robot
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["InverseSolutions", "complete_solutions", "most_joints"]
+__all__ = [
+    "InverseArcs",
+    "InverseSolutions",
+    "complete_arcs",
+    "complete_solutions",
+    "most_joints",
+]
 
 POSE_ERROR = 1e-11
 """Metres and radians within which two poses are one to the proof: far above the rounding of a pose."""
@@ -88,9 +95,79 @@ class InverseSolutions:
         return not len(self.unresolved)
 
 
+@dataclass(frozen=True, eq=False)
+class InverseArcs:
+    """All configurations within the joint limits that bring the tool of an arm with one joint too many to a pose.
+
+    They form curves, which are covered by short arcs. For each value of the joint ``joints[k]`` within ``reach[k]`` of
+    ``q[k]``, and each pose within the goal's tolerances, exactly one configuration is within ``half[k]`` of
+    ``q[k] + (value - q[k][joint]) * along[k]``, in each other joint. Every configuration whose tool is within the
+    tolerances (at least 1e-11 m and rad) is there, or in an unresolved box, up to whole turns of joints that go round.
+
+    Attributes:
+        joints: Of each arc the entry of q that runs along it, (k,).
+        reach: Radians, or metres for joints that slide, (k,).
+        q: Their middles, (k, n). An arc may leave the limits; what leaves them is no configuration.
+        along: Changes of q for each unit of that joint, (k, n).
+        half: Half widths, (k, n); 0 for the joint itself.
+        unresolved: Boxes (u, 2, n) that may hold others, lower then upper values.
+        rounds: Which joints go round, (n,).
+        boxes: Boxes that the search looked at.
+    """
+
+    joints: IntArray
+    reach: FloatArray
+    q: FloatArray
+    along: FloatArray
+    half: FloatArray
+    unresolved: FloatArray
+    rounds: BoolArray
+    boxes: int
+    __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        copied_in(self, "joints", "reach", "q", "along", "half", "unresolved", "rounds")
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def complete(self) -> bool:
+        """Whether there are no configurations but these: without any, it is proven that the goal cannot be reached."""
+        return not len(self.unresolved)
+
+    def holds(self, q: ArrayLike) -> bool:
+        """Whether a configuration (n,) is on one of the arcs or in an unresolved box, up to whole turns.
+
+        Raises:
+            InvalidRequest: q is not n finite numbers.
+        """
+        at = finite_numbers("q", q, len(self.rounds))
+        off = at - self.q
+        off = np.where(self.rounds, off - TURN * np.round(off / TURN), off)
+        rows = np.arange(len(self.q))
+        run = off[rows, self.joints]
+        off = np.abs(off - run[:, None] * self.along)
+        off[rows, self.joints] = 0.0
+        on = (np.abs(run) <= self.reach) & np.all(off <= self.half + TURN_ROUNDING, axis=1)
+        away = at - self.unresolved.mean(axis=1)
+        away = np.where(self.rounds, away - TURN * np.round(away / TURN), away)
+        inside = np.abs(away) <= np.ptp(self.unresolved, axis=1) / 2 + TURN_ROUNDING
+        return bool(on.any() or np.any(np.all(inside, axis=1)))
+
+
 @lru_cache(maxsize=32)
 def _closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
     """The compiled loop of an arm, which joints go round once at least (n,), and metres of all its offsets together."""
+    lines, circles, (low, high) = _lines(robot)
+    tool = body_matrix(robot.body_poses(np.zeros(robot.n))[robot.tool_body]) @ robot.tool_placement
+    loop = load_core().ClosedLoop(lines, np.ascontiguousarray(tool[:3]).ravel(), low, high)
+    corners = np.concatenate([np.zeros((1, 3)), lines[:, 6:], tool[None, :3, 3]])
+    return loop, circles, float(np.sqrt((np.diff(corners, axis=0) ** 2).sum(axis=1)).sum())
+
+
+def _lines(robot: Robot) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """The lines of an arm's joints (m, 9), which joints go round once at least, and where they are searched (2, n)."""
     lines = np.array([_line(robot, index) for index in reversed(chain_to_base(robot.bodies, robot.tool_body))])
     _choose_points(lines)
     lower, upper = robot.limits.lower, robot.limits.upper
@@ -99,10 +176,7 @@ def _closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
         circles[int(entry)] &= slides == 0.0 and abs(multiplier) == 1.0
     low = np.where(circles, lower + SEAM, lower)
     high = np.where(circles, low + TURN + 1e-9, upper)
-    tool = body_matrix(robot.body_poses(np.zeros(robot.n))[robot.tool_body]) @ robot.tool_placement
-    loop = load_core().ClosedLoop(lines, np.ascontiguousarray(tool[:3]).ravel(), low, high)
-    corners = np.concatenate([np.zeros((1, 3)), lines[:, 6:], tool[None, :3, 3]])
-    return loop, circles, float(np.sqrt((np.diff(corners, axis=0) ** 2).sum(axis=1)).sum())
+    return lines, circles, np.array([low, high])
 
 
 def _line(robot: Robot, index: int) -> list[float]:
@@ -163,6 +237,32 @@ def complete_solutions(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_B
         raise InvalidRequest(
             "complete", True, f"{expected}, hence infinitely many solutions; lock {excess} (robot.locked)"
         )
+    loop, circles, asked = _asked(robot, goal)
+    found, left, boxes = loop.solve(*asked, most_boxes)
+    _require_reached(robot, goal, found[:, 0])
+    return _within_limits(robot, circles, found, left, boxes)
+
+
+def complete_arcs(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_BOXES) -> InverseArcs:
+    """All solutions of an arm whose joints all move its tool, with one joint more than the goal has equations.
+
+    Raises:
+        InvalidRequest: It has another number of joints.
+    """
+    if robot.n != most_joints(goal) + 1:
+        expected = f"an arm of {most_joints(goal) + 1} joints for this goal: {robot.name!r} has {robot.n}"
+        raise InvalidRequest("robot", robot.n, expected)
+    loop, circles, asked = _asked(robot, goal)
+    found, left, boxes = loop.arcs(*asked, most_boxes)
+    q, along, half = (found[:, 2 + k * robot.n : 2 + (k + 1) * robot.n] for k in range(3))
+    _require_reached(robot, goal, q)
+    return InverseArcs(found[:, 0].astype(np.intp), found[:, 1], q, along, half, left, circles, boxes)
+
+
+def _asked(
+    robot: Robot, goal: PoseGoal
+) -> tuple[_core.ClosedLoop, BoolArray, tuple[FloatArray, tuple[float, float, float], int, float, float]]:
+    """The loop, which joints go round, and what is asked of the loop."""
     loop, circles, length = _closed_loop(robot)
     pose = goal.pose
     unit = Pose(pose.position, tuple((np.array(pose.quaternion) / math.hypot(*pose.quaternion)).tolist()))
@@ -171,11 +271,7 @@ def complete_solutions(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_B
         max(each, POSE_ERROR) + ROUNDING * (1.0 + length)
         for each in (goal.position_tolerance, goal.orientation_tolerance)
     )
-    found, left, boxes = loop.solve(
-        rows.ravel(), goal.free_axis or (0.0, 0.0, 0.0), _wanted(goal), shift, turn, most_boxes
-    )
-    _require_reached(robot, goal, found[:, 0])
-    return _within_limits(robot, circles, found, left, boxes)
+    return loop, circles, (rows.ravel(), goal.free_axis or (0.0, 0.0, 0.0), _wanted(goal), shift, turn)
 
 
 def _within_limits(

@@ -18,7 +18,13 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, flag, instance, items, whole
-from planner_service.kinematics.complete_inverse import InverseSolutions, complete_solutions, most_joints
+from planner_service.kinematics.complete_inverse import (
+    InverseArcs,
+    InverseSolutions,
+    complete_arcs,
+    complete_solutions,
+    most_joints,
+)
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.tool_arm import descended, tool_arm
 from planner_service.presentation.measures import range_text
@@ -29,6 +35,7 @@ __all__ = [
     "ToolChain",
     "closest_configuration",
     "configurations_at",
+    "inverse_arcs",
     "inverse_is_complete",
     "inverse_kinematics",
     "nearest_configuration",
@@ -183,6 +190,25 @@ def _of_whole(chain: ToolChain, found: InverseSolutions) -> InverseSolutions:
     return InverseSolutions(q, lower, upper, whole_boxes, found.boxes)
 
 
+def inverse_arcs(robot: Robot, pose: Pose | PoseGoal, *, still: ArrayLike | None = None) -> InverseArcs:
+    """All configurations of an arm with one joint too many for a pose, on arcs, or a proof that there is none.
+
+    Seven joints for a pose, six if the tool may turn about an axis, four for a position alone. It takes a second or so;
+    a proof that there is none takes milliseconds. Columns are the joints that move the tool.
+
+    Args:
+        still: A configuration (n,) whose values the joints keep that do not move the tool; None for home.
+
+    Raises:
+        InvalidRequest: ``pose`` is neither a Pose nor a PoseGoal, ``still`` is not n finite numbers or outside the
+            limits of such a joint, or it has not one joint too many.
+    """
+    instance("robot", robot, Robot, "a Robot")
+    goal = PoseGoal(pose) if isinstance(pose, Pose) else instance("pose", pose, PoseGoal, "a Pose or a PoseGoal")
+    chain = ToolChain.of(robot, robot.home if still is None else finite_numbers("still", still, robot.n))
+    return complete_arcs(chain.robot, goal)
+
+
 def configurations_at(
     robot: Robot, pose: Pose, *, still: FloatArray, seed: int = 0, seeds: Sequence[FloatArray] = ()
 ) -> FloatArray:
@@ -209,10 +235,19 @@ def inverse_is_complete(robot: Robot, pose: Pose) -> bool:
 
 
 def solutions_known(robot: Robot, goal: Pose | PoseGoal, *, still: FloatArray) -> InverseSolutions | None:
-    """All configurations for a goal, as far as little effort shows them; None for an arm of too many joints."""
+    """All configurations for a goal, as far as little effort shows them.
+
+    For an arm of one joint too many, that there is none, if so; else, and for more joints, None.
+    """
     chain = ToolChain.of(robot, still)
     goal = PoseGoal(goal) if isinstance(goal, Pose) else goal
-    if chain.robot.n > most_joints(goal):
+    excess = chain.robot.n - most_joints(goal)
+    if excess == 1:
+        arcs = complete_arcs(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE)
+        none = np.zeros((0, robot.n))
+        known = arcs.complete and not len(arcs)
+        return InverseSolutions(none, none, none, np.zeros((0, 2, robot.n)), arcs.boxes) if known else None
+    if excess > 0:
         return None
     return _of_whole(chain, complete_solutions(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE))
 

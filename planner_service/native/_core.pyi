@@ -396,6 +396,39 @@ class ClosedLoop:
             wanted: 0 for the pose, 1 for position and axis, 2 for the position.
         """
 
+    def arcs(
+        self,
+        rows: NDArray[np.float64],
+        axis: Sequence[float],
+        wanted: int,
+        position_error: float,
+        turn_error: float,
+        most_boxes: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Of an arm with one joint more than equations: arcs, boxes in doubt and boxes seen.
+
+        Arcs (k, 2 + 4 n): the joint, its reach, q, the direction, and half widths of the box and of where it is alone.
+        """
+
+    def shown(
+        self,
+        rows: NDArray[np.float64],
+        axis: Sequence[float],
+        wanted: int,
+        position_error: float,
+        turn_error: float,
+        most_boxes: int,
+    ) -> tuple[
+        NDArray[np.float64],
+        NDArray[np.float64],
+        int,
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+    ]:
+        """``solve``, and what shows it: steps (s, 6), sums (t, 14), equations (e, 6) and what they follow (f, 5)."""
+
 class ToolArm:
     """An arm as inverse kinematics sees it (kinematics/tool_arm.py).
 

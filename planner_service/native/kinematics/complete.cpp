@@ -9,10 +9,11 @@ namespace kinematics {
 
 namespace {
 
-constexpr std::size_t most = 6;            // joints
+constexpr std::size_t most = 7;            // joints
 constexpr std::size_t largest_side = 81;   // numbers of a polynomial of the most joints
 constexpr double least_width = 1e-6;       // of a box that is split once more
 constexpr double lone_width = 0.2;         // of a box in whose middle a solution is looked for
+constexpr double arc_width = 0.2;          // of a box in whose middle an arc of solutions is looked for
 constexpr double rounding = 1e-12;         // bounds what rounding adds to a residual and its derivatives (Lemma 4)
 
 using Matrix = std::array<std::array<double, most>, most>;
@@ -141,6 +142,39 @@ class Proof {
         at = residual(q);
         if (at.agreement < 1.0 || !solve(at, Y)) return std::nullopt;
         return alone(q, at, Y);
+    }
+
+    // An arc of solutions through about q, of an arm with one joint more than equations (Lemma 6). It reaches as far as it can be
+    // proven, up to ``reach``.
+    std::optional<Arc> arc(std::vector<double> q, double reach) const {
+        const std::size_t n = loop_.n;
+        const std::vector<double> start = q;
+        Residual at = residual(q);
+        std::array<std::size_t, most> others{};
+        const std::size_t joint = free_joint(at, others);
+        if (joint == n) return std::nullopt;
+        Matrix Y;
+        double last = 1e300;
+        for (int step = 0; step < 12; ++step) {
+            if (step > 0) at = residual(q);
+            if (!solve(at, others, Y)) return std::nullopt;
+            double move = 0.0;
+            for (std::size_t v = 0; v < rows_; ++v) {
+                double x = 0.0;
+                for (std::size_t e = 0; e < rows_; ++e) x += Y[v][e] * at.value[e];
+                double& here = q[others[v]];
+                here -= x;
+                move = std::max(move, std::fabs(x));
+                if (std::fabs(here - start[others[v]]) > (slides_[others[v]] > 0.0 ? slide_room : 0.5)) return std::nullopt;
+            }
+            if (move < 1e-12 || (step > 3 && move > 0.5 * last)) break;
+            last = move;
+        }
+        at = residual(q);
+        if (at.agreement < 1.0 || !solve(at, others, Y)) return std::nullopt;
+        for (int tries = 0; tries < 6; ++tries, reach *= 0.5)
+            if (std::optional<Arc> out = proven_arc(q, at, Y, joint, others, slides_[joint] > 0.0 ? std::min(reach, slide_room) : reach)) return out;
+        return std::nullopt;
     }
 
   private:
@@ -274,6 +308,119 @@ class Proof {
         return true;
     }
 
+    // The joint that solutions move along most, and the others, by elimination with the largest pivots; n if there is none.
+    std::size_t free_joint(const Residual& at, std::array<std::size_t, most>& others) const {
+        const std::size_t n = loop_.n;
+        auto rows = at.slope;
+        unsigned used = 0, done = 0;
+        for (std::size_t count = 0; count < rows_; ++count) {
+            std::size_t row = 0, column = 0;
+            double best = 1e-9;
+            for (std::size_t e = 0; e < rows_; ++e)
+                for (std::size_t j = 0; j < n; ++j)
+                    if (((done >> e) & 1) == 0 && ((used >> j) & 1) == 0 && std::fabs(rows[e][j]) > best) best = std::fabs(rows[e][j]), row = e, column = j;
+            if (best == 1e-9) return n;
+            done |= 1U << row, used |= 1U << column;
+            for (std::size_t e = 0; e < rows_; ++e) {
+                const double factor = rows[e][column] / rows[row][column];
+                if (((done >> e) & 1) == 0)
+                    for (std::size_t j = 0; j < n; ++j) rows[e][j] -= factor * rows[row][j];
+            }
+        }
+        std::size_t joint = n, count = 0;
+        for (std::size_t j = 0; j < n; ++j)
+            if (((used >> j) & 1) != 0) {
+                others[count++] = j;
+            } else {
+                joint = j;
+            }
+        return joint;
+    }
+
+    // The inverse of the derivative by all joints but one.
+    bool solve(const Residual& at, const std::array<std::size_t, most>& others, Matrix& Y) const {
+        Matrix A{};
+        for (std::size_t e = 0; e < rows_; ++e)
+            for (std::size_t v = 0; v < rows_; ++v) A[e][v] = at.slope[e][others[v]];
+        return invert(A, rows_, Y);
+    }
+
+    // For each value of the joint within ``reach``, x - Y f is a contraction of a box about the line q + s along (Lemma 6).
+    std::optional<Arc> proven_arc(const std::vector<double>& q, const Residual& at, const Matrix& Y, std::size_t joint,
+                                  const std::array<std::size_t, most>& others, double reach) const {
+        const std::size_t n = loop_.n;
+        const double slack = this->slack(), place_error = place_error_ + slack;
+        std::array<double, most> shift{}, turn{}, defect{}, weight{}, drift{};
+        std::vector<double> along(n, 0.0);
+        along[joint] = 1.0;
+        for (std::size_t v = 0; v < rows_; ++v)
+            for (std::size_t e = 0; e < rows_; ++e) along[others[v]] -= Y[v][e] * at.slope[e][joint];
+        double away[2] = {0.0, 0.0}, heaviest = 0.0, moved = 0.0;
+        for (std::size_t e = 0; e < rows_; ++e) away[e < 3 ? 0 : 1] += at.value[e] * at.value[e];
+        if (std::sqrt(away[0]) > place_error || std::sqrt(away[1]) > target_.turn_error + slack) return std::nullopt;
+        for (std::size_t j = 0; j < n; ++j) moved += std::fabs(along[j]) * reach;
+        const auto bend = [&](const std::array<std::array<double, most>, most>& curved, const std::array<double, most>& a, const std::array<double, most>& b) {
+            double sum = 0.0;
+            for (std::size_t i = 0; i < n; ++i)
+                for (std::size_t j = 0; j < n; ++j) sum += curved[i][j] * a[i] * b[j];
+            return sum;
+        };
+        for (std::size_t j = 0; j < n; ++j) drift[j] = std::fabs(along[j]) * reach;
+        for (std::size_t v = 0; v < rows_; ++v) {
+            double value = 0.0, stray = 0.0;
+            for (std::size_t e = 0; e < rows_; ++e) {
+                value += Y[v][e] * at.value[e];
+                (e < 3 ? shift : turn)[v] += Y[v][e] * Y[v][e];
+                double rate = 0.0;
+                for (std::size_t j = 0; j < n; ++j) rate += at.slope[e][j] * along[j];
+                stray += Y[v][e] * rate;
+            }
+            shift[v] = std::sqrt(shift[v]), turn[v] = std::sqrt(turn[v]);
+            defect[v] = std::fabs(value) + (std::fabs(stray) + (shift[v] + turn[v]) * slack * static_cast<double>(n)) * (reach + moved) +
+                        0.5 * (shift[v] * bend(shift_, drift, drift) + turn[v] * bend(turn_, drift, drift)) + shift[v] * place_error +
+                        turn[v] * (target_.turn_error + slack);
+            heaviest = std::max(heaviest, shift[v] * loop_.longest + turn[v]);
+        }
+        if (!(heaviest > 0.0)) return std::nullopt;
+        std::array<double, most> sizes{};
+        double sum = 0.0;
+        for (std::size_t v = 0; v < rows_; ++v) {
+            weight[v] = std::max((shift[v] * loop_.longest + turn[v]) / heaviest, 1e-3);
+            sizes[others[v]] = weight[v];
+            sum += weight[v];
+        }
+        const double drift_shift = bend(shift_, drift, sizes), drift_turn = bend(turn_, drift, sizes);
+        const double size_shift = bend(shift_, sizes, sizes), size_turn = bend(turn_, sizes, sizes);
+        double least = 0.0, greatest = 1e300;
+        for (std::size_t v = 0; v < rows_; ++v) {
+            double linear = (shift[v] + turn[v]) * slack * sum + shift[v] * drift_shift + turn[v] * drift_turn;
+            for (std::size_t w = 0; w < rows_; ++w) {
+                double x = v == w ? -1.0 : 0.0;
+                for (std::size_t e = 0; e < rows_; ++e) x += Y[v][e] * at.slope[e][others[w]];
+                linear += std::fabs(x) * weight[w];
+            }
+            const double square = shift[v] * size_shift + turn[v] * size_turn, b = weight[v] - linear;
+            const double root = b * b - 4.0 * square * defect[v];
+            if (!(b > 0.0) || !(root > 0.0)) return std::nullopt;
+            const double high = (b + std::sqrt(root)) / (2.0 * std::max(square, 1e-300));
+            greatest = std::min({greatest, 0.99 * high, (slides_[others[v]] > 0.0 ? slide_room : 1.0) / weight[v]});
+            least = std::max(least, 1.01 * defect[v] / std::max(square * high, 1e-300));
+        }
+        least = std::max(least, 1e-14);
+        // Half a turn away the residual is 0, too: not within the box.
+        double turned = at.agreement - 1e-9;
+        for (std::size_t j = 0; j < n; ++j) turned -= 2.0 * turns_[j] * (drift[j] + least * sizes[j]);
+        if (!(least < greatest) || !(turned > -1.0)) return std::nullopt;
+        Arc out{joint, reach, q, along, std::vector<double>(n, 0.0), std::vector<double>(n, 0.0)};
+        for (std::size_t v = 0; v < rows_; ++v) {
+            const std::size_t j = others[v];
+            const double rounded = 1e-15 * (std::fabs(q[j]) + std::fabs(along[j]));
+            out.box[j] = least * weight[v] + rounded;
+            out.lone[j] = greatest * weight[v] - rounded;
+        }
+        return out;
+    }
+
     // Two boxes around q in which q - Y f(q) is a contraction, for each pose within the errors of the target (Lemma 5).
     std::optional<Solution> alone(const std::vector<double>& q, const Residual& at, const Matrix& Y) const {
         const std::size_t n = loop_.n;
@@ -335,12 +482,24 @@ class Proof {
 struct Gap {
     std::size_t joint = most;
     Span hole;
+    std::size_t equation = 0, index = 0;  // that shows it, and the joint of the chain
 };
 
 class Search {
   public:
-    Search(const Loop& loop, const Target& target, const Box& domain)
-        : loop_(loop), domain_(domain), equations_(equations_of(loop, target)), proof_(loop, target), cosines_(loop.joints.size()), sines_(loop.joints.size()) {}
+    Search(const Loop& loop, const Target& target, const Box& domain, Trail* trail)
+        : loop_(loop), domain_(domain), equations_(equations_of(loop, target)), proof_(loop, target), cosines_(loop.joints.size()), sines_(loop.joints.size()), trail_(trail) {
+        if (trail_ == nullptr) return;
+        for (const Equation& each : equations_) {
+            const Origin& from = each.origin;
+            for (const double x : {static_cast<double>(from.pair), static_cast<double>(from.cut), static_cast<double>(from.kind),
+                                   from.along[0], from.along[1], from.along[2]})
+                trail_->equations.push_back(x);
+        }
+        for (const Followed& each : followed_by(loop, target))
+            for (const double x : {each.still ? 1.0 : 0.0, each.point ? 1.0 : 0.0, each.at[0], each.at[1], each.at[2]})
+                trail_->followed.push_back(x);
+    }
 
     Complete run(int most_boxes) {
         Complete out;
@@ -371,9 +530,47 @@ class Search {
     Proof proof_;
     std::vector<Ball> cosines_, sines_;
     std::vector<std::array<Ball, most>> slopes_;
+    Trail* trail_;
 
-    static bool known(const Box& box, const Complete& out) {
-        return std::any_of(out.solutions.begin(), out.solutions.end(), [&](const Solution& s) { return inside(box, s.lone); });
+    void note(Step step, double a, double b, Span span = {}, double c = 0.0) {
+        if (trail_ == nullptr) return;
+        for (const double x : {static_cast<double>(step), a, b, span.low, span.high, c}) trail_->steps.push_back(x);
+    }
+
+    // The number of a new sum.
+    double sum_of(const std::size_t* rows, const double* factors, std::size_t count) {
+        if (trail_ == nullptr) return 0.0;
+        for (std::size_t i = 0; i < most; ++i) {
+            trail_->sums.push_back(i < count ? static_cast<double>(rows[i]) : -1.0);
+            trail_->sums.push_back(i < count ? factors[i] : 0.0);
+        }
+        return static_cast<double>(trail_->sums.size() / (2 * most) - 1);
+    }
+
+    static bool inside(const Box& box, const Arc& arc) {
+        const Span& span = box[arc.joint];
+        const double from = span.low - arc.q[arc.joint], to = span.high - arc.q[arc.joint];
+        if (from < -arc.reach || to > arc.reach) return false;
+        for (std::size_t j = 0; j < box.size(); ++j) {
+            if (j == arc.joint) continue;
+            const double a = arc.along[j] * from, b = arc.along[j] * to;
+            if (box[j].low - arc.q[j] - std::max(a, b) < -arc.lone[j] || box[j].high - arc.q[j] - std::min(a, b) > arc.lone[j]) return false;
+        }
+        return true;
+    }
+
+    bool known(const Box& box, const Complete& out) {
+        if (std::any_of(out.arcs.begin(), out.arcs.end(), [&](const Arc& arc) { return inside(box, arc); })) return true;
+        for (std::size_t k = 0; k < out.solutions.size(); ++k)
+            if (kinematics::inside(box, out.solutions[k].lone)) {
+                note(Step::KNOWN, static_cast<double>(k), 0.0);
+                return true;
+            }
+        return false;
+    }
+
+    static bool lone(const Box& box, const Complete& out) {
+        return std::any_of(out.solutions.begin(), out.solutions.end(), [&](const Solution& s) { return kinematics::inside(box, s.lone); });
     }
 
     // Boxes in doubt that touch become one.
@@ -511,14 +708,27 @@ class Search {
                 Parts parts[2];
                 const Ball values[2] = {parts_of(equation.sides[0], parts[0]), parts_of(equation.sides[1], parts[1])};
                 const Ball total = values[0] + values[1];
-                if (std::fabs(total.mid) > total.rad + equation.slack) return false;
+                const std::size_t number = static_cast<std::size_t>(&equation - equations_.data());
+                if (std::fabs(total.mid) > total.rad + equation.slack) {
+                    note(Step::NONE, static_cast<double>(number), 0.0);
+                    return false;
+                }
                 for (std::size_t side = 0; side < 2; ++side)
                     for (std::size_t j = 0; j < equation.sides[side].joints.size(); ++j) {
                         const std::size_t joint = equation.sides[side].joints[j];
                         Span& span = box[loop_.joints[joint].q];
                         const double before = span.high - span.low;
                         const Ball rest = parts[side][j][0] + values[1 - side] + Ball{0.0, equation.slack};
-                        if (!project(loop_.joints[joint], parts[side][j], rest, cosines_[joint], sines_[joint], span, gap)) return false;
+                        const Span old = span;
+                        const Span hole = gap.hole;
+                        if (!project(loop_.joints[joint], parts[side][j], rest, cosines_[joint], sines_[joint], span, gap)) {
+                            span = old;
+                            note(Step::NONE_OF, static_cast<double>(number), static_cast<double>(joint));
+                            return false;
+                        }
+                        if (gap.hole.low != hole.low || gap.hole.high != hole.high) gap.equation = number, gap.index = joint;
+                        if (span.low != old.low || span.high != old.high)
+                            note(Step::CUT, static_cast<double>(number), static_cast<double>(joint), span);
                         const double now = span.high - span.low;
                         if (now < 0.99 * before)
                             for (std::size_t k = 0; k < loop_.joints.size(); ++k)
@@ -542,11 +752,20 @@ class Search {
         for (int round = 0; round < 6; ++round) {
             if (known(box, out)) return false;
             const double before = widest(box);
-            if (before < lone_width) {
+            if (n == proof_.rows() + 1 && before < arc_width) {
+                std::vector<double> q(n);
+                for (std::size_t j = 0; j < n; ++j) q[j] = box[j].middle();
+                std::optional<Arc> found = proof_.arc(q, std::max(2.0 * before, 0.05));
+                if (found && inside(box, *found)) {
+                    out.arcs.push_back(std::move(*found));
+                    if (known(box, out)) return false;
+                }
+            }
+            if (n <= proof_.rows() && before < lone_width) {
                 std::vector<double> q(n);
                 for (std::size_t j = 0; j < n; ++j) q[j] = box[j].middle();
                 std::optional<Solution> found = proof_.from(q, std::max(2.0 * before, 0.05));
-                if (found && !known(found->box, out)) {
+                if (found && !lone(found->box, out)) {
                     out.solutions.push_back(std::move(*found));
                     if (known(box, out)) return false;
                 }
@@ -588,7 +807,11 @@ class Search {
         slopes_.assign(rows, {});
         values_.resize(rows);
         scaled_.resize(rows);
-        if (!proof_.enclose(middle, half, values_.data() + equations_.size(), slopes_.data() + equations_.size())) return false;
+        note(Step::MARKED, 0.0, 0.0);
+        if (!proof_.enclose(middle, half, values_.data() + equations_.size(), slopes_.data() + equations_.size())) {
+            note(Step::TURNED, 0.0, 0.0);
+            return false;
+        }
         for (std::size_t e = 0; e < equations_.size(); ++e) {
             const Equation& equation = equations_[e];
             std::array<Ball, most>& slope = slopes_[e];
@@ -610,7 +833,11 @@ class Search {
             const std::array<Ball, most>& slope = slopes_[e];
             double curved = values_[e].rad, linear = 0.0;
             for (std::size_t j = 0; j < n; ++j) curved += slope[j].rad * half[j], linear += largest(slope[j]) * half[j];
-            if (std::fabs(values_[e].mid) > linear + values_[e].rad) return false;
+            if (std::fabs(values_[e].mid) > linear + values_[e].rad) {
+                const double one = 1.0;
+                note(Step::SUM_NONE, sum_of(&e, &one, 1), -1.0);
+                return false;
+            }
             for (std::size_t j = 0; j < n; ++j) scaled_[e][j] = slope[j].mid * half[j] / curved;
         }
         // Equations that are steep for how much they curve, one for each joint that they still tell something about.
@@ -655,8 +882,14 @@ class Search {
             Span& span = box[columns[v]];
             const double end = middle[columns[v]] + move;
             spread += 1e-14 * (1.0 + std::fabs(end));
+            const Span old = span;
             span = {std::max(span.low, end - spread), std::min(span.high, end + spread)};
-            if (span.low > span.high) return false;
+            if (span.low > span.high) {
+                note(Step::SUM_NONE, sum_of(chosen.data(), Y[v].data(), count), static_cast<double>(columns[v]));
+                return false;
+            }
+            if (span.low != old.low || span.high != old.high)
+                note(Step::SUM_CUT, sum_of(chosen.data(), Y[v].data(), count), static_cast<double>(columns[v]), span);
         }
         return true;
     }
@@ -665,13 +898,15 @@ class Search {
     std::vector<std::array<double, most>> scaled_;
 
     // In a hole if there is one; else across the joint that bends the equations most (Trombettoni, Araya and others, 2011).
-    void split(const Box& box, const Gap& gap, std::vector<Box>& stack) const {
+    void split(const Box& box, const Gap& gap, std::vector<Box>& stack) {
         const std::size_t n = box.size();
         std::size_t joint = 0;
         Span hole;
+        double shown = -1.0;
         if (gap.joint < most && gap.hole.low > box[gap.joint].low && gap.hole.high < box[gap.joint].high) {
             joint = gap.joint;
             hole = gap.hole;
+            shown = static_cast<double>(gap.equation);
         } else {
             std::array<double, most> share{};
             for (const auto& slope : slopes_) {
@@ -682,6 +917,7 @@ class Search {
             joint = static_cast<std::size_t>(std::max_element(share.begin(), share.begin() + static_cast<std::ptrdiff_t>(n)) - share.begin());
             hole = {box[joint].middle(), box[joint].middle()};
         }
+        note(Step::SPLIT, shown, static_cast<double>(joint), hole, static_cast<double>(gap.index));
         Box lower = box, upper = box;
         lower[joint].high = hole.low;
         upper[joint].low = hole.high;
@@ -692,8 +928,8 @@ class Search {
 
 }  // namespace
 
-Complete solve_complete(const Loop& loop, const Target& target, const Box& domain, int most_boxes) {
-    return Search(loop, target, domain).run(most_boxes);
+Complete solve_complete(const Loop& loop, const Target& target, const Box& domain, int most_boxes, Trail* trail) {
+    return Search(loop, target, domain, trail).run(most_boxes);
 }
 
 }  // namespace kinematics

@@ -172,7 +172,7 @@ class ClosedLoop {
         const std::size_t m = joints.shape(0);
         loop_.n = lower.shape(0);
         require(joints.shape(1) == 9 && m >= 1 && m <= 16 && tool.shape(0) == 12, "a table of up to 16 joints and a tool");
-        require(loop_.n >= 1 && loop_.n <= 6 && upper.shape(0) == loop_.n, "bounds of up to six joints");
+        require(loop_.n >= 1 && loop_.n <= 7 && upper.shape(0) == loop_.n, "bounds of up to seven joints");
         for (std::size_t j = 0; j < loop_.n; ++j) domain_.push_back({lower.data()[j], upper.data()[j]});
         std::copy_n(tool.data(), 12, loop_.tool);
         Vector last{};
@@ -197,9 +197,43 @@ class ClosedLoop {
         reached({loop_.tool[3], loop_.tool[7], loop_.tool[11]});
     }
 
+    // Of an arm with one joint more than equations: arcs (k, 2 + 4 n) of joint, reach, q, direction and half widths of both boxes;
+    // boxes in doubt (u, 2, n); boxes seen.
+    std::tuple<nb::object, nb::object, int> arcs(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
+                                                 double turn_error, int most_boxes) const {
+        std::vector<Arc> found;
+        auto [none, left, boxes] = solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr, &found);
+        std::vector<double> table;
+        for (const Arc& arc : found) {
+            table.push_back(static_cast<double>(arc.joint));
+            table.push_back(arc.reach);
+            for (const auto* row : {&arc.q, &arc.along, &arc.box, &arc.lone}) table.insert(table.end(), row->begin(), row->end());
+        }
+        return {array_of<double>(std::move(table), {found.size(), 2 + 4 * loop_.n}), left, boxes};
+    }
+
+    // ``solve``, and what shows it: steps (s, 6), sums (t, 14), equations (e, 6) and what they follow (f, 5); see ``Trail``.
+    std::tuple<nb::object, nb::object, int, nb::object, nb::object, nb::object, nb::object> shown(
+        const Row& rows, const std::vector<double>& axis, int wanted, double position_error, double turn_error, int most_boxes) const {
+        Trail trail;
+        auto [found, left, boxes] = solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, &trail);
+        const auto table = [](std::vector<double>& from, std::size_t width) {
+            const std::size_t count = from.size() / width;
+            return array_of<double>(std::move(from), {count, width});
+        };
+        return {found, left, boxes, table(trail.steps, 6), table(trail.sums, 14), table(trail.equations, 6), table(trail.followed, 5)};
+    }
+
     // Solutions (k, 5, n): q, the box, and the box in which it is alone, lows before highs; boxes in doubt (u, 2, n); boxes seen.
     std::tuple<nb::object, nb::object, int> solve(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
                                                   double turn_error, int most_boxes) const {
+        return solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr);
+    }
+
+  private:
+    std::tuple<nb::object, nb::object, int> solve_with(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
+                                                       double turn_error, int most_boxes, Trail* trail,
+                                                       std::vector<Arc>* arcs = nullptr) const {
         require(rows.shape(0) == 12 && axis.size() == 3 && wanted >= 0 && wanted <= 2, "a target");
         Target target;
         target.wanted = static_cast<Wanted>(wanted);
@@ -211,8 +245,9 @@ class ClosedLoop {
         Complete found;
         {
             nb::gil_scoped_release released;
-            found = solve_complete(loop_, target, domain_, most_boxes);
+            found = solve_complete(loop_, target, domain_, most_boxes, trail);
         }
+        if (arcs != nullptr) *arcs = std::move(found.arcs);
         const auto append = [](std::vector<double>& to, const Box& box) {
             for (const Span& span : box) to.push_back(span.low);
             for (const Span& span : box) to.push_back(span.high);
@@ -227,7 +262,6 @@ class ClosedLoop {
                 array_of<double>(std::move(unresolved), {found.unresolved.size(), 2, loop_.n}), found.boxes};
     }
 
-  private:
     Loop loop_;
     Box domain_;
 };
@@ -247,7 +281,9 @@ void bind(nb::module_& m) {
         .def("thinned", &ToolArm::thinned);
     nb::class_<ClosedLoop>(m, "ClosedLoop")
         .def(nb::init<const Rows&, const Row&, const Row&, const Row&>())
-        .def("solve", &ClosedLoop::solve);
+        .def("solve", &ClosedLoop::solve)
+        .def("arcs", &ClosedLoop::arcs)
+        .def("shown", &ClosedLoop::shown);
 }
 
 }  // namespace kinematics

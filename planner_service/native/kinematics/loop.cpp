@@ -121,6 +121,7 @@ struct Pair {
     Vector given, own;  // the left and the right side of the loop at its ends
     bool point;
     double error;
+    bool still = false;  // whether it does not move with the tool
 };
 
 class Writer {
@@ -128,9 +129,10 @@ class Writer {
     explicit Writer(const Loop& loop) : loop_(loop) {}
 
     // left = right, up to ``slack``.
-    void write(const Numbers& left, const Numbers& right, double slack) {
+    void write(const Origin& origin, const Numbers& left, const Numbers& right, double slack) {
         if (joints_of(left) + joints_of(right) > most_joints) return;
         Equation out;
+        out.origin = origin;
         out.slack = slack;
         std::size_t count = 0;
         double sum = 0.0, constant = 0.0;
@@ -217,16 +219,16 @@ std::vector<Pair> pairs_of(const Loop& loop, const Target& target) {
                 {turned(target.rows, target.axis), turned(loop.tool, target.axis), false, target.turn_error}};
     }
     const auto point_back = [&](const Vector& x) {
-        return Pair{x, home + moved_back(x - there), true, target.position_error + norm(x - there) * target.turn_error};
+        return Pair{x, home + moved_back(x - there), true, target.position_error + norm(x - there) * target.turn_error, true};
     };
-    const auto direction_back = [&](const Vector& d) { return Pair{d, moved_back(d), false, target.turn_error}; };
+    const auto direction_back = [&](const Vector& d) { return Pair{d, moved_back(d), false, target.turn_error, true}; };
     const Vector end = last.slides ? home : last.point;
     return {point(end), direction(last.axis), direction(perpendicular(last.axis)),
             point_back(first.point), direction_back(first.axis), direction_back(perpendicular(first.axis))};
 }
 
 // Components and, of arms that only turn, products of a pair's point and direction, at each cut.
-void write_pair(const Loop& loop, const Pair& at, const Pair* towards, Writer& writer) {
+void write_pair(const Loop& loop, std::size_t index, const Pair& at, const Pair* towards, Writer& writer) {
     const std::size_t m = loop.joints.size();
     const bool turns = std::none_of(loop.joints.begin(), loop.joints.end(), [](const Joint& j) { return j.slides; });
     const auto seen = [&](const Pair& pair) {
@@ -255,7 +257,7 @@ void write_pair(const Loop& loop, const Pair& at, const Pair* towards, Writer& w
         std::vector<Vector> along{axis, across, cross(axis, across)};
         if (size > 1e-6 && size < 1.0 - 1e-12) along.push_back(next);
         if (!left.open || !right.open) continue;
-        for (const Vector& v : along) writer.write(left.along(v), right.along(v), slack);
+        for (const Vector& v : along) writer.write({index, k, Kind::COMPONENT, v}, left.along(v), right.along(v), slack);
     }
     if (towards == nullptr || !turns) return;
     const auto directions = seen(*towards);
@@ -284,8 +286,8 @@ void write_pair(const Loop& loop, const Pair& at, const Pair* towards, Writer& w
     for (std::size_t k = 0;; ++k) {
         const double lost = 2.0 * loop.longest;
         if (k >= first) {
-            writer.write(left_square, squares[k], square_slack + lost * (points[0][k].lost + points[1][k].lost));
-            writer.write(left_product, products[k], product_slack + lost * (directions[0][k].lost + directions[1][k].lost));
+            writer.write({index, k, Kind::SQUARE, {}}, left_square, squares[k], square_slack + lost * (points[0][k].lost + points[1][k].lost));
+            writer.write({index, k, Kind::PRODUCT, {}}, left_product, products[k], product_slack + lost * (directions[0][k].lost + directions[1][k].lost));
         }
         if (k + 1 == m || !points[0][k + 1].open || !directions[0][k + 1].open) return;
         const Vector step = apart(k);
@@ -303,8 +305,14 @@ std::vector<Equation> equations_of(const Loop& loop, const Target& target) {
     Writer writer(loop);
     const std::vector<Pair> pairs = pairs_of(loop, target);
     for (std::size_t k = 0; k < pairs.size(); ++k)
-        write_pair(loop, pairs[k], pairs[k].point && k + 1 < pairs.size() ? &pairs[k + 1] : nullptr, writer);
+        write_pair(loop, k, pairs[k], pairs[k].point && k + 1 < pairs.size() ? &pairs[k + 1] : nullptr, writer);
     return writer.fewest_joints_first();
+}
+
+std::vector<Followed> followed_by(const Loop& loop, const Target& target) {
+    std::vector<Followed> out;
+    for (const Pair& pair : pairs_of(loop, target)) out.push_back({pair.still, pair.point, pair.still ? pair.given : pair.own});
+    return out;
 }
 
 }  // namespace kinematics

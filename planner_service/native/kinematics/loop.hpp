@@ -51,7 +51,17 @@ struct Polynomial {
     std::vector<double> coefficients;
 };
 
+enum class Kind { COMPONENT, SQUARE, PRODUCT };
+
+// What an equation says, for those who check a proof: of pair ``pair`` (pairs_of), at a cut of the chain.
+struct Origin {
+    std::size_t pair = 0, cut = 0;
+    Kind kind = Kind::COMPONENT;
+    Vector along{};  // with COMPONENT
+};
+
 struct Equation {  // the sum of both sides is 0, but for ``slack``
+    Origin origin;
     Polynomial sides[2];
     double slack = 0.0;
     double rounding = 0.0;  // the part of the slack that bounds rounding errors, of derivatives too
@@ -60,5 +70,13 @@ struct Equation {  // the sum of both sides is 0, but for ``slack``
 
 // Equations that hold for each q whose tool is at a pose within the errors of the target (Lemma 3).
 std::vector<Equation> equations_of(const Loop& loop, const Target& target);
+
+// The points and directions that ``Origin.pair`` counts: whether they stand still rather than move with the tool, whether they
+// are points, and where they are at q = 0.
+struct Followed {
+    bool still, point;
+    Vector at;
+};
+std::vector<Followed> followed_by(const Loop& loop, const Target& target);
 
 }  // namespace kinematics

@@ -237,7 +237,7 @@ def test_joints_that_do_not_move_the_tool_stay_where_they_are() -> None:
 
 @pytest.mark.parametrize(
     ("name", "proven"),
-    [("ur5", True), ("wxai", True), ("panda", False)],
+    [("ur5", True), ("wxai", True), ("panda", True)],
     ids=["six joints", "closed form", "seven joints"],
 )
 def test_a_plan_says_that_a_goal_is_proven_to_be_out_of_reach(name: str, proven: bool) -> None:
