@@ -50,6 +50,7 @@ from planner_service.records import (
     write_csv,
 )
 from planner_service.records.cells import load_cell_plan, load_saved, read_cell_request
+from planner_service.records.visits import load_visits, save_visits
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene import load_scene, read_moveit_scene, read_sdf_scene, read_urdf_scene
@@ -406,6 +407,7 @@ def _planning(folder: Path) -> Calls:
         _call(Certifier, **world, allowed=()),
         _call(write_csv, ("path",), motion=result, path=folder / "out.csv", joint_names=arm.joint_names, dt=0.05),
         _call(save_plan, ("path",), plan=result, path=folder / "out.json"),
+        _call(save_visits, ("path",), visits=[Visit("here", [q])], path=folder / "visits.json"),
         _call(draw_check, ("file",), checker=checker, q=q, file=folder / "out.png"),
     )
 
@@ -549,5 +551,6 @@ def _files(folder: Path) -> Calls:
         load_cell_plan,
         load_saved,
         read_cell_request,
+        load_visits,
     )
     yield from _each({"path": folder / "nothing-there"}, *readers)

@@ -29,9 +29,11 @@ from planner_service.gate.log_reader import read_log
 from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.memory import Memory
+from planner_service.ordering import Branch, Visit
 from planner_service.records import plan_file, read_problems
 from planner_service.records.cells import SavedCellPlan, load_cell_plan, prove_cell, read_cell_request, save_cell_plan
 from planner_service.records.request import RequestRecord
+from planner_service.records.visits import load_visits, save_visits
 from planner_service.scene import read_moveit_scene, read_urdf_scene
 from planner_service.tasks import Alternatives, MoveTo, Repeat, Task, Wait, pick_steps, plan_pick_place
 
@@ -145,6 +147,11 @@ class _Stock:
             folder / "steps.json"
         )
         self._tree("steps", (folder / "steps.json").read_bytes())
+        ways: list[Branch | ps.Pose] = [Branch(home), ps.Pose((0.3, 0.0, 0.2))]
+        save_visits(
+            [Visit("one", ways, Visit("two", [home])), Visit("three", ways, after=["one"])], folder / "visits.json"
+        )
+        self._tree("visits", (folder / "visits.json").read_bytes())
         gate = ActionGate(service, rate=30, tracking=Tracking(0.1, 0.005), log=folder / "gate.jsonl")
         for k in range(4):
             gate.check(home, home + 0.3 * k, sent=0 if k else None)
@@ -187,6 +194,7 @@ class _Stock:
             CELL: ("f.json", _proven_cell),
             CELL_REQUEST: ("f.toml", read_cell_request),
             "steps": ("f.json", Task.load),
+            "visits": ("f.json", load_visits),
             "gate log": ("f.jsonl", lambda path: read_log(path, 6)),
             "roadmap": ("f.npz", ps.Roadmap.load),
             "memory": ("f.json", Memory.load),
@@ -229,6 +237,7 @@ TEXTS = frozenset(
         CELL,
         CELL_REQUEST,
         "steps",
+        "visits",
         "gate log",
         "obj",
         "stl text",
@@ -247,7 +256,7 @@ TEXTS = frozenset(
 
 class Attack(Part):
     name = "files"
-    what = "files of 34 kinds, bytes, words, lines and structure mutated"
+    what = "files of 35 kinds, bytes, words, lines and structure mutated"
 
     @cached_property
     def _stock(self) -> _Stock:

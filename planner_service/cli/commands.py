@@ -44,6 +44,7 @@ NAMES = (
         "explain",
         "pick-place",
         "solve",
+        "order",
         "view",
         "certify",
         "export",
@@ -326,6 +327,61 @@ def solve(
     finish(saved.document(), table, task_lines(saved), saved.failure, as_json=as_json, last=fared)
 
 
+def order(
+    file: Annotated[str, argument("FILE", "Visits as JSON, as save_visits writes them.")],
+    scene: options.SceneName,
+    start: options.Start = "home",
+    end: Annotated[str | None, option("--end", "Q", "Where the arm ends; where it starts if not given.")] = None,
+    gap: Annotated[float, option("--gap", "SHARE", "Share by which the order may be longer than the best.")] = 0.05,
+    plans: Annotated[int, option("--plans", "N", "Motions between visits that may be planned.", min=1)] = 3000,
+    robot: options.RobotName = options.WXAI,
+    planner: options.PlannerName = options.DEFAULT.planner.name,
+    timing: options.TimingName = "toppra",
+    seed: options.Seed = options.DEFAULT.seed,
+    max_checks: options.MaxChecks = options.DEFAULT.max_checks,
+    time_limit: options.TimeLimit = options.SECONDS,
+    padding: options.Padding = options.DEFAULT.padding,
+    max_tool_speed: options.ToolSpeed = None,
+    png: options.Picture = None,
+    out: options.Out = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Put visits in the order that takes least time, and print each motion and how far from the best that can be."""
+    from planner_service.ordering import order as ordered
+    from planner_service.planning.task_result import task_lines, task_rows
+    from planner_service.records.evidence import save_plan
+    from planner_service.records.visits import load_visits, saved_order
+    from planner_service.view.still.pictures import draw_task
+
+    with bad_input_exits():
+        arguments.require_outputs({"--out": out, "--png": png})
+        service, visits = arguments.service_for(robot, scene), load_visits(file)
+        q = arguments.configuration("--start", start, service.robot)
+        request = PlanRequest(
+            q,
+            q,
+            arguments.planner_or_optimise(planner, None, polish=False),
+            arguments.timing_by_name(timing, torque=False),
+            seed=seed,
+            max_checks=max_checks,
+            time_limit=arguments.time_limit_of(time_limit),
+            padding=padding,
+            max_tool_speed=max_tool_speed,
+        )
+        arguments.load_libraries(request, service.robot)
+        last = None if end is None else arguments.configuration("--end", end, service.robot)
+        found = ordered(service, visits, request, end=last, gap=gap, plans=plans)
+        saved = saved_order(found)
+        if out is not None:
+            save_plan(saved, out)
+        if png is not None:
+            draw_task(service, saved, png)
+    title = f"{'planned' if found.ok else 'no plan'}: {saved.task}"
+    table = CostTable(title, task_rows(saved), length_unit(service.robot))
+    lines = [*([str(found)] if found.ok else []), *task_lines(saved)]
+    finish(saved.document(), table, lines, saved.failure, as_json=as_json)
+
+
 def check(
     q: Annotated[str, option("--q", "Q", "A named pose, or comma-separated joint values.")],
     scene: options.SceneName,
@@ -578,6 +634,7 @@ _add(
 )
 _add(app, pick_place, "pick-place", "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray")
 _add(app, solve, "solve", "Solve a task that is composed of steps.", "solve steps.json --scene bin --out task.json")
+_add(app, order, "order", "Put visits in order.", "order visits.json --scene bin --out task.json")
 _add(app, import_robot_, "import-robot", "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm")
 _add(app, doctor, "doctor", "Compare compiled code with its judges.", "doctor")
 

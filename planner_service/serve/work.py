@@ -22,6 +22,7 @@ from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import Record, read_record, recorded
+from planner_service.ordering import order
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest, World
@@ -43,6 +44,7 @@ from planner_service.records.http.sections import LineSections, ReplannedRecord
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify
 from planner_service.records.scene import PlanReading, SceneRecord
+from planner_service.records.visits import saved_order
 from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.model import Robot
@@ -411,6 +413,14 @@ def _solve(call: _Call, body: bodies.SolveBody) -> Answer:
     return _task(call, SavedTask.of(call.service.solve(body.value, q, request=request, **terms)))
 
 
+def _order(call: _Call, body: bodies.OrderBody) -> Answer:
+    q = _where(call, body.q)
+    settings = PlanRequest(q, q) if body.request is None else body.request.value
+    request = call.request(replace(settings, start=q, goal=q))
+    terms: Any = {"end": body.end, "gap": body.gap, "plans": body.plans, "cancel": call.cancel}
+    return _task(call, saved_order(order(call.service, body.value, request, **terms)))
+
+
 def _where(call: _Call, q: Any) -> Any:
     """Where the robot stands: as is said, or where the task before ended."""
     if q is not None:
@@ -488,6 +498,7 @@ KINDS: Mapping[str, Callable[[_Call, Any], Answer]] = {
     "place": _place,
     "pick_place": _pick_place,
     "solve": _solve,
+    "order": _order,
     "move_linear": _move_linear,
     "replan": _replan,
     "explain": _explain,

@@ -249,7 +249,7 @@ def _channel_status(link: socket.socket, data: bytes) -> str:
 
 
 ROUTES = (
-    *("plans", "certify", "check", "pick", "place", "pick_place", "solve", "move_linear", "replan", "explain"),
+    *("plans", "certify", "check", "pick", "place", "pick_place", "solve", "order", "move_linear", "replan", "explain"),
     "roadmaps",
 )
 
@@ -276,6 +276,15 @@ BODIES: tuple[dict[str, Any], ...] = (
             {"kind": "MoveTo", "goal": [{"joints": "home"}, {"pose": {"position": [0.2, 0.0, 0.2]}}]},
             {"kind": "Alternatives", "branches": [[{"kind": "Wait", "seconds": 0.1}], []]},
             {"kind": "Repeat", "times": 2, "steps": [{"kind": "MoveLinear", "goal": [[0.0, 0.0, 0.01]]}]},
+        ],
+    },
+    {
+        "scene": "bin",
+        "q": "home",
+        "deadline": 0.5,
+        "visits": [
+            {"name": "a", "branches": [{"joints": [0.1] * 6}, {"pose": {"position": [0.2, 0.0, 0.2]}}]},
+            {"name": "b", "branches": [{"joints": [0.2] * 6}], "then": [{"name": "c", "branches": []}], "after": ["a"]},
         ],
     },
     {"plan": "0" * 32, "at_time": 0.1},

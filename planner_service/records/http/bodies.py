@@ -35,6 +35,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.optimize import Optimise
+from planner_service.ordering import Visit
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.task_result import MAX_SUPPORT_GAP, Handling
 from planner_service.records.request import (
@@ -52,6 +53,7 @@ from planner_service.records.result import ExemptRecord
 from planner_service.records.scene import AttachedRecord, ObstacleRecord, PlanReading
 from planner_service.records.steps import Grasps, Steps, steps_of
 from planner_service.records.values import Constraints, PoseRecord, Target
+from planner_service.records.visits import Visits
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
 from planner_service.tasks.solver import BEAM, SEARCHES
@@ -67,6 +69,7 @@ __all__ = [
     "ExplainBody",
     "HandlingBody",
     "MoveLinearBody",
+    "OrderBody",
     "PaceBody",
     "PickBody",
     "PickPlaceBody",
@@ -553,6 +556,32 @@ class SolveBody(InWorld):
         if self.q is None and not isinstance(self.scene, AfterTask):
             raise InvalidRequest("q", None, "joint values, as the scene is not what a task left")
         return Task(steps_of(self.steps), self.name)
+
+
+class OrderBody(InWorld):
+    """Visits to be put in order.
+
+    Attributes:
+        q: Where the robot starts: joint values in radians (metres for joints that slide), or the name of a pose.
+        visits: What is to be visited, with the branches of each.
+        end: Where it ends, likewise; where it starts if not given.
+        request: Planner, timing, seed, padding and limits of all motions.
+        gap: Share of the bound by which the order may be longer than the best; no more is looked for then.
+        plans: Legs that may be planned.
+    """
+
+    q: Configuration | None = Field(default=None, description="Where the robot starts; where the task before ended")
+    visits: Visits
+    end: Configuration | None = Field(default=None, description="Where the robot ends; where it starts if not given")
+    request: SettingsBody | None = None
+    gap: Annotated[float, Field(ge=0.0, le=10.0)] = 0.05
+    plans: Annotated[Count, Field(ge=1, le=1_000_000)] = 3000
+
+    @cached_property
+    def value(self) -> tuple[Visit, ...]:
+        if self.q is None and not isinstance(self.scene, AfterTask):
+            raise InvalidRequest("q", None, "joint values, as the scene is not what a task left")
+        return tuple(visit.value for visit in self.visits)
 
 
 def _target_kind(value: Any) -> str:

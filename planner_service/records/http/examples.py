@@ -75,6 +75,22 @@ EXAMPLES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             ],
         }
     },
+    "order": {
+        "three places": {
+            "scene": "bin",
+            "q": "home",
+            "visits": [
+                {"name": "left", "branches": [{"joints": [0.4, 0.95, 1.15, -1.25, 0.0, 0.0]}]},
+                {
+                    "name": "right",
+                    "branches": [{"joints": [-0.4, 0.95, 1.15, -1.25, 0.0, 0.0]}],
+                    "then": [{"name": "away", "branches": [{"joints": [-0.5, 0.6, 0.9, -1.25, 0.0, 0.0]}]}],
+                    "after": ["left"],
+                },
+            ],
+            "end": "ready",
+        }
+    },
     "move_linear": {
         "5 cm up": {"scene": "bin", "start": "ready", "goal": [0.0, 0.0, 0.05], "pace": {"max_tool_speed": 0.1}}
     },

@@ -486,6 +486,7 @@ VERBS: Mapping[str, Verb] = {
     "place": Verb("Plan to set a carried object down", bodies.PlaceBody, (TaskRecord,)),
     "pick_place": Verb("Plan a whole pick-and-place", bodies.PickPlaceBody, (TaskRecord,)),
     "solve": Verb("Solve a task that is composed of steps", bodies.SolveBody, (TaskRecord,)),
+    "order": Verb("Put visits in the order that takes least time", bodies.OrderBody, (TaskRecord,)),
     "move_linear": Verb("Plan straight motions of the tool", bodies.MoveLinearBody, (PlanRecord,)),
     "replan": Verb("Plan a new motion for a robot that is moving", bodies.ReplanBody, (PlanRecord,)),
     "explain": Verb("Explain why there is no plan, and what would help", bodies.ExplainBody, (ExplainReply,)),

@@ -17,6 +17,7 @@ from planner_service.records.http.bodies import PaceBody
 from planner_service.records.plan_file import SavedPlan
 from planner_service.records.result import ExemptRecord, FailureRecord, PathRecord, TrajectoryRecord
 from planner_service.records.scene import PlanReading
+from planner_service.records.visits import OrderRecord
 from planner_service.replanning.result import Outcome, Replanned
 
 __all__ = ["LineSections", "PlanSections", "ReplannedRecord", "read_reply"]
@@ -173,6 +174,7 @@ class PlanSections(GrownRecord):
         pace: Of a motion along a line, how fast it was asked to be.
         replanned: Of a new motion of a moving robot, how it continues the old one.
         evidence: The trails of the proofs, if the request asked for them.
+        order: Of visits that were put in order, what that came to.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -182,3 +184,4 @@ class PlanSections(GrownRecord):
     pace: PaceBody | None = None
     replanned: ReplannedRecord | None = None
     evidence: EvidenceRecord | None = None
+    order: OrderRecord | None = None

@@ -95,5 +95,5 @@ def test_a_task_is_solved_by_a_server_with_the_librarys_limits() -> None:
 
 def test_the_table_of_verbs_says_which_answers_are_files() -> None:
     tasks = {name for name, verb in VERBS.items() if verb.is_task}
-    assert tasks == {"pick", "place", "pick_place", "solve"}
+    assert tasks == {"pick", "place", "pick_place", "solve", "order"}
     assert {name for name, verb in VERBS.items() if verb.is_file} == tasks | {"plans", "move_linear", "replan"}

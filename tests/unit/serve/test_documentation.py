@@ -197,7 +197,7 @@ def test_a_server_answers_every_example_as_described(tmp_path: Path) -> None:
         (name, address, []) for name, address, *_ in answers
     ]
     plans = {name: answer for name, _, _, _, answer in answers if name in VERBS}
-    assert all(plans[name]["ok"] for name in ("pick", "place", "pick_place", "solve"))
+    assert all(plans[name]["ok"] for name in ("pick", "place", "pick_place", "solve", "order"))
     assert all(plans[name]["result"]["ok"] for name in ("plans", "move_linear", "replan"))
     problem = {"$ref": "#/components/schemas/ProblemReply"}
     assert [(status, fits(problem, answer)) for status, _, answer in problems] == [(404, []), (422, []), (422, [])]
