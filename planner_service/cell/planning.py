@@ -202,14 +202,16 @@ class _Planning:
         return (other, name) in self._known and bool(self._known[other, name].proven(HALVINGS)[end].all())
 
     def _best_of(self, orders: Sequence[Sequence[str]], plans: Mapping[str, PlanResult]) -> _Schedule | None:
-        """The schedule that ends first; none but the first are looked at if all can start at once."""
-        known = self._known
-        found = list[_Schedule | None]()
-        for order in orders:
-            found.append(self._schedule(order, plans, known))
-            if found[-1] is not None and not any(found[-1].starts.values()):
-                return found[-1]
-        if self._best(found) is None and all(map(can_pass, known.values())):
+        """The schedule that ends first: at once if that is proven; None where they cannot pass at all."""
+        known, clocks = self._known, {name: self._clock(name, plan) for name, plan in plans.items()}
+        between = [self._between(a, b, clocks, known) for a, b in combinations(plans, 2)]
+        ends = max(clock.duration for clock in clocks.values())
+        if not any(len(each.in_the_way(0.0, self._delay)) for each in between):
+            return _Schedule(plans, dict.fromkeys(plans, 0.0), known, ends)
+        if not all(map(can_pass, known.values())):  # no order and no stop helps
+            return None
+        found = [self._schedule(order, plans, known) for order in orders]
+        if self._best(found) is None:
             found += [self._passing(order, plans, known) for order in orders]
         return self._best(found)
 
