@@ -185,21 +185,24 @@ class ActionGate:
     def update(self, scene: Scene, *, sent: int | None = None, elapsed: float | None = None) -> Verdict:
         """Take a changed scene: what is left to send of the last verdict is proven anew, or as much of it as is free.
 
-        Where not even a stop is free any more, the arm is told to stay where it is.
+        What it has in the gripper counts for torques, too. Where not even a stop is free any more, the arm is told to
+        stay where it is.
 
         Args:
             sent: As in ``check``.
             elapsed: Likewise.
 
         Raises:
-            InvalidRequest: no Scene.
+            InvalidRequest: no Scene, or a wrong ``sent`` or ``elapsed``; the scene is as it was then.
         """
         certifier = self._new_certifier(instance("scene", scene, Scene, "a Scene"))
+        torques = self.limits.torques_in(scene)
         if self._came is None:
-            self.certifier, self._scene = certifier, scene
+            self.certifier, self._scene, self.limits.torques = certifier, scene, torques
             return Verdict(self._nothing, self._nothing, None)
         now = self._advanced(None, sent, elapsed)
-        self.certifier, self._scene, self._proven, self._pending_proven = certifier, scene, False, False
+        self.certifier, self._scene, self.limits.torques = certifier, scene, torques
+        self._proven = self._pending_proven = False
         if self._lost:
             return self._passed(self._held(now, Refused(Kind.TRACKING, 0, self._lost)))
         here = certifier.certify_tubes(*self._whereabouts, padding=self.padding)  # where the arm may still be

@@ -19,6 +19,7 @@ from planner_service.geometry.validation import number
 from planner_service.planning.request import torque_limits
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
+from planner_service.timing.torque_limits import TorqueLimits
 
 __all__ = ["CommandLimits"]
 
@@ -47,6 +48,9 @@ class CommandLimits:
         jerk_scale: The same of jerk; None if that is not judged.
         torque_scale: Share of the efforts, in (0, 1]; None if torques are not judged.
 
+    Attributes:
+        torques: The limits of torque, with what the arm carries by now; None if they are not judged.
+
     Raises:
         InvalidRequest: a scale out of range, or torques that are not known of this robot.
     """
@@ -70,7 +74,16 @@ class CommandLimits:
         self._jerk = None if jerk_scale is None else _scale("jerk_scale", jerk_scale) * robot.limits.jerk
         if torque_scale is not None:
             number("torque_scale", torque_scale, "a share in (0, 1] of the efforts", math.ulp(0.0), 1.0)
-        self._torques = None if torque_scale is None else torque_limits(robot, scene, scale=torque_scale)
+        self._robot, self._torque_scale = robot, torque_scale
+        self.torques = self.torques_in(scene)
+
+    def torques_in(self, scene: Scene) -> TorqueLimits | None:
+        """The limits of torque with what a scene has in the gripper; None if torques are not judged.
+
+        Raises:
+            InvalidRequest: torques that are not known of this robot.
+        """
+        return None if self._torque_scale is None else torque_limits(self._robot, scene, scale=self._torque_scale)
 
     def refuse(self, kind: Kind, index: int, joint: int, what: str) -> Refused:
         """The refusal of a target because of a joint."""
@@ -104,9 +117,9 @@ class CommandLimits:
         if self._jerk is not None:
             jerks = np.abs(changes - course.changes[:k]) * self._rate**2
             asked.append((Kind.JERK, jerks, self._jerk, "rad (or m) / s^3"))
-        if self._torques is not None:
-            taken = np.abs(self._torques.torques(course.places[:k], course.speeds, changes * self._rate))
-            asked.append((Kind.TORQUE, taken, self._torques.limit, "Nm (or N)"))
+        if self.torques is not None:
+            taken = np.abs(self.torques.torques(course.places[:k], course.speeds, changes * self._rate))
+            asked.append((Kind.TORQUE, taken, self.torques.limit, "Nm (or N)"))
         wrong = [values > limit * (1.0 + ROUNDING) for _, values, limit, _ in asked]
         rows = [int(each.any(axis=1).argmax()) if each.any() else k for each in wrong]
         index = min(rows)

@@ -166,7 +166,10 @@ def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) ->
         ),
         Promise("no driver within what is assumed is said to be astray", *_none(total.refused.get("tracking", 0))),
     )
-    caption = "Nearest: a gap that everything judged keeps at least, from the steps of the judge."
+    caption = (
+        "Nearest: a gap that everything judged keeps at least, from the steps of the judge; below 0 where between two"
+        " looks, 0.2 mm apart, no more is known."
+    )
     return Report("gate", tuple(rows), (table_of("Chunks", lines, caption=caption),), promises)
 
 

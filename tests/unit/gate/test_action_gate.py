@@ -17,8 +17,8 @@ from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
 from planner_service.gate import ActionGate, Kind, Setpoint, Tracking, Verdict
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.shapes import Pose, Sphere
-from planner_service.scene.scene import Obstacle, Scene
+from planner_service.geometry.shapes import Box, Pose, Sphere
+from planner_service.scene.scene import Attached, Obstacle, Scene
 from tests.unit.certify.test_certifier import BALL, PLANAR, ball_beyond
 
 TRACKING = Tracking(goal_time=0.1, error=0.002, jitter=0.004)
@@ -297,6 +297,27 @@ def test_jerks_and_torques_are_judged_where_that_is_wanted(name: str) -> None:
         gate.reset(start)
         verdict = gate.check(start, start + 1e-4)
         assert (verdict.refused.kind.value if verdict.refused else None) == kind
+
+
+def test_torques_are_judged_with_what_a_changed_scene_has_in_the_gripper() -> None:
+    """Nothing is left for a load of 100 kg, and all is well again without it; a wrong call changes nothing."""
+    service, start = PlannerService("wxai", Scene()), np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    heavy = Scene(attached=(Attached("load", Box((0.01, 0.01, 0.01)), Pose((0.06, 0.0, 0.0)), mass=100.0),))
+    gate = ActionGate(service, rate=RATE, tracking=TRACKING, torque_scale=1.0)
+    gate.update(heavy)  # before the first check
+    verdict = gate.check(start, start)
+    assert verdict.refused is not None
+    assert verdict.refused.kind is Kind.TORQUE
+    gate.reset(start)
+    gate.update(Scene())
+    assert gate.check(start, start).ok
+    with pytest.raises(InvalidRequest, match="sent"):
+        gate.update(heavy, sent=100)
+    assert gate.check(start, start).ok
+    gate.update(heavy)
+    verdict = gate.check(start, start)
+    assert verdict.refused is not None
+    assert verdict.refused.kind is Kind.TORQUE
 
 
 def test_a_stop_that_would_take_thousands_of_targets_is_none() -> None:
