@@ -269,6 +269,8 @@ def _beginning_of(option: str) -> re.Pattern[bytes]:
         from planner_service.view.still.moving import OURS
     elif option == "--plot":
         from planner_service.view.still.motion_plot import OURS
+    elif option == "--memory":
+        from planner_service.memory.memory_file import OURS
     else:
         from planner_service.records.plan_file import OURS
     return OURS

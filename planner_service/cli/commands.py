@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import math
+import os
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -289,11 +290,13 @@ def solve(
     time_limit: options.TimeLimit = options.SECONDS,
     padding: options.Padding = options.DEFAULT.padding,
     max_tool_speed: options.ToolSpeed = None,
+    memory: options.MemoryFile = None,
     png: options.Picture = None,
     out: options.Out = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Solve a task that is composed of steps, and print what each motion cost, or which step has no plan and why."""
+    from planner_service.memory import NOTHING, Memory
     from planner_service.planning.task_result import step_table, task_lines, task_rows
     from planner_service.records.evidence import save_plan
     from planner_service.records.plan_file import SavedTask
@@ -301,8 +304,11 @@ def solve(
     from planner_service.view.still.pictures import draw_task
 
     with bad_input_exits():
-        arguments.require_outputs({"--out": out, "--png": png})
+        arguments.require_outputs({"--out": out, "--png": png, "--memory": memory})
         service, task = arguments.service_for(robot, scene), Task.load(file)
+        known = None
+        if memory is not None:
+            known = Memory.load(memory) if os.path.lexists(memory) else NOTHING
         q = arguments.configuration("--start", start, service.robot)
         request = PlanRequest(
             q,
@@ -316,7 +322,10 @@ def solve(
             max_tool_speed=max_tool_speed,
         )
         arguments.load_libraries(request, service.robot)
-        saved = SavedTask.of(service.solve(task, q, request=request))
+        solved = service.solve(task, q, request=request, memory=known)
+        saved = SavedTask.of(solved)
+        if memory is not None:
+            solved.memory.save(memory)
         if out is not None:
             save_plan(saved, out)
         if png is not None:

@@ -209,6 +209,10 @@ Plot = Annotated[
 Picture = Annotated[str | None, option("--png", "FILE", "Draw a PNG picture.")]
 PlanFile = Annotated[str, argument("FILE", "A plan or task saved with --out.")]
 Out = Annotated[str | None, option("FILE", "Save the plan, or the failure, as a JSON file.")]
+MemoryFile = Annotated[
+    str | None,
+    option("FILE", "What this cell has learned: read if the file is there, and written anew with these motions."),
+]
 Allow = Annotated[
     list[str] | None, option("A:B", "Confirm a pair that FILE lets touch without a rule of its own. May be repeated.")
 ]

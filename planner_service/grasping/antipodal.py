@@ -51,6 +51,10 @@ the first and their turn over the second are together below 1."""
 WHOLE_WIDTHS = 2e-4
 """Metres to which widths are rounded up for fingers that turn."""
 
+DEPTHS = (0.0, 0.01, 0.02, 0.03)
+"""Metres by which the contacts may be nearer to the palm than the point between the fingertips: fingers that turn are
+nearest to each other farther in, the wider they are open."""
+
 MAX_SPANS = 3
 """Stretches of an object on one line that fingers may close on together: the walls of a hollow one, and one between."""
 
@@ -83,15 +87,27 @@ def antipodal_grasps(
     poses, widths = _approaches(gripper, target, pairs)
     hand = HandCheck(robot, target.shape)
 
-    def fits(number: int) -> bool:
-        grasp, width = poses[number], widths[number]
+    depths = DEPTHS if gripper.kind == "revolute" else DEPTHS[:1]
+    placed: dict[Pose, Pose] = {}
+
+    def holds(grasp: Pose, width: float) -> bool:
         opening = min(gripper.upper, width + 2.0 * FINGER_ROOMS[-1])
         seen = grasp.inverse() @ target.pose
         if hand.touching(seen, opening) or hand_objection(hand, robot, target, seen, width):
             return False
         return not grasp_objection(target, grasp, robot, hand)
 
-    found = covering(poses, most, fits)
+    def fits(number: int) -> bool:
+        pose = poses[number]
+        for depth in depths:
+            x, y, z = (depth * axis for axis in gripper.approach)
+            grasp = pose @ Pose((x, y, z)) if depth else pose
+            if holds(grasp, widths[number]):
+                placed[pose] = grasp
+                return True
+        return False
+
+    found = tuple(placed[pose] for pose in covering(poses, most, fits))
     if not found:
         expected = (
             f"an object with two sides that face each other, at most {gripper.upper:.3f} m apart and within reach of "

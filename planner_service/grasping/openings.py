@@ -23,9 +23,11 @@ def openings(gripper: Gripper, width: float, wanted: float | None = None) -> tup
         wanted: ``Handling.open_width``.
 
     Raises:
-        InvalidRequest: The object is wider than the gripper opens, or than ``wanted``.
+        InvalidRequest: The object is wider than the gripper opens, or than ``wanted``; or that is given for a cup.
     """
     if gripper.kind == "vacuum":
+        if wanted is not None:
+            raise InvalidRequest("open_width", wanted, "None: a cup does not open")
         return (gripper.upper,)
     if width > gripper.upper:
         raise InvalidRequest("target", f"{width:.4f} m wide", f"an object at most {gripper.upper:.4f} m wide")

@@ -76,7 +76,7 @@ class Handling:
     Attributes:
         support: The obstacle that the object stands on before a pick, or after a place.
         support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
-        open_width: The gripper's opening around the object; None for 12 mm of room on either side.
+        open_width: The gripper's opening around the object; None for 12 mm of room on either side, and for a cup.
         request: Planner, timing, seed, scales, padding, constraints and limits; its start and goal are not used. Its
             ``time_limit`` is for the whole pick or place, its ``max_checks`` for each motion. All motions keep its
             constraints.

@@ -220,9 +220,10 @@ def contact_here(motions: Motions, service: PlannerService, step: Grasp | Releas
     if isinstance(step, Release):
         held = _held(service, step.object)
         return _placing(motions, service, held, tool @ held.pose, step=step)
-    width = service.robot.gripper_width
-    obstacle = service.scene.obstacle(step.object)
-    return _grasping(motions, service, obstacle, tool, step=replace(step, open_width=width))
+    obstacle, robot = service.scene.obstacle(step.object), service.robot
+    if gripper_of(robot).kind != "vacuum":
+        step = replace(step, open_width=robot.gripper_width)
+    return _grasping(motions, service, obstacle, tool, step=step)
 
 
 def kept_upright(grasp: Pose, tolerance: float) -> Constraint:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 from planner_service.grasping import GraspKind, GraspKinds
+from planner_service.memory import Memory
 from planner_service.records.plan_file import load_task
 from planner_service.tasks import MoveTo, Task, pick_steps
 from tests.support.command import run
@@ -19,6 +21,21 @@ def test_a_task_of_steps_in_a_file_is_solved_saved_and_proven(tmp_path: Path) ->
     assert "planned: lift the block" in done.output
     assert [step.failed for step in load_task(solved).steps][-1] == 0
     assert run("certify", str(solved)).exit_code == 0
+
+
+def test_what_a_task_has_learned_is_kept_in_a_file_and_helps_the_next(tmp_path: Path) -> None:
+    steps, memory = tmp_path / "steps.json", tmp_path / "bin.memory.json"
+    Task((*pick_steps("blue_block"), MoveTo("home"))).save(steps)
+    states = []
+    for _ in range(2):
+        done = run("solve", str(steps), "--scene", "bin", "--memory", str(memory), "--json")
+        assert done.exit_code == 0
+        states.append(json.loads(done.stdout)["counts"]["states"])
+    assert states[1] < states[0]
+    assert len(Memory.load(memory).grips) == 1
+    steps.replace(memory)
+    done = run("solve", str(memory), "--scene", "bin", "--memory", str(memory))
+    assert (done.exit_code, "memory.json" in done.output) == (2, True)
 
 
 def test_a_task_without_a_plan_says_which_step_has_none_and_why(tmp_path: Path) -> None:

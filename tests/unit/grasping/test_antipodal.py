@@ -97,6 +97,20 @@ def test_a_box_is_held_by_opposite_faces_that_fit_and_a_ball_through_its_middle(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("radius", [0.015, 0.03, 0.035])
+def test_fingers_that_turn_hold_a_ball_as_far_in_as_they_meet_it(radius: float) -> None:
+    robot, ball = loaded("kinova_gripper"), Obstacle("ball", Sphere(radius), Pose((0.4, 0.1, 0.1)))
+    gripper = present(robot.gripper)
+    grasps = antipodal_grasps(robot, ball, most=8)
+    x, y = np.array(gripper.approach), np.array(gripper.closing)
+    for grasp in grasps:
+        middle = (np.array(ball.pose.position) - np.array(grasp.position)) @ grasp.rotation
+        along, across = float(middle @ x), float(middle @ y)
+        assert -0.03 - 1e-9 <= along <= 1e-9
+        assert math.sqrt(float(middle @ middle) - along**2) < 1e-9
+        assert abs(across) < 1e-9
+
+
 def test_the_best_come_first_and_no_two_are_nearly_equal() -> None:
     robot = loaded("panda")
     for shape in (Box((0.04, 0.06, 0.12)), DOOR):

@@ -38,9 +38,14 @@ def test_a_wanted_opening_is_the_only_one_and_holds_the_object() -> None:
         openings(GRIPPERS["wxai"], 0.04, 0.03)
 
 
+def test_a_cup_refuses_a_wanted_opening() -> None:
+    with pytest.raises(InvalidRequest, match=r"open_width: got 0\.04; expected None: a cup does not open"):
+        openings(GRIPPERS["ur5_vacuum"], 0.0, 0.04)
+
+
 def test_a_cup_has_one_opening_and_no_words_for_it() -> None:
     cup = GRIPPERS["ur5_vacuum"]
-    assert openings(cup, 0.0) == openings(cup, 0.0, 0.05) == (0.0,)
+    assert openings(cup, 0.0) == (0.0,)
     assert opened(cup, 0.0) == ""
     assert opened(GRIPPERS["wxai"], 0.0691) == "gripper 69.1 mm open"
 
