@@ -19,6 +19,7 @@ def plan_cell(
     delay: Annotated[
         float | None, option("SECONDS", "How late any arm may be without touching another; as the file says.")
     ] = None,
+    png: options.Picture = None,
     out: options.Out = None,
     evidence: Annotated[bool, option("--evidence", "Keep the trail of the proof in the file, for others.")] = False,
     as_json: options.AsJson = False,
@@ -29,7 +30,7 @@ def plan_cell(
     it stands. An arm starts as early as it is proven not to touch another that may be late.
     """
     with bad_input_exits():
-        arguments.require_outputs({"--out": out})
+        arguments.require_outputs({"--out": out, "--png": png})
         asked = read_cell_request(file)
         late = asked.delay if delay is None else delay
         plan = asked.cell.plan(asked.requests, standing=asked.standing, delay=late)
@@ -38,6 +39,10 @@ def plan_cell(
             saved = with_cell_evidence(saved)
         if out is not None:
             save_cell_plan(saved, out)
+        if png is not None and plan.ok:
+            from planner_service.view.still.cells import draw_cell
+
+            draw_cell(plan, png)
     title = f"{'planned' if plan.ok else 'no plan'}: {', '.join(asked.cell.arms)} in {asked.cell.scene.name}"
     finish(partial(_document, saved), None, [title, *_lines(plan)], plan.failure, as_json=as_json)
 

@@ -294,7 +294,9 @@ def run(queries: int | None, seed: int) -> Report:
         Promise(f"honest ones are accepted, of {len(honest)}", f"{len(honest) - len(refused)}", not refused),
     )
     note = f"{true} changed files were accepted that say something else, which holds"
-    return Report("evidence", tuple(rows), (_table(forged, note), _reasons(forged), _odd([*false, *refused])), promises)
+    odd = [*false, *refused]
+    tables = (_table(forged, note), _reasons(forged), *([_odd(odd)] if odd else []))
+    return Report("evidence", tuple(rows), tables, promises)
 
 
 def _honest(files: dict[str, Document], count: int, seed: int) -> Iterator[Row]:

@@ -12,10 +12,11 @@ from tests.unit.records.cells.test_cell_request import GOOD, written
 
 def test_a_cell_is_planned_saved_and_proven(tmp_path: Path) -> None:
     file, out = written(tmp_path, GOOD), tmp_path / "cell.json"
-    done = run("plan-cell", str(file), "--out", str(out), "--evidence")
+    done = run("plan-cell", str(file), "--out", str(out), "--evidence", "--png", str(tmp_path / "cell.png"))
     assert done.exit_code == 0
     assert done.stdout.startswith("planned: left, right in empty")
     assert "tolerates 0.1" in done.stdout
+    assert (tmp_path / "cell.png").read_bytes().startswith(b"\x89PNG")
     assert run("certify", str(out)).exit_code == 0
     assert list(judged(json.loads(out.read_text())))[-1].startswith("verified: ")
     shown = json.loads(run("plan-cell", str(file), "--delay", "0.2", "--json").stdout)
