@@ -107,3 +107,18 @@ def test_a_pallet_is_filled_and_all_but_the_first_box_costs_less(capsys: pytest.
     states = [number(each) for each in re.findall(r"^box_\d+: [\d.]+ s of motion, ([\d,]+) states$", printed, re.M)]
     assert len(states) == 24
     assert max(states[1:]) < states[0] / 3
+
+
+def test_a_bottle_under_a_board_is_taken_from_the_side_and_a_mug_by_its_handle(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    printed = printed_by("15_mug_and_bottle.py", capsys)
+    assert re.search(r"^bottle: way \d+ of \d+, side grasp, ", printed, re.M)
+    assert re.search(r"^mug: way \d+ of \d+, antipodal grasp, ", printed, re.M)
+    example = runpy.run_path(str(EXAMPLES / "15_mug_and_bottle.py"))
+    service = example["cell"]()
+    done = example["take"](service, "mug")
+    assert recertify(done).certified
+    (held,) = done.world.scene.attached
+    x, *_ = held.pose.inverse().position  # where the fingers are, in the frame of the mug
+    assert x < -0.05, "beside its wall"
