@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from auditor.__main__ import judged
 from auditor.schema import Invalid
 from auditor.trails import digest, unpacked
 from auditor.verify_cell import uncovered
-from planner_service import Attached, Box, PlanRequest, Pose, load_robot
+from planner_service import Attached, Box, JointPath, PlanRequest, Pose, Trajectory, Trapezoidal, load_robot
 from planner_service.cell import Arm, Cell
 from planner_service.constraints import KeepUpright
 from planner_service.records.cells import SavedCellPlan, with_cell_evidence
@@ -62,6 +63,23 @@ def test_ways_out_of_folded_poses_and_one_robot_with_two_arms_are_accepted() -> 
         assert plan.ok
         lines = list(judged(document_of(with_cell_evidence(plan))))
         assert lines[-1].startswith("verified: ")
+
+
+def test_an_arm_that_waits_on_its_way_is_accepted() -> None:
+    plan = crossing(two_discs())
+    clock = plan.clocks[0]
+    path = JointPath(np.array([[0.0, 0.1], [0.7, 0.15], [1.5, 0.1]]))
+    pace = PlanRequest([0.0, 0.1], [1.5, 0.1], velocity_scale=0.2).pace
+    law = Trapezoidal().time_path(path, pace.limits(two_discs().arm("left").robot))
+    rest = next(k for k, row in enumerate(law.coefficients) if k and abs(row[1]) < 1e-12)
+    still = [law.coefficients[rest][0], 0.0, 0.0, 0.0]
+    waits = Trajectory(path, np.insert(law.durations, rest, 1.5), np.insert(law.coefficients, rest, still, axis=0))
+    motion = clock.plan.motion
+    assert motion is not None
+    result = replace(clock.plan, path=path, trajectory=waits, motion=replace(motion, duration=waits.duration))
+    late = replace(plan, clocks=(replace(clock, plan=result), plan.clocks[1]), tolerates=0.05)
+    lines = list(judged(document_of(with_cell_evidence(late))))
+    assert any(line.endswith("when each is late by up to 0.05 s, at any time") for line in lines)
 
 
 def test_what_an_arm_holds_is_judged_and_named() -> None:
