@@ -1,4 +1,6 @@
-"""``python -m auditor FILE [--allow A B]...``: what a plan, task or cell with evidence shows, or a proof of no path.
+"""``python -m auditor FILE [--allow A B]...``: what a plan, task or cell with evidence shows, or another proof.
+
+That is one of no path, or of inverse kinematics.
 
 The last line begins with VALID or INVALID and says for what; the exit code is 0 or 1. ``--allow`` names a pair that may
 touch everywhere. A file that allows a pair is INVALID unless the pair is named here as well.
@@ -11,7 +13,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from auditor import verify, verify_cell, verify_no_path
+from auditor import verify, verify_cell, verify_inverse, verify_no_path
 from auditor.schema import CELL, MOST_BYTES, Invalid, parsed
 
 MOST_MEMORY, MOST_SECONDS = 8 * 2**30, 600.0
@@ -23,6 +25,8 @@ def judged(document: Any, named: Sequence[Sequence[str]] = ()) -> Iterator[str]:
     try:
         if form == verify_no_path.FORMAT:
             yield from verify_no_path.verify(document)
+        elif form == verify_inverse.FORMAT:
+            yield from verify_inverse.verify(document)
         elif form == CELL:
             yield from verify_cell.verify(document)
         else:

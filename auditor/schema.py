@@ -38,6 +38,8 @@ reason reason:text times:int
 planner-service/no-path format:text version:int robot:robot scene:scene allowed:text*2* start:num* goals:num** moved:num
     boxes:any faces:any joints:text* range:num** divisions:int* encloses:text region:text walls:text pairs:text*2*
     centres:text
+planner-service/inverse format:text version:int robot:robot joints:text* goal:tool q:num** lower:num** upper:num**
+    points:text domain:text found:text steps:text sums:text equations:text followed:text
 pose position:3 quaternion_wxyz:4
 box kind:=box size:3
 sphere kind:=sphere radius:num

@@ -30,9 +30,11 @@ if TYPE_CHECKING:
 __all__ = [
     "InverseArcs",
     "InverseSolutions",
+    "InverseTrail",
     "complete_arcs",
     "complete_solutions",
     "most_joints",
+    "shown_solutions",
 ]
 
 POSE_ERROR = 1e-11
@@ -156,6 +158,32 @@ class InverseArcs:
         return bool(on.any() or np.any(np.all(inside, axis=1)))
 
 
+@dataclass(frozen=True, eq=False)
+class InverseTrail:
+    """What shows that the solutions are all: for the auditor, which works it out again.
+
+    Attributes:
+        points: A point on each joint's axis at q = 0, from the base to the tool, (m, 3).
+        domain: Lowest and highest joint values that were searched, (2, n): of joints that go round, one turn.
+        found: Solutions there, each with its box and the box where it is alone, (k, 5, n).
+        steps: As ``Step`` in native/kinematics/complete.hpp, (s, 6).
+        sums: Of equations, (t, 14).
+        equations: Of the loop, (e, 6).
+        followed: The points and directions that these follow, (f, 5).
+    """
+
+    points: FloatArray
+    domain: FloatArray
+    found: FloatArray
+    steps: FloatArray
+    sums: FloatArray
+    equations: FloatArray
+    followed: FloatArray
+
+    def __post_init__(self) -> None:
+        copied_in(self, "points", "domain", "found", "steps", "sums", "equations", "followed")
+
+
 @lru_cache(maxsize=32)
 def _closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
     """The compiled loop of an arm, which joints go round once at least (n,), and metres of all its offsets together."""
@@ -257,6 +285,16 @@ def complete_arcs(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_BOXES)
     q, along, half = (found[:, 2 + k * robot.n : 2 + (k + 1) * robot.n] for k in range(3))
     _require_reached(robot, goal, q)
     return InverseArcs(found[:, 0].astype(np.intp), found[:, 1], q, along, half, left, circles, boxes)
+
+
+def shown_solutions(robot: Robot, goal: PoseGoal) -> tuple[InverseSolutions, InverseTrail]:
+    """``complete_solutions`` of an arm that has not too many joints, and what shows that they are all."""
+    loop, circles, asked = _asked(robot, goal)
+    found, left, boxes, *shown = loop.shown(*asked, MOST_BOXES)
+    _require_reached(robot, goal, found[:, 0])
+    lines, _, domain = _lines(robot)
+    trail = InverseTrail(lines[:, 6:], domain, found, *shown)
+    return _within_limits(robot, circles, found, left, boxes), trail
 
 
 def _asked(
