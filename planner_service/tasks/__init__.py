@@ -4,7 +4,6 @@ from planner_service.planning.task_result import Handling, Segment, StepReport, 
 from planner_service.tasks.explanation import explain_task
 from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
 from planner_service.tasks.primitives import pick, pick_steps, place, place_steps
-from planner_service.tasks.proven import ProvenWay, proven_ways
 from planner_service.tasks.seeds import best_of_seeds, plan_seeds
 from planner_service.tasks.solver import solve
 from planner_service.tasks.steps import (
@@ -24,6 +23,7 @@ from planner_service.tasks.steps import (
 )
 from planner_service.tasks.task import Task
 from planner_service.tasks.tool_motions import move_circular, move_linear
+from planner_service.tasks.ways import ProvenWay, proven_ways
 
 __all__ = [
     "Alternatives",
