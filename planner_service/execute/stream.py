@@ -41,7 +41,7 @@ from planner_service.records.recertify import squeezed
 from planner_service.robot.model import Robot
 from planner_service.service import PlannerService
 
-__all__ = ["execute"]
+__all__ = ["Log", "Run", "execute"]
 
 REST, STILL = 0.1, 2e-4
 """An arm that moves less than this many radians within these seconds has come to rest."""
@@ -109,7 +109,7 @@ def execute(
     arm = Arm(driver, robot)
     speed = how.speed if how.speed is not None else (1.0 if simulated else HARDWARE_SPEED)
     require_drivable(motions, robot, arm.limits, speed, how.start_tolerance)
-    run = _Run(arm, robot, how, speed)
+    run = Run(arm, robot, how, speed)
     run.require_at("start", motions[0], 0.0)
     if proven is not None and robot.gripper is not None:
         require_free_opening(proven, arm.gripper_width(), how.gripper_tolerance)
@@ -117,13 +117,13 @@ def execute(
     return run.report()
 
 
-class _Run:
+class Run:
     """One execution: what it has done so far, and where the arm was to be last."""
 
     def __init__(self, arm: Arm, robot: Robot, how: Streaming, speed: float) -> None:
         self.arm, self.robot, self.how, self.speed = arm, robot, how, speed
         self.began = time.perf_counter()
-        self.done: list[tuple[str, Trajectory, _Log]] = []
+        self.done: list[tuple[str, Trajectory, Log]] = []
         self.planned: FloatArray = np.zeros(robot.n)
         self.commanded: FloatArray = self.planned
         self.width: float | None = None
@@ -145,7 +145,11 @@ class _Run:
             if not ticks < MAX_SAMPLES:
                 speed = f"{self.speed:g}, {ticks:.3g} commands in {motion.name}"
                 raise refusal("speed", speed, f"one at which a motion has fewer than {MAX_SAMPLES}")
-        self.planned = self.commanded = motions[0].trajectory(0.0)
+        self.drive_from(motions[0].trajectory(0.0), motions)
+
+    def drive_from(self, planned: FloatArray, motions: Sequence[Motion]) -> None:
+        """The same of an arm that stands at ``planned``, (n,)."""
+        self.planned = self.commanded = planned
         try:
             self._supervise(motions)
             if self.error is not None and not isinstance(self.error, Exception):
@@ -294,7 +298,7 @@ class _Run:
 
     def _follow(self, motion: Motion) -> None:
         """Command every tick until the end, then its end until the arm has settled there, or has had its time to."""
-        trajectory, log = motion.trajectory.dilated(1.0 / self.speed), _Log(self.robot.n)
+        trajectory, log = motion.trajectory.dilated(1.0 / self.speed), Log(self.robot.n)
         self.done.append((motion.name, trajectory, log))
         period, arm = 1.0 / self.how.rate, self.arm
         t, q, qd, qdd = trajectory.sample(period)
@@ -338,7 +342,7 @@ class _Run:
         raise refusal("arm", at, f"{wanted:.4f} within {self.how.tracking_tolerance:g} (tracking_tolerance)")
 
 
-class _Log:
+class Log:
     """Commands and readings, tick by tick."""
 
     def __init__(self, n: int) -> None:

@@ -21,6 +21,8 @@ from planner_service.cell import Arm, Cell
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
+from planner_service.execute import Streaming
+from planner_service.execute.cells import execute_cell
 from planner_service.gate import ActionGate, TargetFilter, Tracking
 from planner_service.infeasibility import prove_no_path
 from planner_service.records.cells import (
@@ -33,6 +35,7 @@ from planner_service.records.cells import (
 )
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
+from tests.support.arms import FakeArm
 
 MEMORY = 1_500_000_000
 """Bytes that the calls may take beside what the tests have."""
@@ -42,14 +45,28 @@ SECONDS, WAIT = 5.0, 60.0
 
 PACKAGES = (
     *("cell", "certify", "collision", "constraints", "gate", "grasping", "optimize", "parallel", "path"),
-    *("infeasibility", "memory", "ordering", "planning", "replanning", "roadmap", "scene", "search", "tasks"),
+    *(
+        "execute.cells",
+        "infeasibility",
+        "memory",
+        "ordering",
+        "planning",
+        "replanning",
+        "roadmap",
+        "scene",
+        "search",
+        "tasks",
+    ),
 )
 """Subpackages of which every name is attacked, as of the root."""
 
 ANSWERS = {
     *(
+        "ArmCourse",
         "Built",
         "CellPlan",
+        "CellReport",
+        "CellStopped",
         "Counts",
         "Course",
         "Decision",
@@ -90,6 +107,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
     part = {"allowed": (), "padding": 0.0, "exempt": (), "constraints": (upright,)}
     gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": ""}
     service, tracking = PlannerService(arm, scene), Tracking(0.1, 0.01)
+    alone = Cell({"one": arm}, scene)
     settings = {"acceleration_scale": 1.0, "jerk_scale": 1.0, "torque_scale": 1.0, "slow": True, "repair": True}
     when, log = {"sent": 0, "elapsed": 0.1}, tmp_path_factory.mktemp("gate") / "log.jsonl"
 
@@ -111,6 +129,15 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         "Cell": Call(Cell, {"arms": {"one": arm}, "scene": scene}),
         "Cell.of": Call(
             Cell.of, {"robot": arm, "groups": {"one": list(arm.joint_names)}, "scene": scene, "tools": None}
+        ),
+        "execute_cell": Call(
+            execute_cell,
+            {
+                "cell": alone,
+                "plan": alone.plan({"one": PlanRequest(arm.home, arm.home)}),
+                "drivers": {"one": FakeArm(np.array(arm.home), width=arm.gripper_width)},
+                "streaming": Streaming(settle=0.0),
+            },
         ),
         "Cell.plan": Call(
             Cell({"one": arm}, scene).plan,
