@@ -82,6 +82,15 @@ from planner_service.tasks import (
     standing_on,
 )
 from planner_service.view.still.pictures import draw_check
+from planner_service.workspace import (
+    ToolOrientation,
+    VoxelGrid,
+    VoxelVerdict,
+    load_map,
+    prove_again,
+    reachability,
+    save_map,
+)
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]
 
@@ -173,7 +182,8 @@ SKIPPED: Mapping[str, str] = {
         "an error",
     ),
     **dict.fromkeys(
-        ("EdgeVerdict", "GraspKind", "Kind", "Known", "Outcome", "Reason", "Stage", "Verdict"), "an enumeration"
+        ("EdgeVerdict", "GraspKind", "Kind", "Known", "Outcome", "Reason", "Stage", "Verdict", "VoxelVerdict"),
+        "an enumeration",
     ),
     **dict.fromkeys(("CancelToken", "Sequential", "Trapezoidal", "robot_names", "scene_names"), "takes nothing"),
     "Step": "what the steps of tasks have in common",
@@ -191,7 +201,7 @@ Calls = Iterator[tuple[str, Call]]
 
 def calls(folder: Path) -> dict[str, Call]:
     """Every public callable by its name; files are read from and written to ``folder``."""
-    parts = (_values(folder), _shapes(), _methods(), _planning(folder), _tasks(folder), _files(folder))
+    parts = (_values(folder), _shapes(), _methods(), _planning(folder), _tasks(folder), _files(folder), _maps(folder))
     return {name: call for part in parts for name, call in part}
 
 
@@ -505,6 +515,27 @@ def _steps(grasp: tuple[ps.Pose, ...]) -> Calls:
         _call(Alternatives, branches=[wait, (wait,)]),
         _call(Repeat, steps=(wait,), times=2),
         _call(Task, steps=(wait,), name="n"),
+    )
+
+
+def _maps(folder: Path) -> Calls:
+    arm, scene = ps.load_robot("planar2"), ps.Scene()
+    grid, any_turn = VoxelGrid((0.1, 0.1, -0.1), (0.3, 0.3, 0.1), (2, 2, 1)), ToolOrientation(tolerance=math.pi)
+    found = reachability(arm, scene, grid, [any_turn], halvings=0)
+    about = {"robot": arm, "scene": scene}
+    save_map(found, folder / "map.npz")
+    yield from (
+        _again(grid),
+        _again(ToolOrientation((0.5, 0.5, 0.5, 0.5), 0.1, (0.0, 0.0, 1.0))),
+        _again(found),
+        _call(grid.cell_of, position=(0.2, 0.2, 0.0)),
+        _call(found.verdict, position=(0.2, 0.2, 0.0)),
+        _call(found.witness, position=(0.2, 0.2, 0.0)),
+        _call(found.share, verdict=VoxelVerdict.UNKNOWN),
+        _call(reachability, **about, grid=grid, orientations=[any_turn], still=[0.1, 0.2], halvings=0, time_limit=9.0),
+        _call(prove_again, found=found, **about),
+        _call(load_map, path=folder / "map.npz", **about),
+        _call(save_map, ("path",), found=found, path=folder / "map_again.npz"),
     )
 
 

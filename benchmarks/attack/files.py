@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import math
 import os
 import tempfile
 import zlib
@@ -36,6 +37,7 @@ from planner_service.records.request import RequestRecord
 from planner_service.records.visits import load_visits, save_visits
 from planner_service.scene import read_moveit_scene, read_urdf_scene
 from planner_service.tasks import Alternatives, MoveTo, Repeat, Task, Wait, pick_steps, plan_pick_place
+from planner_service.workspace import ToolOrientation, VoxelGrid, load_map, reachability, save_map
 
 __all__ = ["Attack", "crossing_arms"]
 
@@ -142,6 +144,10 @@ class _Stock:
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
+        grid = VoxelGrid((0.1, 0.1, -0.1), (0.3, 0.3, 0.1), (2, 2, 1))
+        found = reachability(ps.load_robot("planar2"), ps.Scene(), grid, [ToolOrientation(tolerance=math.pi)])
+        save_map(found, folder / "map.npz")
+        self.contents["map"] = (folder / "map.npz").read_bytes()
         kinds = GraspKinds([GraspKind.SIDE], friction=0.4)
         Task((*pick_steps(TAKEN, kinds), Repeat([Alternatives([MoveTo("home"), Wait(1.0)])], 2))).save(
             folder / "steps.json"
@@ -187,6 +193,7 @@ class _Stock:
     def readers(self) -> dict[str, tuple[str, Callable[[Path], Any]]]:
         """By kind: a file's name, and what reads it."""
         urdf, cache = self.folder / "drawn.urdf", DiskCache(self.folder / "cache")
+        planar = ps.load_robot("planar2")
         out: dict[str, tuple[str, Callable[[Path], Any]]] = {
             "plan": ("f.json", plan_file.load_plan_or_task),
             "task": ("f.json", plan_file.load_plan_or_task),
@@ -197,6 +204,7 @@ class _Stock:
             "visits": ("f.json", load_visits),
             "gate log": ("f.jsonl", lambda path: read_log(path, 6)),
             "roadmap": ("f.npz", ps.Roadmap.load),
+            "map": ("f.npz", lambda path: load_map(path, planar, ps.Scene())),
             "memory": ("f.json", Memory.load),
             "npy": ("f.npy", lambda path: ps.PointCloud.from_file(path, 0.01)),
             "npz": ("f.npz", lambda path: ps.PointCloud.from_file(path, 0.01)),

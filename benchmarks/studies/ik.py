@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, p50, spread, table_of
+from benchmarks.studies import ik_maps
 from planner_service import Pose, PoseGoal, Robot, inverse_kinematics, load_robot
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
@@ -23,8 +24,11 @@ from planner_service.robot.kinematic_tree import chain_to_base, joint_motion
 
 __all__ = ["PARTS", "run"]
 
-PARTS = ("complete",)
+PARTS = ("complete", "maps")
 QUERIES, STARTS, STEPS = 60, 1000, 40
+
+VOXELS = 10_000
+"""Of the map, held against brute force unless asked otherwise."""
 
 ARMS = {
     "WidowX AI": "wxai",
@@ -55,7 +59,7 @@ class Case:
 
 
 def run(queries: int = QUERIES, seed: int = 0, robot: str | None = None, part: str | None = None) -> Report:
-    """Poses of each arm, or of the one of that name.
+    """Poses of each arm, or of the one of that name; with the part "maps" a reachability map.
 
     Half are those of a configuration, two in ten near a singularity and one near a limit; the others have a reachable
     place and a random orientation.
@@ -63,6 +67,8 @@ def run(queries: int = QUERIES, seed: int = 0, robot: str | None = None, part: s
     Raises:
         UnknownName: there is no such arm.
     """
+    if part == "maps":
+        return ik_maps.run(VOXELS if queries == QUERIES else queries, seed)
     names = (*ARMS, FREE)
     if robot is not None and robot not in names:
         raise UnknownName("robot", robot, names)

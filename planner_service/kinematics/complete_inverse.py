@@ -31,6 +31,7 @@ __all__ = [
     "InverseArcs",
     "InverseSolutions",
     "InverseTrail",
+    "closed_loop",
     "complete_arcs",
     "complete_solutions",
     "most_joints",
@@ -185,7 +186,7 @@ class InverseTrail:
 
 
 @lru_cache(maxsize=32)
-def _closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
+def closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
     """The compiled loop of an arm, which joints go round once at least (n,), and metres of all its offsets together."""
     lines, circles, (low, high) = _lines(robot)
     tool = body_matrix(robot.body_poses(np.zeros(robot.n))[robot.tool_body]) @ robot.tool_placement
@@ -301,7 +302,7 @@ def _asked(
     robot: Robot, goal: PoseGoal
 ) -> tuple[_core.ClosedLoop, BoolArray, tuple[FloatArray, tuple[float, float, float], int, float, float]]:
     """The loop, which joints go round, and what is asked of the loop."""
-    loop, circles, length = _closed_loop(robot)
+    loop, circles, length = closed_loop(robot)
     pose = goal.pose
     unit = Pose(pose.position, tuple((np.array(pose.quaternion) / math.hypot(*pose.quaternion)).tolist()))
     rows = np.array([[*row, at] for row, at in zip(unit.rotation_rows, unit.position, strict=True)])

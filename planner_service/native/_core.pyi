@@ -429,6 +429,60 @@ class ClosedLoop:
     ]:
         """``solve``, and what shows it: steps (s, 6), sums (t, 14), equations (e, 6) and what they follow (f, 5)."""
 
+    def cover(
+        self,
+        centres: NDArray[np.float64],
+        half: NDArray[np.float64],
+        rows: NDArray[np.float64],
+        axis: Sequence[float],
+        wanted: int,
+        errors: tuple[float, float],
+        offsets: NDArray[np.int64],
+        boxes: NDArray[np.float64],
+        obstructed: Obstructed | None,
+        width: float,
+        most: tuple[int, int],
+        most_near: int,
+        threads: int,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """What can bring the tool into each of k boxes of positions.
+
+        Returns whether boxes of joint values were dropped because they collide (k,); those that are left (b, 2, n), of
+        each from one offset (k + 1,) to the next; and configurations (c, n) whose tool is there, likewise.
+
+        Args:
+            centres: Of the boxes of positions (k, 3).
+            half: Half of their sides (3,).
+            rows: Of a target whose orientation is wanted (12,).
+            errors: Metres by which a position may be outside, radians by which the tool may be turned.
+            offsets: Where in ``boxes`` those of each begin (k + 1,).
+            boxes: Of joint values, to begin with (b, 2, n).
+            width: Of boxes of joint values that are not split (rad).
+            most: Such boxes of one box of positions from which on none is split; boxes looked at, likewise.
+            most_near: In how many of them a configuration is looked for.
+            threads: How many work; that changes nothing.
+        """
+
+class Obstructed:
+    """Convex solids of which some pairs collide where they overlap (native/kinematics/obstruction.hpp).
+
+    Args:
+        solids: Of each the link, kind, size (3,), frame (12,), and the ball around it (4,), as rows (s, 21).
+        ball_offsets, balls: Balls inside of each (b, 4), and where those of each begin (s + 1,).
+        plane_offsets, planes: Planes that each is behind (p, 4), likewise.
+        pairs: (k, 2).
+    """
+
+    def __init__(
+        self,
+        solids: NDArray[np.float64],
+        ball_offsets: NDArray[np.int64],
+        balls: NDArray[np.float64],
+        plane_offsets: NDArray[np.int64],
+        planes: NDArray[np.float64],
+        pairs: NDArray[np.int64],
+    ) -> None: ...
+
 class ToolArm:
     """An arm as inverse kinematics sees it (kinematics/tool_arm.py).
 

@@ -57,6 +57,7 @@ PACKAGES = (
         "search",
         "tasks",
     ),
+    "workspace",
 )
 """Subpackages of which every name is attacked, as of the root."""
 

@@ -12,6 +12,7 @@ namespace {
 constexpr std::size_t most = 7;            // joints
 constexpr std::size_t largest_side = 81;   // numbers of a polynomial of the most joints
 constexpr double least_width = 1e-6;       // of a box that is split once more
+constexpr double blocked_width = 1.0;      // of a box that is asked whether all of it collides
 constexpr double lone_width = 0.2;         // of a box in whose middle a solution is looked for
 constexpr double arc_width = 0.2;          // of a box in whose middle an arc of solutions is looked for
 constexpr double rounding = 1e-12;         // bounds what rounding adds to a residual and its derivatives (Lemma 4)
@@ -95,7 +96,10 @@ class Proof {
             (joint.slides ? slides_ : turns_)[joint.q] += std::fabs(joint.multiplier);
         const Vector end = end_at_home();
         const Vector arm = {end[0] - loop.tool[3], end[1] - loop.tool[7], end[2] - loop.tool[11]};
-        place_error_ = target.position_error + (target.wanted == Wanted::POSE ? std::sqrt(dot(arm, arm)) * target.turn_error : 0.0);
+        arm_ = target.wanted == Wanted::POSE ? std::sqrt(dot(arm, arm)) : 0.0;
+        const double swing = arm_ * target.turn_error;
+        place_error_ = target.position_error + swing;
+        for (std::size_t i = 0; i < 3; ++i) place_errors_[i] = std::min(target.position_error, target.position_errors[i]) + swing;
     }
 
     std::size_t rows() const { return rows_; }
@@ -109,7 +113,7 @@ class Proof {
         for (std::size_t j = 0; j < loop_.n; ++j) turned += 2.0 * turns_[j] * half[j];
         if (turned < 1.0 + 2.0 * std::cos(std::min(target_.turn_error, pi))) return false;
         for (std::size_t e = 0; e < rows_; ++e) {
-            values[e] = {at.value[e], (e < 3 ? place_error_ : target_.turn_error) + slack};
+            values[e] = {at.value[e], (e < 3 ? place_errors_[e] : target_.turn_error) + slack};
             for (std::size_t j = 0; j < loop_.n; ++j) {
                 double bend = slack;
                 for (std::size_t i = 0; i < loop_.n; ++i) bend += (e < 3 ? shift_ : turn_)[i][j] * half[i];
@@ -177,6 +181,55 @@ class Proof {
         return std::nullopt;
     }
 
+    // A configuration of the domain to which damped steps from q lead, whose tool is at the target, within its errors. Only if the
+    // orientation may be off, too, the tool may be farther off, by as much as that moves it.
+    std::optional<std::vector<double>> towards(std::vector<double> q, const Box& domain) const {
+        const std::size_t n = loop_.n;
+        std::optional<std::vector<double>> best;
+        for (int step = 0; step < 20; ++step) {
+            const Residual at = residual(q);
+            double turned = 0.0, largest = 0.0, finest = target_.position_error;
+            for (std::size_t e = 3; e < rows_; ++e) turned += at.value[e] * at.value[e];
+            turned = std::sqrt(turned);
+            for (std::size_t i = 0; i < 3; ++i) finest = std::min(finest, target_.position_errors[i]);
+            bool within = turned <= 0.9 * target_.turn_error && at.agreement > 1.0, well = turned * arm_ <= 0.05 * finest;
+            for (std::size_t e = 0; e < 3; ++e) {
+                const double off = std::fabs(at.value[e]);
+                within = within && off <= 0.9 * place_errors_[e];
+                well = well && off <= 0.85 * std::min(target_.position_error, target_.position_errors[e]);
+            }
+            for (std::size_t e = 0; e < rows_; ++e) largest = std::max(largest, std::fabs(at.value[e]));
+            if (within) best = q;
+            if ((within && well) || step == 19 || !(largest < 1.0)) break;
+            // With joints at their limits held: J Jt y = f, so that -Jt y is the shortest step.
+            std::array<bool, most> held{};
+            for (int again = 0; again < 2; ++again) {
+                Matrix A{}, inverse;
+                for (std::size_t e = 0; e < rows_; ++e) {
+                    for (std::size_t f = 0; f < rows_; ++f)
+                        for (std::size_t j = 0; j < n; ++j)
+                            if (!held[j]) A[e][f] += at.slope[e][j] * at.slope[f][j];
+                    A[e][e] += 1e-9 + 1e-3 * largest * largest;
+                }
+                if (!invert(A, rows_, inverse)) return best;
+                std::array<double, most> move{};
+                for (std::size_t e = 0; e < rows_; ++e) {
+                    double y = 0.0;
+                    for (std::size_t f = 0; f < rows_; ++f) y += inverse[e][f] * at.value[f];
+                    for (std::size_t j = 0; j < n; ++j)
+                        if (!held[j]) move[j] -= at.slope[e][j] * y;
+                }
+                bool more = false;
+                for (std::size_t j = 0; j < n && again == 0; ++j)
+                    if ((move[j] > 0.0 && q[j] >= domain[j].high) || (move[j] < 0.0 && q[j] <= domain[j].low)) held[j] = more = true;
+                if (more) continue;
+                for (std::size_t j = 0; j < n; ++j) q[j] = std::max(domain[j].low, std::min(domain[j].high, q[j] + move[j]));
+                break;
+            }
+        }
+        return best;
+    }
+
   private:
     const Loop& loop_;
     const Target& target_;
@@ -185,6 +238,8 @@ class Proof {
     std::array<std::array<double, most>, most> shift_{}, turn_{};
     std::array<double, most> turns_{}, slides_{};  // by how much a joint turns and slides bodies
     double place_error_ = 0.0;  // metres by which the end may be off
+    Vector place_errors_{};     // and along each axis of the base
+    double arm_ = 0.0;          // metres from the end to the tool
 
     double slack() const { return rounding * (1.0 + loop_.longest) * loop_.steepest; }
 
@@ -488,7 +543,7 @@ struct Gap {
 class Search {
   public:
     Search(const Loop& loop, const Target& target, const Box& domain, Trail* trail)
-        : loop_(loop), domain_(domain), equations_(equations_of(loop, target)), proof_(loop, target), cosines_(loop.joints.size()), sines_(loop.joints.size()), trail_(trail) {
+        : loop_(loop), target_(target), domain_(domain), equations_(equations_of(loop, target)), proof_(loop, target), cosines_(loop.joints.size()), sines_(loop.joints.size()), trail_(trail) {
         if (trail_ == nullptr) return;
         for (const Equation& each : equations_) {
             const Origin& from = each.origin;
@@ -523,8 +578,46 @@ class Search {
         return out;
     }
 
+    Cover cover(const std::vector<Box>& from, const Obstruction* obstruction, const CoverLimits& limits) {
+        Cover out;
+        std::vector<Box> stack = from;
+        int seen = 0;
+        while (!stack.empty()) {
+            Box box = std::move(stack.back());
+            stack.pop_back();
+            Gap gap;
+            ++seen;
+            if (!contract(box, gap)) continue;
+            bool left = true;
+            for (int round = 0; left && round < 4; ++round) {
+                const double before = widest(box);
+                left = linearised(box);
+                if (!left || widest(box) > 0.7 * before) break;
+                gap = Gap{};
+                left = contract(box, gap);
+            }
+            if (!left) continue;
+            const double wide = widest(box);
+            if (obstruction != nullptr && wide < blocked_width && obstruction->blocks(loop_, target_, box)) {
+                out.obstructed = true;
+            } else if (wide <= limits.width || stack.size() + out.boxes.size() >= limits.most || seen >= limits.most_seen) {
+                out.boxes.push_back(std::move(box));
+            } else {
+                split(box, gap, stack);
+            }
+        }
+        const std::size_t step = limits.most_near == 0 ? 1 : 1 + (out.boxes.size() - 1) / std::max<std::size_t>(limits.most_near, 1);
+        for (std::size_t k = 0; limits.most_near > 0 && k < out.boxes.size(); k += step) {
+            std::vector<double> q(loop_.n);
+            for (std::size_t j = 0; j < loop_.n; ++j) q[j] = out.boxes[k][j].middle();
+            if (std::optional<std::vector<double>> found = proof_.towards(std::move(q), domain_)) out.near.push_back(std::move(*found));
+        }
+        return out;
+    }
+
   private:
     const Loop& loop_;
+    const Target& target_;
     const Box& domain_;
     std::vector<Equation> equations_;
     Proof proof_;
@@ -930,6 +1023,11 @@ class Search {
 
 Complete solve_complete(const Loop& loop, const Target& target, const Box& domain, int most_boxes, Trail* trail) {
     return Search(loop, target, domain, trail).run(most_boxes);
+}
+
+Cover cover(const Loop& loop, const Target& target, const Box& domain, const std::vector<Box>& from, const Obstruction* obstruction,
+            const CoverLimits& limits) {
+    return Search(loop, target, domain, nullptr).cover(from, obstruction, limits);
 }
 
 }  // namespace kinematics

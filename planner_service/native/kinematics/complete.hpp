@@ -5,10 +5,9 @@
 
 #include "enclosure.hpp"
 #include "loop.hpp"
+#include "obstruction.hpp"
 
 namespace kinematics {
-
-using Box = std::vector<Span>;  // a span of each joint
 
 // Exactly one configuration of ``lone`` has its tool at any given pose within the errors of the target, and it is in ``box``.
 struct Solution {
@@ -56,5 +55,22 @@ constexpr double slide_room = 0.05;
 
 // All within ``domain``, and maybe some beyond; gives up after so many boxes.
 Complete solve_complete(const Loop& loop, const Target& target, const Box& domain, int most_boxes, Trail* trail = nullptr);
+
+// What of a domain may bring the tool to the target.
+struct CoverLimits {
+    double width = 0.0;         // of boxes that are not split (rad)
+    std::size_t most = 0;       // boxes from which on none is split
+    int most_seen = 0;          // boxes looked at, likewise
+    std::size_t most_near = 0;  // configurations at the target that are looked for
+};
+
+struct Cover {
+    std::vector<Box> boxes;                // hold all configurations whose tool is within the errors of the target, but those
+    bool obstructed = false;               // of boxes that collide wherever the arm is in them
+    std::vector<std::vector<double>> near;  // some at the target
+};
+
+Cover cover(const Loop& loop, const Target& target, const Box& domain, const std::vector<Box>& from, const Obstruction* obstruction,
+            const CoverLimits& limits);
 
 }  // namespace kinematics

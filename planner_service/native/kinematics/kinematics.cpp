@@ -6,6 +6,9 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <atomic>
+#include <thread>
+
 #include "../arrays.hpp"
 #include "complete.hpp"
 #include "descent.hpp"
@@ -18,6 +21,8 @@ namespace kinematics {
 namespace {
 
 using arrays::array_of;
+using arrays::NumberRows;
+using arrays::Numbers;
 using arrays::require;
 using arrays::Row;
 using arrays::Rows;
@@ -25,6 +30,13 @@ using arrays::Rows;
 nb::object matrix_of(std::vector<double> values, std::size_t columns) {
     const std::size_t rows = values.size() / columns;
     return array_of<double>(std::move(values), {rows, columns});
+}
+
+// That of each of ``count`` the rows from one offset to the next are among ``rows``.
+void require_offsets(const Numbers& offsets, std::size_t count, std::size_t rows) {
+    require(offsets.shape(0) == count + 1 && offsets.data()[0] == 0, "offsets from 0");
+    for (std::size_t k = 0; k < count; ++k) require(offsets.data()[k] <= offsets.data()[k + 1], "offsets in order");
+    require(offsets.data()[count] == static_cast<std::int64_t>(rows), "offsets up to the last row");
 }
 
 Pose pose_of(const std::vector<double>& numbers) {
@@ -164,6 +176,61 @@ class ToolArm {
     }
 };
 
+// Solids that collide: of each the link, kind, size (3), frame (12), and the ball around it (4); balls and planes from offset to
+// offset, (4) each; and pairs.
+class Obstructed {
+  public:
+    Obstructed(const Rows& solids, const Numbers& ball_offsets, const Rows& balls, const Numbers& plane_offsets, const Rows& planes,
+               const NumberRows& pairs)
+        : obstruction_(solids_of(solids, ball_offsets, balls, plane_offsets, planes), pairs_of(pairs, solids.shape(0))) {}
+
+    const Obstruction& operator*() const { return obstruction_; }
+
+  private:
+    Obstruction obstruction_;
+
+    static std::vector<Solid> solids_of(const Rows& solids, const Numbers& ball_offsets, const Rows& balls, const Numbers& plane_offsets,
+                                        const Rows& planes) {
+        const std::size_t count = solids.shape(0);
+        require(solids.shape(1) == 21 && balls.shape(1) == 4 && planes.shape(1) == 4, "rows of solids, balls and planes");
+        require_offsets(ball_offsets, count, balls.shape(0));
+        require_offsets(plane_offsets, count, planes.shape(0));
+        std::vector<Solid> out(count);
+        for (std::size_t k = 0; k < count; ++k) {
+            const double* row = solids.data() + 21 * k;
+            require(row[0] >= 0.0 && row[0] <= 16.0 && row[1] >= 0.0 && row[1] <= 4.0, "a link and a kind");
+            Solid& solid = out[k];
+            solid.link = static_cast<std::size_t>(row[0]);
+            solid.kind = static_cast<Solid::Kind>(static_cast<int>(row[1]));
+            std::copy_n(row + 2, 3, solid.size);
+            std::copy_n(row + 5, 12, solid.rows);
+            solid.middle = {row[17], row[18], row[19]};
+            solid.radius = row[20];
+            for (std::int64_t i = ball_offsets.data()[k]; i < ball_offsets.data()[k + 1]; ++i) {
+                const double* ball = balls.data() + 4 * i;
+                solid.balls.push_back({{ball[0], ball[1], ball[2]}, ball[3]});
+            }
+            for (std::int64_t i = plane_offsets.data()[k]; i < plane_offsets.data()[k + 1]; ++i) {
+                const double* plane = planes.data() + 4 * i;
+                solid.planes.push_back({{plane[0], plane[1], plane[2]}, plane[3]});
+            }
+            require((solid.kind == Solid::Kind::PLANES) == !solid.planes.empty(), "planes of what has planes");
+        }
+        return out;
+    }
+
+    static std::vector<std::pair<std::size_t, std::size_t>> pairs_of(const NumberRows& pairs, std::size_t count) {
+        require(pairs.shape(1) == 2, "pairs");
+        std::vector<std::pair<std::size_t, std::size_t>> out;
+        for (std::size_t k = 0; k < pairs.shape(0); ++k) {
+            const std::int64_t a = pairs.data()[2 * k], b = pairs.data()[2 * k + 1];
+            require(a >= 0 && b >= 0 && a < static_cast<std::int64_t>(count) && b < static_cast<std::int64_t>(count), "no such solid");
+            out.emplace_back(a, b);
+        }
+        return out;
+    }
+};
+
 // An arm whose configurations for a pose are found completely: of each joint from the base to the tool whether it slides, its
 // entry of q, its multiplier, and its axis and a point on it at q = 0, where the tool has rows ``tool``.
 class ClosedLoop {
@@ -230,6 +297,17 @@ class ClosedLoop {
         return solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr);
     }
 
+    // ``cover`` for many boxes of tool positions: their centres (k, 3), half their sides, rows of the orientation that is wanted;
+    // of each the boxes of joint ranges (b, 2, n) that its configurations are in, ``from`` offset to offset. By how many threads
+    // that is done changes nothing.
+    //
+    // Returns for each whether some of the boxes were dropped because they collide; offsets and boxes that are left; offsets and
+    // configurations whose tool is in it.
+    std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object> cover(
+        const Rows& centres, const Row& half, const Row& rows, const std::vector<double>& axis, int wanted, std::pair<double, double> errors,
+        const Numbers& offsets, const arrays::Array<double, 3>& from, const Obstructed* obstructed, double width, std::pair<int, int> most,
+        int most_near, int threads) const;
+
   private:
     std::tuple<nb::object, nb::object, int> solve_with(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
                                                        double turn_error, int most_boxes, Trail* trail,
@@ -266,6 +344,67 @@ class ClosedLoop {
     Box domain_;
 };
 
+std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object> ClosedLoop::cover(
+    const Rows& centres, const Row& half, const Row& rows, const std::vector<double>& axis, int wanted, std::pair<double, double> errors,
+    const Numbers& offsets, const arrays::Array<double, 3>& from, const Obstructed* obstructed, double width, std::pair<int, int> most,
+    int most_near, int threads) const {
+    const std::size_t count = centres.shape(0), n = loop_.n;
+    require(centres.shape(1) == 3 && half.shape(0) == 3 && rows.shape(0) == 12 && axis.size() == 3, "boxes of positions");
+    require(wanted >= 0 && wanted <= 2 && most.first >= 1 && most.second >= 1 && most_near >= 0 && threads >= 1, "limits of a cover");
+    require(from.shape(1) == 2 && from.shape(2) == n, "boxes of the joints");
+    require_offsets(offsets, count, from.shape(0));
+    std::vector<Cover> found(count);
+    {
+        nb::gil_scoped_release released;
+        std::atomic<std::size_t> next{0};
+        const auto work = [&] {
+            for (std::size_t k = next++; k < count; k = next++) {
+                Target target;
+                target.wanted = static_cast<Wanted>(wanted);
+                std::copy_n(rows.data(), 12, target.rows);
+                target.axis = {axis[0], axis[1], axis[2]};
+                target.turn_error = errors.second;
+                double square = 0.0;
+                for (std::size_t i = 0; i < 3; ++i) {
+                    target.rows[4 * i + 3] = centres.data()[3 * k + i];
+                    target.position_errors[i] = half.data()[i] + errors.first;
+                    square += target.position_errors[i] * target.position_errors[i];
+                }
+                target.position_error = std::sqrt(square) * (1.0 + 1e-15);
+                std::vector<Box> boxes;
+                for (std::int64_t b = offsets.data()[k]; b < offsets.data()[k + 1]; ++b) {
+                    Box box(n);
+                    for (std::size_t j = 0; j < n; ++j) box[j] = {from.data()[2 * n * b + j], from.data()[2 * n * b + n + j]};
+                    boxes.push_back(std::move(box));
+                }
+                const CoverLimits limits{width, static_cast<std::size_t>(most.first), most.second, static_cast<std::size_t>(most_near)};
+                found[k] = kinematics::cover(loop_, target, domain_, boxes, obstructed == nullptr ? nullptr : &**obstructed, limits);
+            }
+        };
+        std::vector<std::thread> others;
+        for (int t = 1; t < threads; ++t) others.emplace_back(work);
+        work();
+        for (std::thread& other : others) other.join();
+    }
+    std::vector<std::uint8_t> dropped;
+    std::vector<std::int64_t> box_offsets{0}, near_offsets{0};
+    std::vector<double> boxes, near;
+    for (const Cover& one : found) {
+        dropped.push_back(one.obstructed ? 1 : 0);
+        for (const Box& box : one.boxes) {
+            for (const Span& span : box) boxes.push_back(span.low);
+            for (const Span& span : box) boxes.push_back(span.high);
+        }
+        for (const std::vector<double>& q : one.near) near.insert(near.end(), q.begin(), q.end());
+        box_offsets.push_back(static_cast<std::int64_t>(boxes.size() / (2 * n)));
+        near_offsets.push_back(static_cast<std::int64_t>(near.size() / n));
+    }
+    const std::size_t left = boxes.size() / (2 * n), reached = near.size() / n;
+    return {array_of<std::uint8_t>(std::move(dropped), {count}), array_of<std::int64_t>(std::move(box_offsets), {count + 1}),
+            array_of<double>(std::move(boxes), {left, 2, n}), array_of<std::int64_t>(std::move(near_offsets), {count + 1}),
+            array_of<double>(std::move(near), {reached, n})};
+}
+
 }  // namespace
 
 void bind(nb::module_& m) {
@@ -283,7 +422,12 @@ void bind(nb::module_& m) {
         .def(nb::init<const Rows&, const Row&, const Row&, const Row&>())
         .def("solve", &ClosedLoop::solve)
         .def("arcs", &ClosedLoop::arcs)
-        .def("shown", &ClosedLoop::shown);
+        .def("shown", &ClosedLoop::shown)
+        .def("cover", &ClosedLoop::cover, nb::arg("centres"), nb::arg("half"), nb::arg("rows"), nb::arg("axis"), nb::arg("wanted"), nb::arg("errors"),
+             nb::arg("offsets"), nb::arg("boxes"), nb::arg("obstructed").none(), nb::arg("width"), nb::arg("most"), nb::arg("most_near"),
+             nb::arg("threads"));
+    nb::class_<Obstructed>(m, "Obstructed")
+        .def(nb::init<const Rows&, const Numbers&, const Rows&, const Numbers&, const Rows&, const NumberRows&>());
 }
 
 }  // namespace kinematics

@@ -41,6 +41,7 @@ struct Target {
     double rows[12] = {};
     Vector axis{};                            // in the tool frame, with AXIS
     double position_error = 0.0, turn_error = 0.0;  // metres and radians within which a pose is the target
+    Vector position_errors{1e300, 1e300, 1e300};    // metres along each axis of the base, likewise
 };
 
 // A sum of products of at most one number of each joint: 1, its cosine or its sine (1, its position or 0 if it slides). The codes
