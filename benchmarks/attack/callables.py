@@ -399,7 +399,7 @@ def _planning(folder: Path) -> Calls:
         | {"constraints": kept, "length": 1.0},
         *(checker.variant, checker.state_is_free, checker.states_are_free, checker.edge_is_free, checker.edge_hit),
         *(checker.edge_is_free_coarse, checker.finish_edge, checker.segments, checker.path_is_free),
-        *(checker.clearance, checker.near, checker.pair_names, checker.contacts),
+        *(checker.clearance, checker.near, checker.pair_names, checker.contacts, checker.deepest_touching),
         *(certifier.certify, certifier.certify_edge, certifier.roots, certifier.clearances),
     )
     yield from _each(

@@ -575,6 +575,20 @@ class CollisionChecker:
         """The pairs of names of ``contacts``, without their depths, which take longer. Counts one state."""
         return frozenset(map(self._parts.names.__getitem__, self._touching(self._configuration("q", q))))
 
+    def deepest_touching(self, q: ArrayLike) -> tuple[str, str] | None:
+        """The names of the deepest of ``contacts``; None when q is free. Counts one state.
+
+        Depths, which take longer than all else, are measured only if several pairs of names touch.
+        """
+        q = self._configuration("q", q)
+        pairs = self._touching(q)
+        names = [self._parts.names[pair] for pair in pairs]
+        if len(set(names)) <= 1:
+            return names[0] if names else None
+        overlaps = self._clearances.overlaps(q, np.array(pairs, dtype=np.intp)).tolist()
+        first, *_ = deepest(zip(names, overlaps, strict=True))
+        return first.a, first.b
+
     def _touching(self, q: FloatArray) -> list[int]:
         self.ledger.require_room()
         pairs = self._backend.touching(q)

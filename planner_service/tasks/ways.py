@@ -448,8 +448,8 @@ class Ways:
         meant = [pair for touch in (contact.fingers, *contact.standing) for pair in touch.pairs]
         lenient = checker.variant(allowed=(*checker.allowed, *meant))
         if not self.motions.counted(lenient, lambda asked: asked.state_is_free(q)):
-            (first, *_) = self.motions.counted(lenient, lambda asked: asked.contacts(q))
-            raise NoMotion(f"{first.a} x {first.b} touch where the gripper is {'closed' if contact.takes else 'open'}")
+            a, b = self._touching(lenient, q)
+            raise NoMotion(f"{a} x {b} touch where the gripper is {'closed' if contact.takes else 'open'}")
 
     def _require_apart(self, checker: CollisionChecker, q: FloatArray) -> None:
         """Refuse a retreat at whose end the fingers still touch what they have left.
@@ -458,8 +458,14 @@ class Ways:
             NoMotion: They do.
         """
         if not self.motions.counted(checker, lambda asked: asked.state_is_free(q)):
-            (first, *_) = self.motions.counted(checker, lambda asked: asked.contacts(q))
-            raise NoMotion(f"it ends where {first.a} x {first.b} still touch")
+            a, b = self._touching(checker, q)
+            raise NoMotion(f"it ends where {a} x {b} still touch")
+
+    def _touching(self, checker: CollisionChecker, q: FloatArray) -> tuple[str, str]:
+        """What touches deepest where something touches."""
+        names = self.motions.counted(checker, lambda asked: asked.deepest_touching(q))
+        assert names is not None
+        return names
 
     def _followed(
         self,

@@ -326,3 +326,17 @@ def test_a_services_own_checker_counts_nothing_of_its_plans() -> None:
     service.checker.variant(padding=0.01).state_is_free(service.robot.home)
     service.plan(PlanRequest(service.robot.home, service.robot.home))
     assert service.checker.counts.states == 1
+
+
+def test_the_deepest_pair_is_the_first_of_all_contacts_for_one_state() -> None:
+    walls = [Obstacle(f"wall_{k}", Box((0.5, 0.02, 0.5)), Pose((0.25, 0.4 * k - 0.2, 0.2))) for k in range(2)]
+    checker = CollisionChecker(WXAI, Scene(tuple(walls)))
+    counts = [0, 0, 0]
+    for turned in np.random.default_rng(0).uniform(-1.2, 1.2, (60, WXAI.n)):
+        q = np.clip(WXAI.home + turned, *WXAI.bounds)
+        contacts, before = checker.contacts(q), checker.counts.states
+        found = checker.deepest_touching(q)
+        assert checker.counts.states == before + 1
+        assert found == ((contacts[0].a, contacts[0].b) if contacts else None)
+        counts[min(len(contacts), 2)] += 1
+    assert min(counts) > 3, "none, one and several pairs"
