@@ -35,7 +35,6 @@ from planner_service.geometry.composite import Solid
 from planner_service.kinematics import PoseGoal, inverse_arcs, straight_tool_line
 from planner_service.memory import Memory
 from planner_service.optimize import Chomp, TrajOpt
-from planner_service.ordering import Branch, Move, Visit, order, order_moves
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.records import (
@@ -81,6 +80,7 @@ from planner_service.tasks import (
     solve,
     standing_on,
 )
+from planner_service.tasks.ordering import Branch, Move, Visit, order, order_moves
 from planner_service.view.still.pictures import draw_check
 from planner_service.workspace import (
     ToolOrientation,

@@ -30,13 +30,13 @@ from planner_service.gate.log_reader import read_log
 from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.memory import Memory
-from planner_service.ordering import Branch, Visit
 from planner_service.records import plan_file, read_problems
 from planner_service.records.cells import SavedCellPlan, load_cell_plan, prove_cell, read_cell_request, save_cell_plan
 from planner_service.records.request import RequestRecord
 from planner_service.records.visits import load_visits, save_visits
 from planner_service.scene import read_moveit_scene, read_urdf_scene
 from planner_service.tasks import Alternatives, MoveTo, Repeat, Task, Wait, pick_steps, plan_pick_place
+from planner_service.tasks.ordering import Branch, Visit
 from planner_service.workspace import ToolOrientation, VoxelGrid, load_map, reachability, save_map
 
 __all__ = ["Attack", "crossing_arms"]

@@ -15,9 +15,9 @@ import numpy as np
 
 import planner_service as ps
 from planner_service.geometry.arrays import FloatArray
-from planner_service.ordering.legs import LegTable, Stops
-from planner_service.ordering.tours import IMPOSSIBLE, best_branches
-from planner_service.ordering.visits import Branch
+from planner_service.tasks.ordering.legs import LegTable, Stops
+from planner_service.tasks.ordering.tours import IMPOSSIBLE, best_branches
+from planner_service.tasks.ordering.visits import Branch
 
 __all__ = ["robotsp_seconds", "task_space_order"]
 

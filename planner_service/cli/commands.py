@@ -356,10 +356,10 @@ def order(
     as_json: options.AsJson = False,
 ) -> None:
     """Put visits in the order that takes least time, and print each motion and how far from the best that can be."""
-    from planner_service.ordering import order as ordered
     from planner_service.planning.task_result import task_lines, task_rows
     from planner_service.records.evidence import save_plan
     from planner_service.records.visits import load_visits, saved_order
+    from planner_service.tasks.ordering import order as ordered
     from planner_service.view.still.pictures import draw_task
 
     with bad_input_exits():
@@ -541,7 +541,7 @@ def import_robot_(
     Links may touch that are adjacent, that the SRDF disables, or that always overlap; all other pairs are checked. With
     --prove, pairs that can never touch are proven so over all joint values and need no checks.
     """
-    from planner_service.cli.import_report import import_record, import_table, to_check
+    from planner_service.cli.robots.import_report import import_record, import_table, to_check
     from planner_service.parallel.named import engine_named
     from planner_service.robot_setup.import_robot import Source, import_robot
 
@@ -651,12 +651,12 @@ _add(app, doctor, "doctor", "Compare compiled code with its judges.", "doctor")
 def _others() -> typer.Typer:
     """The commands that need more than planning does, from files of plans to servers; importing them takes 0.2 s."""
     from planner_service.cli.certify import certify
-    from planner_service.cli.check_robot import robot_commands
     from planner_service.cli.episodes import episodes
     from planner_service.cli.export import export, join
     from planner_service.cli.gate.commands import gates
     from planner_service.cli.plan_cell import plan_cell
     from planner_service.cli.roadmap.commands import roadmaps
+    from planner_service.cli.robots.check import robot_commands
     from planner_service.cli.run import run
     from planner_service.cli.serve import mcp, serve
     from planner_service.cli.view import view

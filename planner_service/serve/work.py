@@ -22,7 +22,6 @@ from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.json_reader import parse_json
 from planner_service.files.schema import Record, read_record, recorded
-from planner_service.ordering import order
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest, World
@@ -50,6 +49,7 @@ from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.model import Robot
 from planner_service.serve.problems import Problem, problem_of
 from planner_service.service import PlannerService
+from planner_service.tasks.ordering import order
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.tool_motions import move_linear

@@ -49,7 +49,7 @@ PACKAGES = (
         "execute.cells",
         "infeasibility",
         "memory",
-        "ordering",
+        "tasks.ordering",
         "planning",
         "replanning",
         "roadmap",

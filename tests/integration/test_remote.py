@@ -192,8 +192,8 @@ def test_picks_and_places_are_the_librarys_to_the_bit(here: Planner, there: Plan
     ]
     assert task_bits(results[0]) == task_bits(results[1])
     for grasps in (None, GraspKinds([GraspKind.SIDE, GraspKind.TOP], friction=0.4)):
-        handling = ps.Handling("bin_floor", upright=0.3, request=request)
-        results = [p.pick(p.service, HOME, "blue_block", grasps, handling) for p in (here, there)]
+        how = ps.Handling("bin_floor", upright=0.3, request=request)
+        results = [p.pick(p.service, HOME, "blue_block", grasps, how) for p in (here, there)]
         assert task_bits(results[0]) == task_bits(results[1])
         assert results[0].ok
     far = [ps.Pose((3.0, 0.0, 0.0))]

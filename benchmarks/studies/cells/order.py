@@ -17,8 +17,8 @@ from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, table_of
 from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.grasps import tool_rotation
-from planner_service.ordering import Branch, Move, OrderResult, Visit, order, order_moves
 from planner_service.tasks import Handling
+from planner_service.tasks.ordering import Branch, Move, OrderResult, Visit, order, order_moves
 
 __all__ = ["run"]
 

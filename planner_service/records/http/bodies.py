@@ -35,7 +35,6 @@ from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE
 from planner_service.optimize import Optimise
-from planner_service.ordering import Visit
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.task_result import MAX_SUPPORT_GAP, Handling
 from planner_service.records.request import (
@@ -56,6 +55,7 @@ from planner_service.records.values import Constraints, PoseRecord, Target
 from planner_service.records.visits import Visits
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Scene
+from planner_service.tasks.ordering import Visit
 from planner_service.tasks.solver import BEAM, SEARCHES
 from planner_service.tasks.task import Task
 from planner_service.timing.laws import Trapezoidal

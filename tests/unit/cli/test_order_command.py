@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from planner_service.ordering import Visit
 from planner_service.records.plan_file import load_task
 from planner_service.records.visits import save_visits
+from planner_service.tasks.ordering import Visit
 from tests.support.command import run
 
 HOME = (0.0, 0.95, 1.15, -1.25, 0.0, 0.0)

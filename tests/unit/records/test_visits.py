@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import planner_service as ps
-from planner_service.ordering import Branch, Visit, order
 from planner_service.records.plan_file import load_task
 from planner_service.records.visits import load_visits, save_visits, saved_order
+from planner_service.tasks.ordering import Branch, Visit, order
 
 THERE = ps.Pose((0.3, 0.1, 0.2), (0.0, 1.0, 0.0, 0.0))
 WAYS: list[Branch | ps.Pose] = [Branch(np.array([0.1, 0.2])), THERE]

@@ -10,6 +10,7 @@ import pytest
 import planner_service as ps
 from planner_service.errors import InvalidRequest
 from planner_service.grasping import GraspKind, GraspKinds
+from planner_service.grasping import grasps as measures
 from planner_service.planning.result import Reason
 from planner_service.records.recertify import recertify
 from planner_service.tasks import Task, contacts, pick_steps
@@ -67,7 +68,7 @@ def test_a_can_under_a_board_is_taken_from_the_side(shelf: ps.PlannerService, mo
 
 def test_grasps_are_worked_out_as_their_turn_comes(table: ps.PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[ps.Pose] = []
-    width_across = contacts.width_across
+    width_across = measures.width_across
 
     def told(target: ps.Obstacle, grasp: ps.Pose, robot: ps.Robot) -> float:
         asked.append(grasp)

@@ -27,7 +27,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
-from planner_service.ordering.tours import IMPOSSIBLE, Costs, Tour
+from planner_service.tasks.ordering.tours import IMPOSSIBLE, Costs, Tour
 
 __all__ = ["Relaxation"]
 

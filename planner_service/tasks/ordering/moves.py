@@ -14,9 +14,6 @@ from planner_service.errors import InvalidRequest, PlanningFailed
 from planner_service.geometry.arrays import BoolArray, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, items, text, whole
-from planner_service.ordering.order import order
-from planner_service.ordering.result import OrderResult
-from planner_service.ordering.visits import Branch, Visit, require_visits
 from planner_service.parallel import Engine
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Reason, Stage
@@ -24,6 +21,9 @@ from planner_service.planning.task_result import Handling, Segment, TaskResult
 from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks import pick_steps, place_steps, proven_ways
+from planner_service.tasks.ordering.order import order
+from planner_service.tasks.ordering.result import OrderResult
+from planner_service.tasks.ordering.visits import Branch, Visit, require_visits
 from planner_service.tasks.steps import GraspSource
 
 __all__ = ["Move", "order_moves"]

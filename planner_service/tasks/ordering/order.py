@@ -22,19 +22,19 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.geometry.validation import instance, number, whole
 from planner_service.kinematics.inverse import inverse_kinematics
-from planner_service.ordering.legs import LegTable, Place, Stops
-from planner_service.ordering.result import FailedLeg, OrderResult, Stop
-from planner_service.ordering.tours import IMPOSSIBLE, Tour, best_branches, improved
-from planner_service.ordering.visits import Branch, Visit, require_visits
 from planner_service.parallel import Engine
 from planner_service.planning.request import PlanRequest, clamped
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.planning.task_result import Segment, TaskResult
 from planner_service.robot.model import joint_vector
 from planner_service.service import PlannerService
+from planner_service.tasks.ordering.legs import LegTable, Place, Stops
+from planner_service.tasks.ordering.result import FailedLeg, OrderResult, Stop
+from planner_service.tasks.ordering.tours import IMPOSSIBLE, Tour, best_branches, improved
+from planner_service.tasks.ordering.visits import Branch, Visit, require_visits
 
 if TYPE_CHECKING:
-    from planner_service.ordering.relaxation import Relaxation
+    from planner_service.tasks.ordering.relaxation import Relaxation
 
 __all__ = ["order"]
 
@@ -142,7 +142,7 @@ class _Ordering:
 
     def _searched(self, table: LegTable) -> tuple[Tour | None, float, float]:
         """The best order of planned legs, the bound for this request's plans, and the bound for any."""
-        from planner_service.ordering.relaxation import Relaxation  # scipy.optimize takes long to import
+        from planner_service.tasks.ordering.relaxation import Relaxation  # scipy.optimize takes long to import
 
         rng = np.random.default_rng(self.request.seed)
         likely = improved(table.costs(table.least()), rng, FIRST_ROUNDS)

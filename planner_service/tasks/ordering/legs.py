@@ -11,14 +11,14 @@ import numpy as np
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.geometry.arrays import BoolArray, FloatArray
-from planner_service.ordering.tours import IMPOSSIBLE, Costs, Tour
-from planner_service.ordering.visits import Branch
 from planner_service.parallel import Engine
 from planner_service.planning.request import PlanRequest, clamped
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import SAME_WIDTH
 from planner_service.scene.scene import Attached
 from planner_service.service import PlannerService
+from planner_service.tasks.ordering.tours import IMPOSSIBLE, Costs, Tour
+from planner_service.tasks.ordering.visits import Branch
 from planner_service.timing.least_time import least_times
 
 __all__ = ["Leg", "LegTable", "Place", "Stops", "gripper_between"]

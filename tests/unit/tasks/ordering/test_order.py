@@ -13,10 +13,10 @@ import pytest
 
 import planner_service as ps
 from planner_service.geometry.arrays import FloatArray
-from planner_service.ordering import Branch, Visit, order
 from planner_service.parallel import Processes
 from planner_service.records import load_task
 from planner_service.tasks import Segment
+from planner_service.tasks.ordering import Branch, Visit, order
 
 START = [0.0, 0.0]
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 import planner_service as ps
-from planner_service.ordering import Move, order_moves
 from planner_service.records import load_task
 from planner_service.records.recertify import recertify
 from planner_service.tasks import Handling
+from planner_service.tasks.ordering import Move, order_moves
 
 SIZE = 0.03
 ON_TABLE = 0.011 + SIZE / 2

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from planner_service.geometry.arrays import BoolArray, FloatArray
-from planner_service.ordering.relaxation import Relaxation
-from planner_service.ordering.tours import IMPOSSIBLE, Costs, best_branches, improved, tour_of
+from planner_service.tasks.ordering.relaxation import Relaxation
+from planner_service.tasks.ordering.tours import IMPOSSIBLE, Costs, best_branches, improved, tour_of
 
 
 def drawn(seed: int, jobs: int, *, chains: bool = False, precedences: int = 0) -> Costs:
