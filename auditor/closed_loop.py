@@ -86,8 +86,8 @@ class Loop:
     def bends(self, wanted: Wanted) -> tuple[Array, Array]:
         """Bounds of second derivatives of the end's place and of the orientation, (n, n) each.
 
-        By joints i and j further out, that of a point is ``a_i x (a_j x (p - o_j))``, no longer than its distance from
-        o_j; half of a rotation's skew part changes by no more than 1.
+        For joints i and j, j the further out, the second derivative of a point p is ``a_i x (a_j x (p - o_j))``, no
+        longer than p's distance from o_j; half of a rotation's skew part changes by no more than 1.
         """
         reach, beyond = [0.0] * self.m, self.end(wanted)
         for k in reversed(range(self.m)):

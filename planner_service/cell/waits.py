@@ -5,7 +5,7 @@ and from rest at one to rest at a later one. What can be reached when is found o
 stand as long as it is proven apart from the others there, and it may leave for a later place, or for the end, when the
 whole way there is. Of all that reach the end, the first is taken: none comes to a place from which it cannot go on.
 
-This looks at rectangles of one size, and at whole steps of time. What is found is proven anew, by whoever asked for it.
+This looks at rectangles of one size, and at whole steps of time. The caller proves what is found.
 """
 
 from __future__ import annotations

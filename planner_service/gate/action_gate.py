@@ -185,8 +185,8 @@ class ActionGate:
     def update(self, scene: Scene, *, sent: int | None = None, elapsed: float | None = None) -> Verdict:
         """Take a changed scene: what is left to send of the last verdict is proven anew, or as much of it as is free.
 
-        What it has in the gripper counts for torques, too. Where not even a stop is free any more, the arm is told to
-        stay where it is.
+        What it has in the gripper counts for torques, too. Where not even a stop is free any more, the arm holds
+        where it is.
 
         Args:
             sent: As in ``check``.

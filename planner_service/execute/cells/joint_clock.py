@@ -46,7 +46,7 @@ LOOKS, FINEST = 200, 0.002
 """Places among which a reading is looked for: at most so many, and not finer than so many seconds of the plan."""
 
 SAME = 1e-6
-"""Radians (or metres) within which a reading is that of a place: the last one that is as near counts."""
+"""Radians (or metres) within which a reading matches a place; of several places that match, the last counts."""
 
 RESTING = 1e-9
 """Radians or metres per second below which a joint does not brake an arm."""
