@@ -1,8 +1,10 @@
 """A planner in another process, with the library's verbs: ``Remote`` in place of ``PlannerService``.
 
-``pick``, ``place``, ``plan_pick_place`` and ``move_linear`` are called as the library's are, with a ``Remote``.
+``pick``, ``place``, ``plan_pick_place``, ``move_linear`` and ``order`` are called as the library's are, with a
+``Remote``.
 """
 
+from planner_service.client.ordering import order
 from planner_service.client.problems import ServerRefused, ServerUnavailable, StaleVersion
 from planner_service.client.remote import Remote
 from planner_service.client.tasks import move_linear, pick, place, plan_pick_place
@@ -16,6 +18,7 @@ __all__ = [
     "ServerUnavailable",
     "StaleVersion",
     "move_linear",
+    "order",
     "pick",
     "place",
     "plan_pick_place",

@@ -10,6 +10,7 @@ import numpy as np
 from planner_service.client.answer import Answer
 from planner_service.constraints import ToolRegion
 from planner_service.errors import InvalidFile
+from planner_service.memory.memory import NOTHING, Memory
 from planner_service.planning.request import Pace, PlanRequest, World
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.task_result import TaskResult
@@ -60,8 +61,8 @@ def require_carried(answer: Answer, grasps: Sequence[Grasp], carried: Sequence[A
             raise InvalidFile(answer.url, [f"{grasp.object}: carried without the constraint that was asked for"])
 
 
-def task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
-    """A task as the library returns it."""
+def task_result(saved: SavedTask, request: PlanRequest, memory: Memory = NOTHING) -> TaskResult:
+    """A task as the library returns it, with what is remembered after it."""
     world, end, segments = saved.begin, np.asarray(request.start), []
     for segment in saved.segments:
         world = segment.world_after(world)
@@ -69,4 +70,4 @@ def task_result(saved: SavedTask, request: PlanRequest) -> TaskResult:
         segments.append(replace(segment, result=of_server(segment.result, world, None)))
     done = tuple(segments)
     said = saved.failure, saved.choosing, saved.notes, request, saved.task, saved.seconds
-    return TaskResult(done, world, end, *said, steps=saved.steps)
+    return TaskResult(done, world, end, *said, steps=saved.steps, memory=memory)

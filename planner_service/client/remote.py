@@ -40,6 +40,8 @@ from planner_service.constraints.values import checked_constraints, constraint_n
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.validation import flag, instance, items, numbers, whole
 from planner_service.infeasibility.remedies import Explanation
+from planner_service.memory import Memory
+from planner_service.memory.memory import checked_memory
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.batch import Batch
 from planner_service.planning.pipeline import require_plannable
@@ -57,7 +59,7 @@ from planner_service.records.http.replies import (
     ExplainReply,
     RoadmapReply,
 )
-from planner_service.records.http.sections import ReplannedRecord, read_reply
+from planner_service.records.http.sections import ReplannedRecord, memory_of, read_reply
 from planner_service.records.plan_file import SavedPlan
 from planner_service.records.plan_reader import PlanReader
 from planner_service.records.request import goals_of
@@ -441,9 +443,10 @@ class Remote:
         line_timing: Timing | None = None,
         beam: int = BEAM,
         searches: int = SEARCHES,
+        memory: Memory | None = None,
         cancel: CancelToken | None = None,
     ) -> TaskResult:
-        """All motions of a task, or the step that has none; see ``PlannerService.solve``. Nothing is remembered.
+        """All motions of a task, or the step that has none; see ``PlannerService.solve``.
 
         Raises:
             UnknownName: As ``PlannerService.solve``.
@@ -463,7 +466,7 @@ class Remote:
             "searches": whole("searches", searches, 1, 1_000_000),
         }
         asked = PlanRequest(start, start) if request is None else replace(request, start=start, goal=start)
-        return self._task("solve", body, asked, cancel, grasps=sure_grasps(task.stages))
+        return self._task("solve", body, asked, cancel, memory=memory, grasps=sure_grasps(task.stages))
 
     @unless_cancelled
     def build_roadmap(
@@ -543,6 +546,7 @@ class Remote:
         request: PlanRequest,
         cancel: CancelToken | None,
         *,
+        memory: Memory | None = None,
         taken: str = "",
         upright: Iterable[Constraint] | None = None,
         grasps: Sequence[Grasp] = (),
@@ -551,16 +555,19 @@ class Remote:
 
         Args:
             request: The request of all its motions; it starts where the robot stands.
+            memory: What is remembered before it; None to remember nothing.
             taken: The object that is carried with one of the constraints ``upright``, if these are given; no more of
                 them are asked for than need be.
             grasps: Those that a task with all motions has: what they take is carried, as upright as they ask for.
         """
-        answer = self._work(kind, body, cancel)
+        known = checked_memory(memory, self.robot)
+        answer = self._work(kind, {**body, "memory": memory}, cancel)
         saved = self._reader.task(answer.document(), answer.url)
         if saved.segments:
             require_asked(answer, saved.request, request)
             require_there(answer, request, saved.segments[0].result, self.robot, task=True)
-        task = task_result(saved, request)
+        learned = memory_of(saved, answer.url)
+        task = task_result(saved, request, known if learned is None else learned)
         scenes = [task.world.scene, *(segment.scene for segment in task.segments if segment.scene is not None)]
         held = [each for scene in scenes for each in scene.attached if each.name == taken]
         for constraint in () if upright is None else upright:

@@ -19,6 +19,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
 from planner_service.grasping.kinds import GraspKinds
 from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
+from planner_service.memory import Memory
 from planner_service.planning.request import Pace, PlanRequest, kept_in
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Handling, TaskResult
@@ -40,6 +41,8 @@ def pick(
     target: str,
     grasps: Sequence[Pose] | GraspKinds | None = None,
     handling: Handling | None = None,
+    *,
+    memory: Memory | None = None,
 ) -> TaskResult:
     """Take hold of an object; see ``planner_service.pick``.
 
@@ -55,12 +58,19 @@ def pick(
     body = {"q": start, "target": target, "grasps": grasps, "handling": handling}
     lean = handling.upright
     upright = None if lean is None else _upright(remote, obstacle, grasps, lean)
-    return remote._task("pick", body, _at(start, handling.request), handling.cancel, taken=target, upright=upright)
+    asked = _at(start, handling.request)
+    return remote._task("pick", body, asked, handling.cancel, memory=memory, taken=target, upright=upright)
 
 
 @unless_cancelled
 def place(
-    remote: Remote, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None = None
+    remote: Remote,
+    q: ArrayLike,
+    carried: str,
+    poses: Sequence[Pose],
+    handling: Handling | None = None,
+    *,
+    memory: Memory | None = None,
 ) -> TaskResult:
     """Set a carried object down; see ``planner_service.place``.
 
@@ -72,7 +82,7 @@ def place(
     start, handling = _started(remote, q, handling)
     require_poses("poses", poses)
     body = {"q": start, "carried": carried, "poses": poses, "handling": handling}
-    return remote._task("place", body, _at(start, handling.request), handling.cancel)
+    return remote._task("place", body, _at(start, handling.request), handling.cancel, memory=memory)
 
 
 @unless_cancelled
@@ -84,6 +94,7 @@ def plan_pick_place(
     *,
     poses: Sequence[Pose] | None = None,
     upright: float | None = None,
+    memory: Memory | None = None,
     cancel: CancelToken | None = None,
 ) -> TaskResult:
     """Plan a whole pick-and-place; see ``planner_service.tasks.plan_pick_place``.
@@ -102,7 +113,7 @@ def plan_pick_place(
     body = {"target": target, "onto": onto, "poses": poses, "start": start, "upright": upright, "request": request}
     obstacle = remote.scene.obstacle(target)
     kept = None if upright is None else _upright(remote, obstacle, None, upright)
-    return remote._task("pick_place", body, _at(start, request), cancel, taken=target, upright=kept)
+    return remote._task("pick_place", body, _at(start, request), cancel, memory=memory, taken=target, upright=kept)
 
 
 def _upright(

@@ -182,7 +182,7 @@ class Memory:
         return content.hexdigest()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to an npz file, whole or not at all; ``load`` returns one with the same hash.
+        """Write it to a JSON file, whole or not at all; ``load`` returns one with the same hash.
 
         Raises:
             InvalidFile: It cannot be written.

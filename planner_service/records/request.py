@@ -42,7 +42,7 @@ from planner_service.robot.inertia import Payload
 from planner_service.robot.model import TURN, Robot, joint_vector
 from planner_service.timing.laws import TIMINGS
 
-__all__ = ["ONE_OF_BOTH", "RequestRecord", "astray", "goals_of"]
+__all__ = ["ONE_OF_BOTH", "RequestRecord", "astray", "goals_of", "reached"]
 
 REACHED = 1e-6
 """Metres and radians by which a plan may miss its ends, for rounding."""
@@ -385,10 +385,11 @@ def astray(request: PlanRequest, result: PlanResult, robot: Robot, *, task: bool
     if index is None or index >= len(goals):
         return f"it ends at goal {index}; its request has {len(goals)}"
     goal = goals[index]
-    return "" if _reached(goal, end, robot) else f"it ends at {numbers_text(end.tolist())}, which is not goal {index}"
+    return "" if reached(goal, end, robot) else f"it ends at {numbers_text(end.tolist())}, which is not goal {index}"
 
 
-def _reached(goal: Any, end: FloatArray, robot: Robot) -> bool:
+def reached(goal: Any, end: FloatArray, robot: Robot) -> bool:
+    """Whether a configuration (n,) is a goal: joint values, a pose of the tool, or one with room."""
     if not isinstance(goal, Pose | PoseGoal):
         off = end - goal
         off = np.where(robot.continuous or False, off - TURN * np.round(off / TURN), off)

@@ -26,7 +26,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
-from planner_service.planning.task_result import Handling
+from planner_service.planning.task_result import Handling, TaskResult
 from planner_service.records.http import bodies
 from planner_service.records.http.bodies import PaceBody
 from planner_service.records.http.replies import (
@@ -39,7 +39,7 @@ from planner_service.records.http.replies import (
     ProofReply,
     RoadmapReply,
 )
-from planner_service.records.http.sections import LineSections, ReplannedRecord
+from planner_service.records.http.sections import LineSections, ReplannedRecord, remembering
 from planner_service.records.plan_file import SavedPlan, SavedTask, plan_or_task
 from planner_service.records.recertify import recertify
 from planner_service.records.scene import PlanReading, SceneRecord
@@ -386,31 +386,31 @@ def _check(call: _Call, body: bodies.CheckBody) -> Answer:
 
 
 def _pick(call: _Call, body: bodies.PickBody) -> Answer:
-    task = pick(call.service, body.q, body.target, body.arguments["grasps"], _handling(call, body.handling))
-    return _task(call, SavedTask.of(task))
+    handling = _handling(call, body.handling)
+    task = pick(call.service, body.q, body.target, body.arguments["grasps"], handling, memory=body.remembered)
+    return _task_answer(call, task)
 
 
 def _place(call: _Call, body: bodies.PlaceBody) -> Answer:
     q = _where(call, body.q)
-    task = place(call.service, q, body.carried, body.arguments["poses"], _handling(call, body.handling))
-    return _task(call, SavedTask.of(task))
+    handling = _handling(call, body.handling)
+    task = place(call.service, q, body.carried, body.arguments["poses"], handling, memory=body.remembered)
+    return _task_answer(call, task)
 
 
 def _pick_place(call: _Call, body: bodies.PickPlaceBody) -> Answer:
     request = call.request(body.plan_request)
-    poses, cancel = body.arguments["poses"], call.cancel
-    task = plan_pick_place(
-        call.service, body.target, body.onto, request, poses=poses, upright=body.upright, cancel=cancel
-    )
-    return _task(call, SavedTask.of(task))
+    terms: Any = {"poses": body.arguments["poses"], "upright": body.upright, "memory": body.remembered}
+    task = plan_pick_place(call.service, body.target, body.onto, request, **terms, cancel=call.cancel)
+    return _task_answer(call, task)
 
 
 def _solve(call: _Call, body: bodies.SolveBody) -> Answer:
     q = _where(call, body.q)
     request = None if body.request is None else call.request(body.request.value)
     law = None if body.line_timing is None else body.line_timing.value
-    terms: Any = {"line_timing": law, "beam": body.beam, "searches": body.searches, "cancel": call.cancel}
-    return _task(call, SavedTask.of(call.service.solve(body.value, q, request=request, **terms)))
+    terms: Any = {"line_timing": law, "beam": body.beam, "searches": body.searches, "memory": body.remembered}
+    return _task_answer(call, call.service.solve(body.value, q, request=request, **terms, cancel=call.cancel))
 
 
 def _order(call: _Call, body: bodies.OrderBody) -> Answer:
@@ -418,7 +418,7 @@ def _order(call: _Call, body: bodies.OrderBody) -> Answer:
     settings = PlanRequest(q, q) if body.request is None else body.request.value
     request = call.request(replace(settings, start=q, goal=q))
     terms: Any = {"end": body.end, "gap": body.gap, "plans": body.plans, "cancel": call.cancel}
-    return _task(call, saved_order(order(call.service, body.value, request, **terms)))
+    return _saved_answer(call, saved_order(order(call.service, body.value, request, **terms)))
 
 
 def _where(call: _Call, q: Any) -> Any:
@@ -436,7 +436,11 @@ def _handling(call: _Call, body: bodies.HandlingBody | None) -> Handling:
     return replace(handling, request=request, cancel=call.cancel)
 
 
-def _task(call: _Call, saved: SavedTask) -> Answer:
+def _task_answer(call: _Call, task: TaskResult) -> Answer:
+    return _saved_answer(call, remembering(SavedTask.of(task), task.memory))
+
+
+def _saved_answer(call: _Call, saved: SavedTask) -> Answer:
     saved = replace(saved, failure=call.ended(saved.failure))
     return _file_answer(saved, saved.failure, saved.counts)
 

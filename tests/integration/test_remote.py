@@ -22,15 +22,19 @@ import planner_service as library
 import planner_service as ps
 from planner_service import tasks
 from planner_service.client import Remote, ServerRefused
+from planner_service.collision.budget import Cancelled
 from planner_service.constraints import KeepUpright
 from planner_service.grasping import GraspKind, GraspKinds
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.memory import Memory
+from planner_service.memory.memory_file import MemoryRecord
 from planner_service.planning.request import Pace
 from planner_service.records.plan_file import load_plan
 from planner_service.records.recertify import recertify
 from planner_service.records.result import result_record
 from planner_service.replanning.result import Outcome
 from planner_service.tasks import places_on, plan_pick_place
+from planner_service.tasks.ordering import Branch, OrderResult, Visit, order
 from tests.support.optional import present
 from tests.support.served import served
 
@@ -48,6 +52,7 @@ class Planner:
     place: Callable[..., ps.TaskResult]
     plan_pick_place: Callable[..., ps.TaskResult]
     move_linear: Callable[..., ps.PlanResult]
+    order: Callable[..., OrderResult]
 
     def with_scene(self, scene: Any) -> Planner:
         return replace(self, service=self.service.with_scene(scene))
@@ -63,16 +68,19 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+CLIENTS = ps.client.plan_pick_place, ps.client.move_linear, ps.client.order
+
+
 @pytest.fixture(scope="module", params=[False, True], ids=["http", "channel"])
 def there(url: str, request: pytest.FixtureRequest) -> Iterator[Planner]:
     with Remote(url, "bin", channel=request.param) as remote:
-        yield Planner(remote, ps.client.pick, ps.client.place, ps.client.plan_pick_place, ps.client.move_linear)
+        yield Planner(remote, ps.client.pick, ps.client.place, *CLIENTS)
 
 
 @pytest.fixture(scope="module")
 def here() -> Planner:
     service = ps.PlannerService("wxai", "bin")
-    return Planner(service, library.pick, library.place, plan_pick_place, library.move_linear)
+    return Planner(service, library.pick, library.place, plan_pick_place, library.move_linear, order)
 
 
 def bits(result: ps.PlanResult) -> dict[str, Any]:
@@ -93,7 +101,8 @@ def task_bits(task: ps.TaskResult) -> list[Any]:
         for segment in task.segments
     ]
     worlds = [(world.robot.hash, world.scene.hash, world.allowed) for world in (task.begin, task.world)]
-    return [motions, worlds, task.q.tolist(), str(task.failure), task.choosing, task.notes, task.task]
+    said = task.q.tolist(), str(task.failure), task.choosing, task.notes, task.task, task.memory.hash
+    return [motions, worlds, *said]
 
 
 HOME = ps.PlannerService("wxai", "empty").robot.home
@@ -226,6 +235,82 @@ def test_tasks_of_steps_are_the_librarys_to_the_bit_with_how_each_step_fared(
     assert task_bits(answer) == task_bits(own)
     assert [str(step) for step in answer.steps] == [str(step) for step in own.steps]
     assert len(own.steps) >= 2
+
+
+def test_a_memory_goes_there_and_comes_back_as_in_the_library(here: Planner, there: Planner) -> None:
+    task, request = tasks.Task((*PICKED, tasks.MoveTo("home"))), asked(HOME)
+    learned, states = {}, {}
+    for planner in (here, there):
+        first = planner.service.solve(task, HOME, request=request, memory=Memory())
+        second = planner.service.solve(task, HOME, request=request, memory=first.memory)
+        assert task_bits(first) != task_bits(second)
+        learned[planner], states[planner] = [task_bits(first), task_bits(second)], second.counts.states
+        assert states[planner] < first.counts.states
+        poses = list(places_on(here.service.scene.obstacle("blue_block"), here.service.scene.obstacle("tray")))
+        picked = planner.pick(planner.service, HOME, "blue_block", memory=second.memory)
+        after = planner.of(picked.world).service
+        placed = planner.place(after, picked.q, "blue_block", poses, memory=picked.memory)
+        whole = planner.plan_pick_place(planner.service, "blue_block", "tray", request, memory=placed.memory)
+        learned[planner] += map(task_bits, (picked, placed, whole))
+    assert learned[here] == learned[there]
+
+
+def test_a_server_refuses_the_memory_of_another_robot(url: str) -> None:
+    steps = [{"kind": "MoveTo", "goal": [{"joints": "ready"}]}]
+    body = {"scene": "bin", "q": "home", "steps": steps, "memory": MemoryRecord.of(Memory(("a", "b"))).document()}
+    answer = httpx.post(f"{url}/solve", json=body, headers={"Prefer": "wait"}, timeout=60.0)
+    assert answer.status_code == 422
+    assert "memory: got 'motions of a, b'" in answer.json()["detail"]
+
+
+def test_a_memory_of_another_robot_is_refused_before_anything_is_asked(here: Planner, there: Planner) -> None:
+    for planner in (here, there):
+        with pytest.raises(ps.InvalidRequest, match="memory: got 'motions of a, b'; expected of joint_0"):
+            planner.service.solve(tasks.Task(PICKED), HOME, memory=Memory(("a", "b")))
+
+
+VISITS = (
+    Visit("left", [np.array([0.4, 0.95, 1.15, -1.25, 0.0, 0.0]), LOW]),
+    Visit("above", [ps.Pose((0.3, 0.0, 0.3))], Visit("away", [[-0.5, 0.6, 0.9, -1.25, 0.0, 0.0]]), after=["left"]),
+)
+
+
+def order_bits(found: OrderResult) -> list[Any]:
+    """All of an order but the clock's part."""
+    stops = [(stop.name, stop.branch, bits(stop.leg)) for stop in found.stops]
+    numbers = found.duration, found.bound, found.floor, found.gap, found.plans, found.counts, found.deterministic
+    return [task_bits(found.task), stops, numbers, found.failed, found.refused, str(found.failure)]
+
+
+@pytest.mark.parametrize(
+    ("visits", "start", "settings", "failed"),
+    [
+        (VISITS, HOME, {"gap": 0.2}, 0),
+        (VISITS, HOME, {"end": ASIDE, "plans": 1}, 0),
+        ([Visit("low", [LOW])], HOME, {}, 0),
+        (VISITS, LOW, {}, 2),
+    ],
+    ids=["in order", "with few plans", "blocked", "from where nothing is free"],
+)
+def test_orders_are_the_librarys_to_the_bit(
+    here: Planner, there: Planner, visits: Any, start: Any, settings: dict[str, Any], failed: int
+) -> None:
+    request = asked(HOME, start=start)
+    own, answer = (planner.order(planner.service, visits, request, **settings) for planner in (here, there))
+    assert order_bits(answer) == order_bits(own)
+    assert len(own.failed) == failed
+    assert own.ok == (visits is VISITS and not failed)
+
+
+def test_visits_that_cannot_be_sent_are_refused_and_a_cancelled_order_is_the_librarys(there: Planner) -> None:
+    cancel = ps.CancelToken()
+    cancel.cancel()
+    with pytest.raises(Cancelled):
+        there.order(there.service, VISITS, asked(HOME), cancel=cancel)
+    with pytest.raises(ps.InvalidRequest, match="have no place in a file"):
+        there.order(there.service, [Visit("moved", [Branch(HOME, ASIDE)])], asked(HOME))
+    with pytest.raises(ps.UnknownName, match="unknown visit 'nothing'"):
+        there.order(there.service, [Visit("one", [ASIDE], after=["nothing"])], asked(HOME))
 
 
 def test_a_task_that_names_what_is_not_there_is_refused_by_the_server_as_by_the_library(
@@ -394,6 +479,87 @@ def test_a_motion_that_begins_elsewhere_is_refused_whatever_its_request_says(url
         ):
             with pytest.raises(ps.InvalidFile, match="path: it begins at"):
                 ask()
+
+
+class Forger(Deaf):
+    """A server whose answers have another memory than that of their motions."""
+
+    change: Any = None
+
+    def _said(self, content: bytes) -> bytes:
+        answer = json.loads(content) if content.startswith(b"{") else {}
+        if "memory" not in answer.get("sections", {}):
+            return content
+        answer["sections"]["memory"] |= self.change
+        return json.dumps(answer).encode()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"hash": "0" * 64}, "hash: got '000"),
+        ({"version": 2}, "version"),
+        ({"memory": {"joint_names": ["a"], "motions": [], "grips": []}}, "hash: got"),
+        (MemoryRecord.of(Memory(("a", "b"))).document(), "memory: got 'motions of a, b'"),
+    ],
+    ids=["hash", "version", "content", "another robot's"],
+)
+def test_a_memory_that_a_server_sends_is_read_as_strictly_as_a_file(url: str, change: Any, said: str) -> None:
+    with (
+        asked_through(type("Forging", (Forger,), {"change": change}), url) as remote,
+        pytest.raises(ps.InvalidFile, match=said),
+    ):
+        remote.solve(tasks.Task([tasks.MoveTo(ASIDE)]), HOME, memory=Memory())
+
+
+class Disorderly(Deaf):
+    """A server that says something else of an order than it has made."""
+
+    change: Any = staticmethod(lambda section: None)
+
+    def _heard(self, asked: Any) -> Any:
+        return asked
+
+    def _said(self, content: bytes) -> bytes:
+        answer = json.loads(content) if content.startswith(b"{") else {}
+        if "order" not in answer.get("sections", {}):
+            return content
+        self.change(answer["sections"]["order"])
+        return json.dumps(answer).encode()
+
+
+def renamed(order: Any, names: list[str]) -> None:
+    for stop, name in zip(order["stops"], names, strict=True):
+        stop["visit"] = name
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda order: order["stops"].reverse(), "stops: got '3 of 4 motions'"),
+        (lambda order: order["stops"].pop(), "stops: got '2 of 4 motions'"),
+        (lambda order: order["stops"][0].update(visit="above"), "stops: expected each visit once"),
+        (lambda order: order["stops"][0].update(branch=1), "stops: left is made where it has no branch 1"),
+        (lambda order: order["stops"][0].update(branch=2), "stops: left is made where it has no branch 2"),
+        (
+            lambda order: renamed(order, ["above", "left", "away"]),
+            "stops: away does not follow above",
+        ),
+        (
+            lambda order: renamed(order, ["above", "away", "left"]),
+            "stops: above comes before left",
+        ),
+        (lambda order: order.update(duration=order["duration"] / 2.0), "duration: got"),
+        (lambda order: order.update(bound=order["duration"] * 2.0), "duration: got"),
+        (lambda order: order.update(gap=0.0), "gap: got"),
+        (lambda order: order.update(bound=None), "order: got 'times and visits'"),
+        (lambda order: order.update(more=1), "more"),
+    ],
+)
+def test_what_a_server_says_of_an_order_is_compared_with_its_motions(url: str, change: Any, said: str) -> None:
+    kind = type("Disordered", (Disorderly,), {"change": staticmethod(change)})
+    with asked_through(kind, url) as remote, pytest.raises(ps.InvalidFile, match=re.escape(said)):
+        ps.client.order(remote, VISITS, asked(HOME), gap=0.2)
 
 
 class Idle(Deaf):

@@ -33,6 +33,8 @@ from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.serve import asked
 from benchmarks.studies.serve.processes import Reply, Server, connected, server
 from benchmarks.studies.serve.tools import tool
+from planner_service.memory import Memory
+from planner_service.memory.memory_file import MemoryRecord
 from planner_service.records.exports.formats import FORMATS
 
 __all__ = ["run"]
@@ -277,6 +279,13 @@ BODIES: tuple[dict[str, Any], ...] = (
             {"kind": "Alternatives", "branches": [[{"kind": "Wait", "seconds": 0.1}], []]},
             {"kind": "Repeat", "times": 2, "steps": [{"kind": "MoveLinear", "goal": [[0.0, 0.0, 0.01]]}]},
         ],
+    },
+    {
+        "scene": "bin",
+        "q": "home",
+        "deadline": 0.5,
+        "steps": [{"kind": "MoveTo", "goal": [{"joints": "home"}]}],
+        "memory": MemoryRecord.of(Memory(("a",), (np.zeros((2, 1)),), (np.zeros(3),))).document(),
     },
     {
         "scene": "bin",

@@ -34,6 +34,8 @@ from planner_service.files.schema import (
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE
+from planner_service.memory import Memory
+from planner_service.memory.memory_file import MemoryRecord
 from planner_service.optimize import Optimise
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.task_result import MAX_SUPPORT_GAP, Handling
@@ -75,6 +77,7 @@ __all__ = [
     "PickPlaceBody",
     "PlaceBody",
     "PlanBody",
+    "RememberingBody",
     "ReplanBody",
     "RoadmapBody",
     "SceneBody",
@@ -402,6 +405,22 @@ class InWorld(Body):
     gripper_width: float | None = None
 
 
+class RememberingBody(InWorld):
+    """A task, with what was remembered of the tasks before it.
+
+    Attributes:
+        memory: The section `memory` of an answer before, as it is, or the content of a memory's file: motions are tried
+            first that are like those in it, and each is proven anew. If not given, nothing is remembered.
+    """
+
+    memory: MemoryRecord | None = None
+
+    @property
+    def remembered(self) -> Memory | None:
+        """The memory that was sent."""
+        return None if self.memory is None else self.memory.value
+
+
 class PlanBody(InWorld):
     """A motion to be planned.
 
@@ -463,7 +482,7 @@ class CheckBody(InWorld):
 Poses = Annotated[list[PoseRecord], Field(min_length=1), at_most(MAX_POSES)]
 
 
-class PickBody(InWorld):
+class PickBody(RememberingBody):
     """An object to be taken.
 
     Attributes:
@@ -483,7 +502,7 @@ class PickBody(InWorld):
     handling: HandlingBody | None = None
 
 
-class PlaceBody(InWorld):
+class PlaceBody(RememberingBody):
     """A carried object to be set down.
 
     Attributes:
@@ -503,7 +522,7 @@ class PlaceBody(InWorld):
             raise InvalidRequest("q", None, "joint values, as the scene is not what a task left")
 
 
-class PickPlaceBody(InWorld):
+class PickPlaceBody(RememberingBody):
     """An object to be taken and set down on another one.
 
     Attributes:
@@ -530,7 +549,7 @@ class PickPlaceBody(InWorld):
         return PlanRequest(self.start, self.start, **settings)
 
 
-class SolveBody(InWorld):
+class SolveBody(RememberingBody):
     """A task to be solved.
 
     Attributes:

@@ -13,6 +13,12 @@ __all__ = ["EXAMPLES"]
 POST = {"kind": "box", "size": [0.06, 0.06, 0.3]}
 HOME = [0.0, 0.95, 1.15, -1.25, 0.0, 0.0]
 UNTURNED = [1.0, 0.0, 0.0, 0.0]
+NOTHING = {
+    "format": "planner-service/memory",
+    "version": 1,
+    "hash": "9f5a1eb4075e05597ebc2df3c0fa48e3d830c5fe54c0309391699bbd77b0dd43",
+    "memory": {"joint_names": [], "motions": [], "grips": []},
+}
 
 EXAMPLES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "plans": {
@@ -73,7 +79,13 @@ EXAMPLES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
                 {"kind": "Grasp", "object": "blue_block", "support": "table"},
                 {"kind": "Retreat", "name": "lift"},
             ],
-        }
+        },
+        "with a memory, which is empty at first": {
+            "scene": "bin",
+            "q": "home",
+            "steps": [{"kind": "MoveTo", "goal": [{"joints": "ready"}]}],
+            "memory": NOTHING,
+        },
     },
     "order": {
         "three places": {

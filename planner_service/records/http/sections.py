@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -10,19 +11,25 @@ import numpy as np
 from pydantic import ConfigDict, JsonValue, WithJsonSchema
 
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.schema import Count, GrownRecord, Record, Rows, Text, Vector2, read_record
+from planner_service.files.schema import Count, GrownRecord, Record, Rows, Text, Vector2, read_record, recorded
 from planner_service.geometry.arrays import read_only
+from planner_service.geometry.validation import in_file
+from planner_service.memory import Memory
+from planner_service.memory.memory_file import MemoryRecord
 from planner_service.path.trajectory import Trajectory
 from planner_service.records.http.bodies import PaceBody
-from planner_service.records.plan_file import SavedPlan
+from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.result import ExemptRecord, FailureRecord, PathRecord, TrajectoryRecord
 from planner_service.records.scene import PlanReading
 from planner_service.records.visits import OrderRecord
 from planner_service.replanning.result import Outcome, Replanned
 
-__all__ = ["LineSections", "PlanSections", "ReplannedRecord", "read_reply"]
+__all__ = ["MEMORY", "LineSections", "PlanSections", "ReplannedRecord", "memory_of", "read_reply", "remembering"]
 
 R = TypeVar("R", bound=Record)
+
+MEMORY = "memory"
+"""The section of a served task."""
 
 
 def read_reply(model: type[R], document: Any, source: str, joints: int | None = None) -> R:
@@ -175,6 +182,8 @@ class PlanSections(GrownRecord):
         replanned: Of a new motion of a moving robot, how it continues the old one.
         evidence: The trails of the proofs, if the request asked for them.
         order: Of visits that were put in order, what that came to.
+        memory: Of a task that a server answers, what was remembered before it, with its motions: for the next request,
+            as it is.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -185,3 +194,23 @@ class PlanSections(GrownRecord):
     replanned: ReplannedRecord | None = None
     evidence: EvidenceRecord | None = None
     order: OrderRecord | None = None
+    memory: MemoryRecord | None = None
+
+
+def remembering(saved: SavedTask, memory: Memory) -> SavedTask:
+    """A task with what is remembered after it, as a section."""
+    return replace(
+        saved, sections={**saved.sections, MEMORY: recorded(MEMORY, lambda: MemoryRecord.of(memory)).document()}
+    )
+
+
+def memory_of(saved: SavedTask, source: str) -> Memory | None:
+    """What is remembered after a task, as its section says; None if it has none.
+
+    Raises:
+        InvalidFile: It is no memory, or that of another robot.
+    """
+    if MEMORY not in saved.sections:
+        return None
+    memory: Memory = read_reply(MemoryRecord, saved.sections[MEMORY], source).value
+    return in_file(Path(source), lambda: memory.require_joints(saved.robot.joint_names))
