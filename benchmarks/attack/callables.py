@@ -81,6 +81,7 @@ from planner_service.tasks import (
     standing_on,
 )
 from planner_service.tasks.ordering import Branch, Move, Visit, order, order_moves
+from planner_service.view.still.maps import draw_map
 from planner_service.view.still.pictures import draw_check
 from planner_service.workspace import (
     ToolOrientation,
@@ -536,6 +537,7 @@ def _maps(folder: Path) -> Calls:
         _call(prove_again, found=found, **about),
         _call(load_map, path=folder / "map.npz", **about),
         _call(save_map, ("path",), found=found, path=folder / "map_again.npz"),
+        _call(draw_map, ("file",), **about, found=found, file=folder / "map.png", orientation=0, across=(0, 1)),
     )
 
 

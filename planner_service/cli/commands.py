@@ -51,7 +51,7 @@ NAMES = (
         "export",
         "join",
     ),
-    *("run", "import-robot", "episodes", "serve", "doctor", "roadmap", "gate", "robot"),
+    *("run", "import-robot", "episodes", "serve", "doctor", "roadmap", "reachability", "gate", "robot"),
 )
 """All commands, in the order of the help."""
 
@@ -660,6 +660,7 @@ def _others() -> typer.Typer:
     from planner_service.cli.run import run
     from planner_service.cli.serve import mcp, serve
     from planner_service.cli.view import view
+    from planner_service.cli.workspace.commands import maps
 
     others = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
     _add(others, view, "view", "Show robot, scene and plan in the browser.", "view plan.json")
@@ -672,6 +673,7 @@ def _others() -> typer.Typer:
     _add(others, serve, "serve", "Plan for other programs over HTTP.", "serve --scene bin --port 8080 --state state")
     _add(others, mcp, "mcp", "Offer planning as tools to an agent.", "mcp --scene bin --execute simulator")
     others.add_typer(roadmaps, name="roadmap")
+    others.add_typer(maps, name="reachability")
     others.add_typer(gates, name="gate")
     others.add_typer(robot_commands, name="robot")
     return others

@@ -44,6 +44,9 @@ MAX_BYTES = 1_000_000_000
 HEAD = "head"
 """The array that holds all but the arrays: the bytes of a JSON object."""
 
+ARRAYS = (HEAD, "still", "verdicts", "done", "witnesses")
+"""All arrays of a file."""
+
 
 def save_map(found: ReachabilityMap, path: str | os.PathLike[str]) -> None:
     """Write a map to an npz file (of that suffix), whole or not at all.
@@ -101,7 +104,7 @@ def load_map(path: str | os.PathLike[str], robot: Robot, scene: Scene, *, truste
     believed = flag("trusted", trusted)
     if source.suffix.lower() != SUFFIX:
         raise InvalidFile(source, [f"suffix {source.suffix!r}; expected {SUFFIX}"])
-    array = arrays_of(source, MAX_BYTES)
+    array = arrays_of(source, MAX_BYTES, ARRAYS)
     head = schema.read_record(HeadRecord, _document(source, array(HEAD, "u")), source, schema.Reading())
     verdicts = array("verdicts", "u")
     if not believed:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, takewhile
 from typing import Any
 
 import numpy as np
@@ -234,11 +234,9 @@ class _Work:
         self, blocks: IntArray, workers: int, until: float
     ) -> Iterator[tuple[tuple[int, ...], IntArray, Settled]]:
         """Blocks with the voxels (k, 3) that they have, and what is known of those."""
-        left = iter(tuple(block) for block in blocks.tolist())
+        left = takewhile(lambda _: time.monotonic() < until, (tuple(block) for block in blocks.tolist()))
         if workers == 1:
             for block in left:
-                if time.monotonic() >= until:
-                    return
                 yield self._block(block)
             return
         with ThreadPoolExecutor(workers) as pool:
@@ -248,8 +246,7 @@ class _Work:
                     ready, running = wait(running, return_when=FIRST_COMPLETED)
                     for one in ready:
                         yield one.result()
-                        if time.monotonic() < until:
-                            running |= {pool.submit(self._block, block) for block in islice(left, 1)}
+                        running |= {pool.submit(self._block, block) for block in islice(left, 1)}
             finally:
                 pool.shutdown(cancel_futures=True)
 

@@ -58,6 +58,7 @@ RUN_HERE = (
     *("docs/guides/proofs-for-others.md", "docs/guides/exporting.md", "docs/reference/command-line.md"),
     *("docs/guides/gate.md", "docs/guides/two-arms.md", "docs/guides/tasks.md", "docs/guides/sort-a-bin.md"),
     *("docs/guides/task-constructor.md", "docs/guides/memory.md", "docs/guides/order.md"),
+    "docs/guides/reachability.md",
     *(f"docs/explanation/{name}.md" for name in ("concepts", "counting", "timing", "how-it-works", "background")),
 )
 """Pages whose Python and commands are run below; other pages are with the tests of what they are about."""

@@ -26,15 +26,24 @@ SPEED = 2.0
 """Seconds of motion in one of the picture; the pages say so."""
 
 
-def test_the_picture_of_a_plan_is_what_its_command_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("pictures", r"^ +planner-service (plan .*)$"),
+        pytest.param("reachability", r"^\$ planner-service (reachability build .*)$", marks=pytest.mark.slow),
+    ],
+)
+def test_a_picture_is_what_its_command_draws(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (DOCS / "guides" / "pictures.md").read_text(encoding="utf-8")
-    (command,) = re.findall(r"^ +planner-service (plan .*)$", page, re.MULTILINE)
+    page = (DOCS / "guides" / f"{name}.md").read_text(encoding="utf-8")
+    (command,) = re.findall(words, page, re.MULTILINE)
     assert run(*shlex.split(command)).exit_code == 0
-    drawn = tmp_path / "plan.png"
+    (drawn,) = tmp_path.glob("*.png")
     if "WRITE_OUTPUTS" in os.environ:
-        (IMAGES / "plan.png").write_bytes(drawn.read_bytes())
-    with Image.open(drawn) as today, Image.open(IMAGES / "plan.png") as shown:
+        (IMAGES / drawn.name).write_bytes(drawn.read_bytes())
+    with Image.open(drawn) as today, Image.open(IMAGES / drawn.name) as shown:
         assert np.array_equal(np.asarray(today), np.asarray(shown))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import io
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -169,17 +169,24 @@ def _las(data: bytes) -> FloatArray:
     return points
 
 
-def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
+def arrays_of(path: Path, most: int, known: Collection[str] | None = None) -> Callable[[str, str], NDArray[Any]]:
     """A function that reads arrays of an NPZ file by name and kind ("iu" integers, "f" floats); the file is read once.
 
     Args:
         most: Maximum bytes of the file and of each array.
+        known: The arrays that it may have; None for any.
 
     Raises:
-        InvalidFile: larger, not a file, or unreadable. The returned function raises it, too: no such array, a
-            compressed one, or a malformed one.
+        InvalidFile: larger, not a file, unreadable, or with an array that is not known. The returned function raises
+            it, too: no such array, a compressed one, or a malformed one.
     """
     data = read_bytes(path, most)
+    if known is not None:
+        unknown = sorted(set(in_file(path, lambda: _names(data))) - set(known))
+        if unknown:
+            raise InvalidFile(
+                path, [f"{name[:40]!r}: no such array; known: {', '.join(known)}" for name in unknown[:5]]
+            )
 
     def array(name: str, kinds: str) -> NDArray[Any]:
         numbers = in_file(path, lambda: _npy(_member(data, name, most, packed=False), most))
@@ -188,6 +195,17 @@ def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
         return numbers
 
     return array
+
+
+def _names(data: bytes) -> list[str]:
+    """The names of the arrays in a zip archive."""
+    import zipfile
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return [name.removesuffix(".npy") for name in archive.namelist()]
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
+        raise Malformed(f"not an NPZ file: {error}") from None
 
 
 def _member(data: bytes, name: str, most: int, *, packed: bool = True) -> bytes:

@@ -115,6 +115,7 @@ class View:
         stands: The first is drawn opaque.
         lines: Tool paths and bounds.
         frames: Goals of the tool for which there is no configuration, drawn as axes.
+        sheets: Translucent surfaces in the world, without names.
     """
 
     robot: Robot
@@ -122,6 +123,7 @@ class View:
     stands: tuple[Stand, ...]
     lines: tuple[Line, ...] = ()
     frames: tuple[Pose, ...] = ()
+    sheets: tuple[Solid, ...] = ()
 
 
 def tool_path(robot: Robot, path: JointPath) -> Line:
@@ -168,10 +170,10 @@ def picture(view: View, caption: Caption, size: tuple[int, int], camera: Camera 
     obstacles, robots = _bodies(view)
     red = [_reddened(o) for o in obstacles if o.name in touching]
     lines = _lines(view)
-    sights = Sights([solid for robot in robots for solid in robot], obstacles, lines)
+    sights = Sights([*(solid for robot in robots for solid in robot), *view.sheets], obstacles, lines)
     drawing = Drawing(
         (*robots[0], *(o for o in obstacles if o.name not in touching)),
-        (*_ghosts(view, robots), *((o,) for o in red)),
+        (*_ghosts(view, robots), *((o,) for o in red), *((sheet,) for sheet in view.sheets)),
         lines,
         () if any(is_ground(solid.vertices) for solid in obstacles) else floor(sights.points),
     )

@@ -1,0 +1,105 @@
+"""A picture of a reachability map: the voxels of one slice, beside the robot and its scene.
+
+::
+
+    from planner_service.view.still.maps import draw_map
+
+    draw_map(robot, scene, reachability(robot, scene, grid, orientations), "map.png")
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.files.reading import as_path
+from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.validation import instance, items, whole
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+from planner_service.view.still.composition import Stand, View, picture
+from planner_service.view.still.lettering import Caption
+from planner_service.view.still.pictures import SIZE, write_png
+from planner_service.view.triangles import Colour, Solid
+from planner_service.workspace import ReachabilityMap, VoxelVerdict
+
+__all__ = ["draw_map"]
+
+COLOURS: dict[VoxelVerdict, tuple[Colour, str, float]] = {
+    VoxelVerdict.REACHABLE: ((58, 168, 104), "reachable", 0.75),
+    VoxelVerdict.BLOCKED: ((218, 44, 44), "blocked, proven", 0.6),
+    VoxelVerdict.OUT_OF_REACH: ((120, 130, 145), "out of reach, proven", 0.3),
+    VoxelVerdict.SAID_UNREACHABLE: ((150, 110, 60), "said to be unreachable", 0.4),
+    VoxelVerdict.UNKNOWN: ((232, 176, 0), "unknown", 0.85),
+}
+"""Of each verdict: its colour, what it means, and its opacity."""
+
+AXES = "xyz"
+
+
+def draw_map(
+    robot: Robot,
+    scene: Scene,
+    found: ReachabilityMap,
+    file: str | os.PathLike[str],
+    *,
+    orientation: int = 0,
+    across: tuple[int, int] | None = None,
+) -> None:
+    """A picture of a slice of a map, one voxel thick, in the colours of its verdicts, with the robot at home.
+
+    Args:
+        orientation: Which of the map's sets of orientations.
+        across: The axis (0 to 2 for x to z) and which voxel along it; None for the level z with the most reachable
+            voxels.
+
+    Raises:
+        InvalidRequest: There is no such orientation or slice, or the map is about another robot or scene.
+        InvalidFile: The file cannot be written.
+    """
+    file = as_path("file", file)
+    instance("found", found, ReachabilityMap, "a ReachabilityMap")
+    instance("robot", robot, Robot, "a Robot")
+    instance("scene", scene, Scene, "a Scene")
+    for name, said, digest in (("robot", found.robot, robot.hash), ("scene", found.scene, scene.hash)):
+        if said != digest:
+            raise InvalidRequest(name, digest, f"the {name} of the map, whose hash is {said}")
+    verdicts = found.verdicts[whole("orientation", orientation, 0, len(found.orientations) - 1)]
+    if across is None:
+        axis, row = 2, int((verdicts == VoxelVerdict.REACHABLE).sum(axis=(0, 1)).argmax())
+    else:
+        given = items("across", across, object, "an axis and the number of a voxel", 2)
+        if len(given) != 2:
+            raise InvalidRequest("across", across, "an axis and the number of a voxel")
+        axis = whole("across[0]", given[0], 0, 2)
+        row = whole("across[1]", given[1], 0, found.grid.counts[axis] - 1)
+    shown = verdicts.take(row, axis=axis)
+    kinds = [kind for kind in COLOURS if np.any(shown == kind)]
+    sheets = tuple(_sheet(found, axis, row, np.argwhere(shown == kind), kind) for kind in kinds)
+    low = found.grid.lower[axis] + 2.0 * float(found.grid.half[axis]) * row
+    caption = Caption(
+        f"{robot.name} in {scene.name or 'a scene'}: where its tool can be",
+        (
+            f"voxels with {AXES[axis]} from {low:.3f} to {low + 2.0 * float(found.grid.half[axis]):.3f} m",
+            str(found),
+        ),
+        tuple(COLOURS[kind][:2] for kind in kinds),
+    )
+    write_png(file, picture(View(robot, scene, (Stand(robot.home),), sheets=sheets), caption, SIZE))
+
+
+def _sheet(found: ReachabilityMap, axis: int, row: int, cells: IntArray, kind: VoxelVerdict) -> Solid:
+    """The squares in the middle of some voxels (k, 2) of a slice, seen from either side."""
+    whole_cells = np.insert(cells, axis, row, axis=1)
+    a, b = (side for side in range(3) if side != axis)
+    corners: FloatArray = np.zeros((4, 3))
+    corners[:, a], corners[:, b] = (-1.0, 1.0, 1.0, -1.0), (-1.0, -1.0, 1.0, 1.0)
+    centres = found.grid.centres(whole_cells)
+    vertices = (centres[:, None] + corners * found.grid.half).reshape(-1, 3)
+    first = 4 * np.arange(len(cells))[:, None]
+    front = np.array([[0, 1, 2], [0, 2, 3]])
+    faces = np.concatenate([(first[:, None] + each).reshape(-1, 3) for each in (front, front[:, ::-1])])
+    colour, meaning, opacity = COLOURS[kind]
+    return Solid(meaning, vertices, faces, colour, opacity, None)
