@@ -21,7 +21,7 @@ from planner_service.geometry.validation import instance, whole
 from planner_service.grasping.covering import COARSER, MAX_GRASPS, MOST, covering
 from planner_service.grasping.grasps import tool_rotation
 from planner_service.grasping.guards import grasp_objection, hand_objection
-from planner_service.grasping.hand import HandCheck
+from planner_service.grasping.hand import DEPTHS, HandCheck
 from planner_service.grasping.held import FRICTION, mass_of, require_fingers, require_friction, slopes, values
 from planner_service.grasping.lines import pieces_of, runs_along
 from planner_service.grasping.openings import FINGER_ROOMS
@@ -50,10 +50,6 @@ the first and their turn over the second are together below 1."""
 
 WHOLE_WIDTHS = 2e-4
 """Metres to which widths are rounded up for fingers that turn."""
-
-DEPTHS = (0.0, 0.01, 0.02, 0.03)
-"""Metres by which the contacts may be nearer to the palm than the point between the fingertips: fingers that turn are
-nearest to each other farther in, the wider they are open."""
 
 MAX_SPANS = 3
 """Stretches of an object on one line that fingers may close on together: the walls of a hollow one, and one between."""
@@ -93,7 +89,7 @@ def antipodal_grasps(
     def holds(grasp: Pose, width: float) -> bool:
         opening = min(gripper.upper, width + 2.0 * FINGER_ROOMS[-1])
         seen = grasp.inverse() @ target.pose
-        if hand.touching(seen, opening) or hand_objection(hand, robot, target, seen, width):
+        if hand.touching(seen, opening) or hand_objection(hand, target, seen, width):
             return False
         return not grasp_objection(target, grasp, robot, hand)
 

@@ -16,6 +16,7 @@ from planner_service.geometry.arrays import FloatArray, cross, cross_of
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.geometry.validation import instance, items, number
 from planner_service.grasping.faces import flat_faces
+from planner_service.grasping.hand import DEPTHS, HandCheck
 from planner_service.grasping.held import held_by, middle_of, require_fingers
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.model import Robot
@@ -109,11 +110,25 @@ def _around(robot: Robot, gripper: Gripper, target: Obstacle, tilts: Sequence[fl
         expected = f"an object at most {gripper.upper:.3f} m wide; this one is {width:.3f} m"
         raise InvalidRequest("target", target.name, expected)
     x, y, z = gripper.closing
-    return tuple(
-        pose if each.aside < CENTRED else pose @ Pose((-each.shift * x, -each.shift * y, -each.shift * z))
+    placed = [
+        (pose if each.aside < CENTRED else pose @ Pose((-each.shift * x, -each.shift * y, -each.shift * z)), each.width)
         for pose, each in zip(grasps, held, strict=True)
         if each.width <= gripper.upper
-    )
+    ]
+    if gripper.kind == "parallel":
+        return tuple(pose for pose, _ in placed)
+    hand = HandCheck(robot, target.shape)
+    return tuple(_deep(gripper, target, pose, width, hand) for pose, width in placed)
+
+
+def _deep(gripper: Gripper, target: Obstacle, pose: Pose, width: float, hand: HandCheck) -> Pose:
+    """The pose, or one farther in at which fingers that turn meet both sides; the pose where none is."""
+    for depth in DEPTHS:
+        x, y, z = (depth * axis for axis in gripper.approach)
+        deeper = pose @ Pose((x, y, z)) if depth else pose
+        if hand.meets(deeper.inverse() @ target.pose, width):
+            return deeper
+    return pose
 
 
 def _from_above(gripper: Gripper, position: Sequence[float], yaw: float, tilt: float) -> FloatArray:

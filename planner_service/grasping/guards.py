@@ -10,7 +10,7 @@ from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray, cross
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import width_across
-from planner_service.grasping.hand import HandCheck
+from planner_service.grasping.hand import MEANT_OVERLAP, HandCheck, grips_at_tips
 from planner_service.grasping.held import Held, held_by
 from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS
 from planner_service.path.joint_path import JointPath
@@ -46,8 +46,7 @@ RIM_POINTS = 16
 PUSHED_ASIDE = 0.003
 """Metres by which closing fingers may push the object aside: the error of a grasp from a camera."""
 
-MEANT_OVERLAP = 0.001
-"""Metres by which the models of things that are meant to touch may overlap."""
+MISSED = "the fingers would not reach both sides of {}"
 
 SLACK = 1.1
 """Factor on the tolerance with which straight tool lines are planned."""
@@ -82,8 +81,10 @@ def grasp_objection(target: Obstacle, grasp: Pose, robot: Robot, hand: HandCheck
     if held.aside > PUSHED_ASIDE:
         return f"closing would push {target.name} {held.aside * 1000:.0f} mm aside"
     if not held.reached:
-        return f"the fingers would not reach both sides of {target.name}"
-    return "" if held.whole else _closed_objection(target, grasp, robot, held, hand)
+        return MISSED.format(target.name)
+    if held.straight and grips_at_tips(robot):
+        return ""
+    return _closed_objection(target, grasp, robot, held, hand)
 
 
 def _closed_objection(target: Obstacle, grasp: Pose, robot: Robot, held: Held, hand: HandCheck | None) -> str:
@@ -91,22 +92,19 @@ def _closed_objection(target: Obstacle, grasp: Pose, robot: Robot, held: Held, h
     gripper = robot.gripper
     assert gripper is not None
     x, y, z = (held.shift * axis for axis in gripper.closing)  # by which they push the object
-    seen = Pose((x, y, z)) @ grasp.inverse() @ target.pose
-    return hand_objection(hand or HandCheck(robot, target.shape), robot, target, seen, held.width)
+    seen, hand = Pose((x, y, z)) @ grasp.inverse() @ target.pose, hand or HandCheck(robot, target.shape)
+    if held.whole:  # what the palm touches is for the checker to find
+        return "" if hand.meets(seen, held.width) else MISSED.format(target.name)
+    return hand_objection(hand, target, seen, held.width)
 
 
-def hand_objection(hand: HandCheck, robot: Robot, target: Obstacle, seen: Pose, width: float) -> str:
+def hand_objection(hand: HandCheck, target: Obstacle, seen: Pose, width: float) -> str:
     """Why a hand would not hold an object between fingers ``width`` metres apart; FCL decides, to a millimetre."""
-    gripper = robot.gripper
-    assert gripper is not None
     inside = hand.touching(seen, width + 2.0 * MEANT_OVERLAP)
     if inside:
         links = ", ".join(sorted(inside))
         return f"closed to {width * 1000:.1f} mm, the gripper would stand inside {target.name}: {links}"
-    meeting = hand.touching(seen, max(gripper.lower, width - 2.0 * MEANT_OVERLAP))
-    if len(hand.sides(meeting)) < 2:
-        return f"the fingers would not reach both sides of {target.name}"
-    return ""
+    return "" if hand.meets(seen, width) else MISSED.format(target.name)
 
 
 def rim_gaps(target: Obstacle, grasp: Pose, gripper: Gripper) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,11 +12,25 @@ from planner_service.collision.fcl import FclObjects
 from planner_service.geometry.arrays import FloatArray, along, cross
 from planner_service.geometry.composite import Solid
 from planner_service.geometry.shapes import Pose, Shape
-from planner_service.grasping.lines import pieces_of
+from planner_service.grasping.lines import pieces_of, runs_along
 from planner_service.robot.gripper import Gripper
 from planner_service.robot.model import Robot
 
-__all__ = ["HandCheck", "Jaw", "axes_of", "jaws_of"]
+__all__ = ["DEPTHS", "MEANT_OVERLAP", "HandCheck", "Jaw", "axes_of", "grips_at_tips", "jaws_of"]
+
+MEANT_OVERLAP = 0.001
+"""Metres by which the models of things that are meant to touch may overlap."""
+
+DEPTHS = (0.0, 0.01, 0.02, 0.03)
+"""Metres by which an object may be nearer to the palm than the point between the fingertips: fingers that turn are
+nearest to each other farther in, the wider they are open."""
+
+SAME_WIDTH = 1e-6
+"""Metres to which widths are rounded down, as to find those of fingers that turn takes time."""
+
+FLUSH = 2.5e-4
+"""Metres by which the inner face of a finger may lie behind the face from which the width is measured, where it is to
+meet what is between the fingertips."""
 
 
 class Jaw(NamedTuple):
@@ -65,6 +80,31 @@ def _jaws(gripper: Gripper, placement: bytes, width: float) -> tuple[Jaw, ...]:
     return tuple(jaws)
 
 
+def grips_at_tips(robot: Robot) -> bool:
+    """Whether the line on which the fingers close, through the point between the fingertips, meets both inner faces.
+
+    Then both meet a convex object that has its whole extent along that axis on this line: the line passes through both
+    points where the object begins and ends, and fingers that are closer together by more than twice ``FLUSH`` contain
+    points between these two. Fingers that turn meet the line elsewhere at each width: False.
+    """
+    gripper = robot.gripper
+    assert gripper is not None
+    return gripper.kind == "parallel" and _meets(gripper, robot.tool_placement.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _meets(gripper: Gripper, placement: bytes) -> bool:
+    tool, inner = Pose.from_matrix(np.frombuffer(placement).reshape(4, 4)).inverse(), gripper.lower / 2.0 + FLUSH
+    closing, met = np.array(gripper.closing), set[float]()
+    for item in gripper.shapes(gripper.lower):
+        back = (tool @ item.pose).inverse()
+        at, way = np.array(back.position)[None], along(back.rotation, closing)[None]
+        runs = runs_along(pieces_of(item.shape), at, way)
+        for enter, leave in zip(runs.enter.tolist(), runs.leave.tolist(), strict=True):
+            met |= {side for side, near in ((1.0, enter), (-1.0, -leave)) if -FLUSH <= near <= inner}
+    return len(met) == 2
+
+
 def _extent(shape: Shape, pose: Pose, axes: FloatArray) -> tuple[list[float], list[float]]:
     """Least and largest coordinates of a shape along axes (3, 3), by rows."""
     local = along(pose.rotation.T, axes)
@@ -105,6 +145,15 @@ class HandCheck:
         """On which sides of the grip the fingers among some links are, 1 and -1."""
         jaws = jaws_of(self._robot, self._gripper.upper)
         return {jaw.side for item, jaw in zip(self._gripper.closed, jaws, strict=True) if item.link in links}
+
+    def meets(self, seen: Pose, width: float) -> bool:
+        """Whether fingers on both sides overlap an object ``width`` metres wide when they try to close to 2 mm less.
+
+        Args:
+            seen: The pose of the object in the tool frame, between the fingers.
+        """
+        less = math.floor((width - 2.0 * MEANT_OVERLAP) / SAME_WIDTH) * SAME_WIDTH
+        return len(self.sides(self.touching(seen, max(self._gripper.lower, less)))) == 2
 
     def touching(self, seen: Pose, width: float) -> frozenset[str]:
         """The links of fingers and palm that overlap the object, with the fingers ``width`` metres apart.

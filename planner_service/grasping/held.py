@@ -67,6 +67,7 @@ class Held:
         beyond: Metres between the fingertips and the object.
         reached: Whether both fingers meet it at all.
         extent: Metres that all of the object has along that axis.
+        straight: Whether it is convex, and has all of that on the line between the fingertips.
     """
 
     width: float
@@ -74,6 +75,7 @@ class Held:
     beyond: float
     reached: bool
     extent: float
+    straight: bool = False
 
     @property
     def aside(self) -> float:
@@ -99,13 +101,13 @@ def held_by(target: Obstacle, grasp: Pose, robot: Robot) -> Held:
     beyond = float(target.shape.distance(tips))
     whole = Held(extent, shift, beyond, True, extent)
     if isinstance(target.shape, Box) and _within(target.shape, tips.tolist(), local.tolist()) >= extent - EXACT:
-        return whole
+        return replace(whole, straight=True)
     seen = grasp.inverse() @ target.pose
     pieces = _near(pieces_of(target.shape), seen, robot)
     middle = _runs(pieces, seen, gripper, np.zeros((1, 3)))
     convex = not hasattr(target.shape, "pieces")
     if convex and len(middle.line) and float(middle.leave[0] - middle.enter[0]) >= extent - EXACT:
-        return whole
+        return replace(whole, straight=True)
     return _between(pieces, seen, robot, whole, middle)
 
 

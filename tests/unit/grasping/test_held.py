@@ -16,8 +16,9 @@ from planner_service.geometry.arrays import cross
 from planner_service.geometry.composite import Compound, PointCloud
 from planner_service.grasping.grasps import top_grasps, width_across
 from planner_service.grasping.guards import grasp_objection
-from planner_service.grasping.hand import jaws_of
+from planner_service.grasping.hand import HandCheck, jaws_of
 from planner_service.grasping.held import grasp_quality, held_by
+from planner_service.robot.model import Robot
 from tests.support.optional import present
 from tests.unit.grasping.solids import pose, solid
 
@@ -136,3 +137,55 @@ def test_quality_is_of_fingers_and_of_objects_of_few_pieces() -> None:
         grasp_quality(load_robot("ur5_vacuum"), Obstacle("can", Sphere(0.02)), Pose())
     with pytest.raises(InvalidRequest, match=r"friction: got 0.0; expected a coefficient of friction in \[0.01, 10\]"):
         grasp_quality(WXAI, Obstacle("can", Sphere(0.02)), Pose(), friction=0.0)
+
+
+@pytest.fixture(scope="module")
+def kinova() -> Robot:
+    return load_robot("kinova_gripper")
+
+
+def touching_sides(robot: Robot, grasp: Pose, ball: Obstacle, width: float) -> set[float]:
+    """On which sides of the grip parts of fingers come nearer to a ball's middle than its radius."""
+    assert isinstance(ball.shape, Sphere)
+    gripper, tool = present(robot.gripper), Pose.from_matrix(robot.tool_placement).inverse()
+    met = set[float]()
+    for item, jaw in zip(gripper.shapes(width), jaws_of(robot, gripper.upper), strict=True):
+        at = (grasp @ tool @ item.pose).inverse() @ ball.pose
+        if float(item.shape.distance(np.array(at.position))) < ball.shape.radius:
+            met.add(jaw.side)
+    return met
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.03, 0.04, 0.05])
+def test_fingers_that_turn_take_a_ball_only_where_they_meet_it(kinova: Robot, radius: float) -> None:
+    ball = Obstacle("ball", Sphere(radius), Pose((0.4, 0.1, 0.1)))
+    grasps = top_grasps(kinova, ball)
+    for grasp in grasps[::7]:
+        assert not grasp_objection(ball, grasp, kinova)
+        assert touching_sides(kinova, grasp, ball, 2.0 * radius - 0.002) == {1.0, -1.0}
+    at_the_tips = Pose(ball.pose.position, grasps[0].quaternion)
+    meets = touching_sides(kinova, at_the_tips, ball, 2.0 * radius - 0.002) == {1.0, -1.0}
+    assert meets == (radius < 0.03)
+    refused = grasp_objection(ball, at_the_tips, kinova)
+    assert refused == ("" if meets else "the fingers would not reach both sides of ball")
+
+
+@given(
+    st.sampled_from(["wxai", "panda", "wxai_mesh"]),
+    st.sampled_from(["box", "sphere", "cylinder", "capsule", "mesh"]),
+    st.integers(0, 10_000),
+)
+@settings(max_examples=40, deadline=None)
+def test_where_fingers_are_said_to_hold_something_both_touch_it_if_they_close_a_little_more(
+    name: str, kind: str, seed: int
+) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(seed)
+    target = Obstacle("thing", solid(kind, seed, 0.02), pose(seed + 1))
+    x, y, z = rng.normal(0.0, 0.006, 3).tolist()
+    grasp = target.pose @ pose(seed + 2, 0.0) @ Pose((x, y, z))
+    held = held_by(target, grasp, robot)
+    x, y, z = (held.shift * axis for axis in present(robot.gripper).closing)
+    seen = Pose((x, y, z)) @ grasp.inverse() @ target.pose
+    if not grasp_objection(target, grasp, robot):
+        hand = HandCheck(robot, target.shape)
+        assert len(hand.sides(hand.touching(seen, max(0.0, held.width - 0.002)))) == 2
