@@ -16,9 +16,21 @@ import pytest
 import planner_service
 from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
 from benchmarks.attack.files import crossing_arms
-from planner_service import Attached, JointPath, PlannerService, PlanRequest, Pose, Scene, Sphere, load_robot
+from planner_service import (
+    Attached,
+    Box,
+    JointPath,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    Pose,
+    Scene,
+    Sphere,
+    load_robot,
+)
 from planner_service.cell import Arm, Cell
 from planner_service.certify import certify, certify_gripper, prove_kept
+from planner_service.collision import CheckCounts
 from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
 from planner_service.execute import Streaming
@@ -35,6 +47,7 @@ from planner_service.records.cells import (
 )
 from planner_service.roadmap import RoadmapReference
 from planner_service.scene import remove_robot
+from planner_service.scheduling import PickJob, Schedule, prove_schedule, schedule_picks
 from tests.support.arms import FakeArm
 
 MEMORY = 1_500_000_000
@@ -54,6 +67,7 @@ PACKAGES = (
         "replanning",
         "roadmap",
         "scene",
+        "scheduling",
         "search",
         "tasks",
     ),
@@ -68,6 +82,7 @@ ANSWERS = {
         "CellPlan",
         "CellReport",
         "CellStopped",
+        "Chain",
         "Counts",
         "Course",
         "Decision",
@@ -91,6 +106,8 @@ ANSWERS = {
         "Refused",
         "Origin",
         "Remedy",
+        "ProvenSchedule",
+        "Schedule",
         "Setpoint",
         "Terms",
         "Trail",
@@ -109,6 +126,8 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
     gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": ""}
     service, tracking = PlannerService(arm, scene), Tracking(0.1, 0.01)
     alone = Cell({"one": arm}, scene)
+    blocked = Cell({"one": arm}, Scene((Obstacle("block", Box((0.3, 0.3, 0.6))),)))
+    nothing = Schedule((), {"one": arm.home}, (), 0.0, {}, 0.0, None, 0, 0, CheckCounts(), alone.layout)
     settings = {"acceleration_scale": 1.0, "jerk_scale": 1.0, "torque_scale": 1.0, "slow": True, "repair": True}
     when, log = {"sent": 0, "elapsed": 0.1}, tmp_path_factory.mktemp("gate") / "log.jsonl"
 
@@ -140,6 +159,14 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
                 "streaming": Streaming(settle=0.0),
             },
         ),
+        "PickJob": Call(PickJob, {"object": "block", "place": Pose(), "support": None, "arms": ("one",)}),
+        "schedule_picks": Call(
+            schedule_picks,
+            {"cell": blocked, "jobs": [PickJob("block", Pose((0.3, 0.0, 0.1)))], "starts": {"one": arm.home}}
+            | {"request": PlanRequest(arm.home, arm.home), "delay": 0.1, "gripper_seconds": 0.5, "looked_at": 2}
+            | {"cancel": None},
+        ),
+        "prove_schedule": Call(prove_schedule, {"schedule": nothing}),
         "Cell.plan": Call(
             Cell({"one": arm}, scene).plan,
             {"requests": {"one": PlanRequest(arm.home, arm.home)}, "standing": None, "delay": 0.0, "cancel": None},
