@@ -30,8 +30,9 @@ planner-service/task file task:text ok:flag failure:null counts:counts choosing:
 planner-service/cell-plan format:text version:int made_with:any arms:placed|member* failure:null tolerates:num|null
     still:num* clocks:clock* rectangles:int distances:int counts:counts notes:text* scene:scene robots:robot*
     sections:any
-placed name:text robot:int base:pose carried?:attached*
-member name:text robot:int joints:text* tool?:text carried?:attached*
+placed name:text robot:int base:pose carried?:attached* at_tool?:at_tool
+member name:text robot:int joints:text* tool?:text carried?:attached* at_tool?:at_tool
+at_tool arm:text pose:pose
 clock arms:text* start:num request:request|null result:result
 step step:text tried:int failed:int reasons:reason*
 reason reason:text times:int

@@ -46,7 +46,7 @@ from auditor.trails import (
     shown,
     unpacked,
 )
-from auditor.verify import MOST_TURNED, Motion, excused, reached
+from auditor.verify import MOST_TURNED, Motion, close, excused, reached, tool_at
 from auditor.verify_constraints import kept
 
 __all__ = ["verify"]
@@ -56,7 +56,8 @@ Json = Any
 
 SEEN = (
     "clearance of each motion and of each two arms for all delays up to what is claimed, limits of joints, their "
-    "speeds and accelerations, s(t), where arms stand, start and goals of motions that have a request, constraints"
+    "speeds and accelerations, s(t), where arms stand, start and goals of motions that have a request, tools that end "
+    "at other arms' tools, constraints"
 )
 UNSEEN = (
     "padding away from the ends, torques, jerk, the speed of the tool, hashes, dilation, reports of counts, times, "
@@ -158,6 +159,7 @@ def verify(document: Json) -> Iterator[str]:
     late = math.inf if document["tolerates"] is None else float(document["tolerates"])
     require(late >= 0, "a delay below 0")
     yield from both(document, section, world, arms, still, moving, late)
+    yield from at_tools(document, whole, arms, still, moving)
     standing = [name for name in arms if name not in moved]
     for name in standing:
         yield f"{name}: stands at {still[arms[name].columns].tolist()}"
@@ -343,6 +345,28 @@ def alone(
     lines = [f"{1e3 * least:.4f} mm" if least < math.inf else "nothing can collide", *paced, *rules, *ends]
     lines += [f"kept: {json.dumps(constraint)}" for constraint in constraints]
     return Moving(clock["arms"], float(clock["start"]), curve, h, c), lines
+
+
+def at_tools(
+    document: Json, whole: Json, arms: dict[str, Arm], still: Array, moving: Sequence[Moving]
+) -> Iterator[str]:
+    """Whether tools that were to be somewhere in another arm's tool frame are there when all arms are through."""
+    end = still.copy()
+    for motion in moving:
+        for columns in (arms[name].columns for name in motion.arms):
+            end[columns] = motion.curve.points[-1][columns]
+
+    def tool(name: str) -> Array:
+        body, at = arms[name].tool
+        return tool_at({**whole, "tool_body": body, "tool_placement": at.tolist()}, end)
+
+    for each in document["arms"]:
+        if "at_tool" in each:
+            name, other = each["name"], each["at_tool"]["arm"]
+            require(other in arms and other != name, f"{name}: at the tool of no other arm")
+            there = close(tool(name), tool(other) @ frame(each["at_tool"]["pose"]))
+            require(there, f"{name}: its tool does not end where it was to be at {other}")
+            yield f"{name}: its tool ends at {json.dumps(each['at_tool'])}"
 
 
 def seen_by(whole: Json, arms: dict[str, Arm], moved: Sequence[str], still: Array) -> Json:

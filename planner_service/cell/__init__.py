@@ -2,6 +2,7 @@
 
 from planner_service.cell.arms import Arm
 from planner_service.cell.cell import Cell
+from planner_service.cell.goal_kinds import Anywhere, AtTool
 from planner_service.cell.result import CellPlan, OwnClock
 
-__all__ = ["Arm", "Cell", "CellPlan", "OwnClock"]
+__all__ = ["Anywhere", "Arm", "AtTool", "Cell", "CellPlan", "OwnClock"]

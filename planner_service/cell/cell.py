@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.cell.arms import Arm, parts_at_places, parts_of
+from planner_service.cell.goal_kinds import Anywhere, AtTool, checked_goals
 from planner_service.cell.layout import Layout
 from planner_service.cell.loads import constraints_of, loaded
 from planner_service.cell.planning import plan_arms
+from planner_service.cell.relative import plan_goals
 from planner_service.cell.result import CellPlan
 from planner_service.cell.services import Services
 from planner_service.certify import Certifier
@@ -226,6 +228,7 @@ class Cell:
         self,
         requests: Mapping[str, PlanRequest],
         *,
+        goals: Mapping[str, AtTool | Anywhere] | None = None,
         standing: Mapping[str, ArrayLike] | None = None,
         delay: float = 0.0,
         cancel: CancelToken | None = None,
@@ -237,13 +240,16 @@ class Cell:
 
         Args:
             requests: What each arm is to do, by its name, joints and poses as of ``arm(name)``.
+            goals: Goals that depend on other arms, in place of those of the arms' requests: a ``AtTool`` to
+                another arm's tool, or ``Anywhere``, of an arm that only gets out of the way.
             standing: Where the other arms stand, by their names; at home if not named.
             delay: Seconds by which any arm may be late at any time, each for itself, without touching another.
             cancel: Ends the call before its next check.
 
         Raises:
             UnknownName: No such arm.
-            InvalidRequest: There is no request, an arm that moves is said to stand, or values do not fit an arm.
+            InvalidRequest: There is no request, an arm that moves is said to stand, values do not fit an arm, goals
+                depend on each other, or none of the arms is to go anywhere.
         """
         number("delay", delay, f"seconds in [0, {MAX_DELAY:g}]", 0.0, MAX_DELAY)
         instance("requests", requests, Mapping, "requests by the names of arms")
@@ -256,8 +262,13 @@ class Cell:
         both = sorted(still.keys() & requests.keys())
         if both:
             raise InvalidRequest("standing", both[0], "an arm without a request")
+        depending = checked_goals({} if goals is None else goals, requests, self.arms)
         asked = {name: self._keeping(name, request) for name, request in requests.items()}
-        return replace(plan_arms(self._services, asked, still, delay, cancel), layout=self.layout)
+        if depending:
+            plan = plan_goals(self._services, asked, depending, still, delay, cancel)
+        else:
+            plan = plan_arms(self._services, asked, still, delay, cancel)
+        return replace(plan, layout=self.layout)
 
     def _keeping(self, name: str, request: PlanRequest) -> PlanRequest:
         """A request with what the arm keeps for what it carries."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.cell.goal_kinds import AtTool
 from planner_service.cell.layout import Layout
 from planner_service.collision import CheckCounts
 from planner_service.errors import PlanningFailed
@@ -57,6 +58,7 @@ class CellPlan:
         tried: All plans that were made for it, for what it cost.
         notes: How the motions were brought together.
         layout: What the cell is made of that they were planned for; None if that is not known.
+        goals: Where tools are at the end in the tool frames of other arms, by the names of the arms, as was asked.
     """
 
     clocks: tuple[OwnClock, ...]
@@ -68,9 +70,10 @@ class CellPlan:
     tried: tuple[PlanResult, ...] = ()
     notes: tuple[str, ...] = ()
     layout: Layout | None = field(default=None, repr=False)
+    goals: Mapping[str, AtTool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        copied_in(self, "clocks", "tried", "notes")
+        copied_in(self, "clocks", "tried", "notes", "goals")
         set_fields(self, still=read_only(self.still))
 
     def __repr__(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -32,8 +33,7 @@ def plan_cell(
     with bad_input_exits():
         arguments.require_outputs({"--out": out, "--png": png})
         asked = read_cell_request(file)
-        late = asked.delay if delay is None else delay
-        plan = asked.cell.plan(asked.requests, standing=asked.standing, delay=late)
+        plan = (asked if delay is None else replace(asked, delay=delay)).plan()
         saved = SavedCellPlan.of(plan)
         if evidence and plan.ok:
             saved = with_cell_evidence(saved)

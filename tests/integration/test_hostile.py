@@ -28,7 +28,7 @@ from planner_service import (
     Sphere,
     load_robot,
 )
-from planner_service.cell import Arm, Cell
+from planner_service.cell import Anywhere, Arm, AtTool, Cell
 from planner_service.certify import certify, certify_gripper, prove_kept
 from planner_service.collision import CheckCounts
 from planner_service.constraints import KeepUpright
@@ -169,7 +169,20 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
         "prove_schedule": Call(prove_schedule, {"schedule": nothing}),
         "Cell.plan": Call(
             Cell({"one": arm}, scene).plan,
-            {"requests": {"one": PlanRequest(arm.home, arm.home)}, "standing": None, "delay": 0.0, "cancel": None},
+            {"requests": {"one": PlanRequest(arm.home, arm.home)}, "standing": None, "delay": 0.0, "cancel": None}
+            | {"goals": None},
+        ),
+        "AtTool": Call(AtTool, {"arm": "one", "pose": Pose()}),
+        "Anywhere": Call(Anywhere, {}),
+        "Cell.plan to goals of others": Call(
+            Cell({"one": arm, "two": Arm(arm, Pose((2.0, 0.0, 0.0)))}, scene).plan,
+            {
+                "requests": {"one": PlanRequest(arm.home, arm.home)},
+                "goals": {"one": AtTool("two", Pose((-2.0, 0.0, 0.0)))},
+                "standing": None,
+                "delay": 0.0,
+                "cancel": None,
+            },
         ),
         "Cell.carrying": Call(
             Cell({"one": arm}, scene).carrying, {"carried": {"one": [Attached("ball", Sphere(0.01), Pose())]}}

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
 
-from planner_service.cell import Arm, Cell, CellPlan, OwnClock
+from planner_service.cell import Arm, AtTool, Cell, CellPlan, OwnClock
 from planner_service.cell.layout import Layout
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
@@ -196,6 +196,18 @@ def _with_own_joints(value: Any, handler: ValidatorFunctionWrapHandler, info: Va
         reading.joints = None
 
 
+class AtToolRecord(Record, makes=AtTool):
+    """An ``AtTool``.
+
+    Attributes:
+        arm: The other arm.
+        pose: The pose of the arm's own tool in that one's tool frame, when both are through.
+    """
+
+    arm: Text
+    pose: PoseRecord
+
+
 class ArmRecord(GrownRecord):
     """An arm of a cell: a robot at a place, or some joints of the one robot.
 
@@ -206,6 +218,7 @@ class ArmRecord(GrownRecord):
         joints: The joints of the robot that are this arm's; not there where arms are robots at places.
         tool: The link that is the arm's tool; not there if it is the robot's.
         carried: What the arm holds, at poses in its tool frame; not there if nothing.
+        at_tool: Where its tool is at the end in another arm's tool frame; not there if that was not asked.
     """
 
     name: Text
@@ -214,6 +227,7 @@ class ArmRecord(GrownRecord):
     joints: Annotated[list[Text], at_most(MAX_JOINTS)] | None = None
     tool: Text | None = None
     carried: Annotated[list[AttachedRecord], at_most(MAX_CARRIED)] = Field(default_factory=list)
+    at_tool: AtToolRecord | None = None
 
 
 class ClockRecord(Record):
@@ -284,7 +298,7 @@ class CellPlanRecord(Record):
             "format": CELL_FORMAT,
             "version": VERSION,
             "made_with": dict(value.made_with),
-            "arms": _arms(layout, robots),
+            "arms": [{**arm, "at_tool": plan.goals.get(arm["name"])} for arm in _arms(layout, robots)],
             "failure": plan.failure,
             "tolerates": late,
             "still": plan.still.tolist(),
@@ -310,6 +324,9 @@ class CellPlanRecord(Record):
                 raise UnknownName("arm", name, cell.arms)
             if moved.count(name) > 1:
                 raise InvalidRequest("clocks", moved, f"one motion of each arm; {name!r} has several")
+        for arm in self.arms:
+            if arm.at_tool is not None and (arm.at_tool.arm not in cell.arms or arm.at_tool.arm == arm.name):
+                raise InvalidRequest(f"{arm.name}.at_tool.arm", arm.at_tool.arm, "another arm")
         plan = CellPlan(
             tuple(_clock(k, each, cell) for k, each in enumerate(self.clocks)),
             math.inf if self.tolerates is None else self.tolerates,
@@ -319,6 +336,7 @@ class CellPlanRecord(Record):
             self.distances,
             notes=tuple(self.notes),
             layout=cell.layout,
+            goals={arm.name: arm.at_tool.value for arm in self.arms if arm.at_tool is not None},
         )
         counts: CheckCounts = self.counts.value
         return SavedCellPlan(bound(plan, cell), counts, MappingProxyType(self.made_with), self.sections)

@@ -24,14 +24,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
-from planner_service.cell import Arm, Cell
+from planner_service.cell import Anywhere, Arm, AtTool, Cell, CellPlan
+from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.files.schema import (
@@ -60,25 +61,34 @@ __all__ = ["CellRequest", "read_cell_request"]
 
 MAX_BYTES = 1_000_000
 
+ANY = "any"
+"""The goal of an arm that only gets out of the way."""
+
 
 @dataclass(frozen=True, eq=False)
 class CellRequest:
-    """What a cell is asked to do: ``request.cell.plan(request.requests, standing=..., delay=...)``.
+    """What a cell is asked to do; ``plan`` plans it.
 
     Attributes:
         cell: The cell.
         requests: What each arm is to do, by its name.
         standing: Where the other arms stand.
         delay: Seconds by which any arm may be late.
+        goals: Goals that depend on other arms, in place of those of the requests.
     """
 
     cell: Cell
     requests: Mapping[str, PlanRequest]
     standing: Mapping[str, FloatArray]
     delay: float
+    goals: Mapping[str, AtTool | Anywhere] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        copied_in(self, "requests", "standing")
+        copied_in(self, "requests", "standing", "goals")
+
+    def plan(self, cancel: CancelToken | None = None) -> CellPlan:
+        """As ``Cell.plan``."""
+        return self.cell.plan(self.requests, goals=self.goals, standing=self.standing, delay=self.delay, cancel=cancel)
 
 
 class PoseTable(Record):
@@ -93,6 +103,25 @@ class PoseTable(Record):
     quaternion: Vector4 = Field(alias="quaternion_wxyz")
 
 
+class AtToolTable(PoseTable):
+    """A pose of the tool in the tool frame of another arm.
+
+    Attributes:
+        at_tool_of: The name of the other arm.
+    """
+
+    at_tool_of: Text
+
+
+def _kind(value: Any) -> str:
+    return (
+        "at_tool" if isinstance(value, AtToolTable) or (isinstance(value, dict) and "at_tool_of" in value) else "pose"
+    )
+
+
+Goal = Annotated[Annotated[PoseTable, Tag("pose")] | Annotated[AtToolTable, Tag("at_tool")], Discriminator(_kind)]
+
+
 class ArmTable(GrownRecord):
     """An arm.
 
@@ -102,7 +131,8 @@ class ArmTable(GrownRecord):
         position: Where its base stands in the cell's frame, x, y, z in metres.
         quaternion: How, as a unit quaternion w, x, y, z.
         start: Joint values at its start, or the name of a pose.
-        goal: Joint values at its end, the name of a pose, or a pose of the tool.
+        goal: Joint values at its end, the name of a pose, a pose of the tool, in the cell's frame or at the tool of
+            another arm, or "any".
         stands: In place of start and goal: where it stands all the time.
         velocity_scale: Part in (0, 1] of its velocity limits.
         acceleration_scale: Part in (0, 1] of its acceleration limits.
@@ -115,7 +145,7 @@ class ArmTable(GrownRecord):
     position: Vector3 = Field(default_factory=lambda: [0.0, 0.0, 0.0])
     quaternion: Vector4 = Field(alias="quaternion_wxyz", default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
     start: Text | Numbers | None = None
-    goal: Text | Numbers | PoseTable | None = None
+    goal: Text | Numbers | Goal | None = None
     stands: Text | Numbers | None = None
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
@@ -158,6 +188,7 @@ def _asked(table: CellTable, folder: Path) -> CellRequest:
     placed = {arm.name: Arm(robots[arm.robot], base) for arm, base in zip(table.arm, bases, strict=True)}
     cell = Cell(placed, load_scene(_beside(table.scene, folder)))
     requests, standing = dict[str, PlanRequest](), dict[str, FloatArray]()
+    goals = dict[str, AtTool | Anywhere]()
     for arm in table.arm:
         robot = cell.arm(arm.name).robot
         if arm.goal is None:
@@ -168,19 +199,25 @@ def _asked(table: CellTable, folder: Path) -> CellRequest:
             continue
         if arm.start is None or arm.stands is not None:
             raise InvalidRequest(f"{arm.name}.start", arm.start, "a start with a goal, and nothing that it stands at")
-        if isinstance(arm.goal, PoseTable):
-            goal: Pose | FloatArray = _pose(arm.goal.position, arm.goal.quaternion)
+        start = _joints(f"{arm.name}.start", arm.start, robot)
+        goal: Pose | FloatArray = start
+        if isinstance(arm.goal, AtToolTable):
+            goals[arm.name] = AtTool(arm.goal.at_tool_of, _pose(arm.goal.position, arm.goal.quaternion))
+        elif isinstance(arm.goal, PoseTable):
+            goal = _pose(arm.goal.position, arm.goal.quaternion)
+        elif arm.goal == ANY:
+            goals[arm.name] = Anywhere()
         else:
             goal = _joints(f"{arm.name}.goal", arm.goal, robot)
         requests[arm.name] = PlanRequest(
-            _joints(f"{arm.name}.start", arm.start, robot),
+            start,
             goal,
             velocity_scale=arm.velocity_scale,
             acceleration_scale=arm.acceleration_scale,
             padding=arm.padding,
             seed=arm.seed,
         )
-    return CellRequest(cell, requests, standing, table.delay)
+    return CellRequest(cell, requests, standing, table.delay, goals)
 
 
 def _pose(position: Sequence[float], quaternion: Sequence[float]) -> Pose:

@@ -9,6 +9,7 @@ is checked:
 3. What never moves stands apart.
 4. Each two arms that move are apart wherever they can be at one time when each is late, by itself, by up to the delay
    that is claimed (``planner_service.cell.clocks``).
+5. Tools that were to be somewhere in another arm's tool frame are there when all arms are through.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 
 from planner_service.cell import Cell, CellPlan, OwnClock
 from planner_service.cell.clocks import Between, Clock
+from planner_service.cell.goal_kinds import off
 from planner_service.cell.loads import constraints_of
 from planner_service.certify import Certifier
 from planner_service.constraints import ToolRegion
@@ -38,6 +40,9 @@ __all__ = ["ProvenCell", "moving_arms", "moving_links", "pairs_beside", "prove_c
 
 SAME_PLACE = 1e-9
 """Radians or metres between where an arm stands and where its motion begins."""
+
+SAME_TOOL = 1e-5
+"""Metres and radians between a tool and where it was to be: inverse kinematics of two arms."""
 
 MAX_DELAY = 1e6
 """Seconds that are the same as no limit: no motion takes so long."""
@@ -117,6 +122,7 @@ def prove_cell(plan: CellPlan | SavedCellPlan, *, padding: float = 0.0) -> Prove
         clocks.append(replace(clock, plan=replace(clock.plan, certificate=proofs[0])) if proofs else clock)
     proven = replace(claimed, clocks=tuple(clocks))
     problems += _touching(cell, proven, padding)
+    problems += _elsewhere(cell, proven)
     asked = list(_between(cell, proven, padding))
     for a, b, between, lead, late in asked:
         if len(between.in_the_way(lead, late)):
@@ -218,6 +224,19 @@ def _moves_others(cell: Cell, clock: OwnClock) -> bool:
     for name in clock.arms:
         moved[cell.of_arm(name, np.arange(cell.robot.n)).astype(int)] = False
     return bool(moved.any())
+
+
+def _elsewhere(cell: Cell, plan: CellPlan) -> Iterator[str]:
+    """Tools that are not where they were to be in another arm's tool frame."""
+    end = plan(plan.duration)
+    for name, goal in plan.goals.items():
+        if name not in cell.arms or goal.arm not in cell.arms:
+            yield f"{name}: at the tool of {goal.arm!r}; expected arms of this cell"
+            continue
+        own, other = (cell.arm(each).robot.tool_pose(cell.of_arm(each, end)) for each in (name, goal.arm))
+        metres, radians = off(goal, own, other)
+        if not max(metres, radians) <= SAME_TOOL:
+            yield f"{name}: ends {1e3 * metres:.3g} mm and {radians:.3g} rad from where it was to be at {goal.arm}"
 
 
 def _touching(cell: Cell, plan: CellPlan, padding: float) -> Iterator[str]:

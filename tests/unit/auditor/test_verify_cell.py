@@ -17,7 +17,7 @@ from auditor.schema import Invalid
 from auditor.trails import digest, unpacked
 from auditor.verify_cell import uncovered
 from planner_service import Attached, Box, JointPath, PlanRequest, Pose, Trajectory, Trapezoidal, load_robot
-from planner_service.cell import Arm, Cell
+from planner_service.cell import Arm, AtTool, Cell
 from planner_service.constraints import KeepUpright
 from planner_service.records.cells import SavedCellPlan, with_cell_evidence
 from planner_service.records.evidence import packed
@@ -103,6 +103,22 @@ def test_what_an_arm_holds_is_judged_and_named() -> None:
     for clock in document["clocks"]:
         clock["request"]["constraints"] = clock["result"]["constraints"] = []
     with pytest.raises(Invalid, match=r"left: .* is not kept"):
+        list(judged(document))
+
+
+def test_a_tool_that_was_to_be_at_another_is_there() -> None:
+    robot, across = load_robot("wxai"), Pose((0.15, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    cell = Cell({"left": Arm(robot), "right": Arm(robot, Pose((0.75, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))}, "table")
+    stands = [1.2, 1.0, 1.0, -0.5, 0.0, 0.0]
+    requests = {"left": PlanRequest(stands, Pose((0.3, 0.0, 0.25))), "right": PlanRequest(stands, stands)}
+    plan = cell.plan(requests, goals={"right": AtTool("left", across)}, delay=0.05)
+    document = document_of(with_cell_evidence(plan))
+    assert any(line.startswith("right: its tool ends at ") for line in judged(document))
+    document["arms"][1]["at_tool"]["pose"]["position"][1] = 0.001
+    with pytest.raises(Invalid, match="right: its tool does not end"):
+        list(judged(document))
+    document["arms"][1]["at_tool"]["arm"] = "right"
+    with pytest.raises(Invalid, match="no other arm"):
         list(judged(document))
 
 

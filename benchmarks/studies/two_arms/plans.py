@@ -25,7 +25,7 @@ from benchmarks.worlds.foreign import table_of_robot
 from planner_service.cell import Cell, CellPlan
 from planner_service.geometry.arrays import FloatArray
 
-__all__ = ["EXECUTIONS", "QUERIES", "run"]
+__all__ = ["EXECUTIONS", "QUERIES", "dual", "run"]
 
 QUERIES = 100
 """Of each scene."""
@@ -48,9 +48,9 @@ MEDIAN, TAIL, SHARE = 30.0, 200.0, 0.85
 """Milliseconds of a plan, and the part of the time that the motion takes with one clock."""
 
 
-def run(queries: int = QUERIES, seed: int = 0, problems: Path | None = None) -> Report:
+def run(queries: int | None, seed: int, problems: Path | None) -> Report:
     """Plan that many random queries in each scene, and the published problems of Baxter if their folder is given."""
-    rows = [row for scene in SCENES for row in _random(scene, queries, seed)]
+    rows = [row for scene in SCENES for row in _random(scene, QUERIES if queries is None else queries, seed)]
     if problems is not None:
         rows += _baxter(problems, seed)
     return Report("two-arms", tuple(rows), (_table(rows),), tuple(_promises(rows)))
@@ -61,9 +61,14 @@ def arms_of(robot: ps.Robot) -> dict[str, list[str]]:
     return {side: [name for name in robot.joint_names if name.startswith(f"{side}_")] for side in ("left", "right")}
 
 
-def _random(scene: str, queries: int, seed: int) -> Iterator[Row]:
+def dual(scene: str) -> Cell:
+    """Two WidowX AI, which face each other, in a scene."""
     robot = ps.load_robot("wxai_dual")
-    cell = Cell.of(robot, arms_of(robot), scene, tools={"right": "right_ee_gripper_link"})
+    return Cell.of(robot, arms_of(robot), scene, tools={"right": "right_ee_gripper_link"})
+
+
+def _random(scene: str, queries: int, seed: int) -> Iterator[Row]:
+    cell = dual(scene)
     rng = np.random.default_rng([seed, len(scene)])
     auditor = Auditor("wxai_dual", cell.scene)
     for k in track(range(queries), description=f"wxai_dual in {scene}", transient=True):
