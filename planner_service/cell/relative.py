@@ -30,6 +30,9 @@ ALTERNATIVES = 4
 POSES = 4
 """Of a ``PoseGoal``, those that are looked at."""
 
+ENDS = (Reason.START_IN_COLLISION, Reason.PREEMPTED)
+"""Failures after which nothing else is tried."""
+
 DRAWS, REFUGES, SINGLY = 64, 12, 4
 """Places to which an arm may give way: how many are drawn, kept, and tried each by itself."""
 
@@ -56,8 +59,8 @@ def plan_goals(
     for asked in islice(_followed(services, requests, relative, standing), ALTERNATIVES):
         for turn, waits in _turns(services, asked, yielding, standing):
             tried.append(plan_arms(services, turn, waits, delay, cancel))
-            last = tried[-1]
-            if last.ok or (last.failure is not None and last.failure.reason is Reason.START_IN_COLLISION):
+            failure = tried[-1].failure
+            if failure is None or failure.reason in ENDS:
                 return _of_all(tried, relative, [name for name in yielding if name in turn])
     return _of_all(tried, relative, [])
 

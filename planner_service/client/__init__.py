@@ -1,9 +1,10 @@
 """A planner in another process, with the library's verbs: ``Remote`` in place of ``PlannerService``.
 
 ``pick``, ``place``, ``plan_pick_place``, ``move_linear`` and ``order`` are called as the library's are, with a
-``Remote``.
+``Remote``; ``plan_cell`` as ``Cell.plan``, with a ``Remote`` and a ``Cell``.
 """
 
+from planner_service.client.cells import plan_cell
 from planner_service.client.ordering import order
 from planner_service.client.problems import ServerRefused, ServerUnavailable, StaleVersion
 from planner_service.client.remote import Remote
@@ -21,5 +22,6 @@ __all__ = [
     "order",
     "pick",
     "place",
+    "plan_cell",
     "plan_pick_place",
 ]

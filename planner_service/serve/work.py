@@ -27,8 +27,10 @@ from planner_service.planning.accounting import told_of_stages
 from planner_service.planning.request import PlanRequest, World
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.task_result import Handling, TaskResult
+from planner_service.records.cells import SavedCellPlan
 from planner_service.records.http import bodies
 from planner_service.records.http.bodies import PaceBody
+from planner_service.records.http.cell_bodies import PlanCellBody
 from planner_service.records.http.replies import (
     VERBS,
     CertificateReply,
@@ -482,6 +484,13 @@ def _explain(call: _Call, body: bodies.ExplainBody) -> Answer:
     return _json_answer(ExplainReply, (explained, call.service.world), counts=explained.result.counts)
 
 
+def _plan_cell(call: _Call, body: PlanCellBody) -> Answer:
+    plan = body.asked(call.service.robot, call.service.scene).plan(call.cancel)
+    saved = SavedCellPlan.of(replace(plan, failure=call.ended(plan.failure)))
+    reason = None if saved.failure is None else saved.failure.reason.value
+    return Answer(saved.compact(), plan.ok, reason, counts=plan.counts)
+
+
 def _roadmaps(call: _Call, body: bodies.RoadmapBody) -> Answer:
     planner: Any = body.planner.value
     roadmap = call.service.build_roadmap(planner, seed=body.seed, padding=body.padding, cancel=call.cancel)
@@ -506,5 +515,6 @@ KINDS: Mapping[str, Callable[[_Call, Any], Answer]] = {
     "move_linear": _move_linear,
     "replan": _replan,
     "explain": _explain,
+    "plan_cell": _plan_cell,
     "roadmaps": _roadmaps,
 }

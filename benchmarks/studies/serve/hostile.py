@@ -252,7 +252,7 @@ def _channel_status(link: socket.socket, data: bytes) -> str:
 
 ROUTES = (
     *("plans", "certify", "check", "pick", "place", "pick_place", "solve", "order", "move_linear", "replan", "explain"),
-    "roadmaps",
+    *("plan_cell", "roadmaps"),
 )
 
 NAMES = (
@@ -294,6 +294,16 @@ BODIES: tuple[dict[str, Any], ...] = (
         "visits": [
             {"name": "a", "branches": [{"joints": [0.1] * 6}, {"pose": {"position": [0.2, 0.0, 0.2]}}]},
             {"name": "b", "branches": [{"joints": [0.2] * 6}], "then": [{"name": "c", "branches": []}], "after": ["a"]},
+        ],
+    },
+    {
+        "scene": "bin",
+        "deadline": 0.5,
+        "delay": 0.05,
+        "arms": [
+            {"name": "a", "request": {"start": "home", "goals": [{"joints": "home"}], "time_limit": 0.05}},
+            {"name": "b", "base": {"position": [0.7, 0.0, 0.0]}, "stands": [0.1] * 6, "anywhere": False},
+            {"name": "c", "joints": ["joint_0"], "tool": "tip", "at_tool": {"arm": "a"}, "carried": []},
         ],
     },
     {"plan": "0" * 32, "at_time": 0.1},

@@ -158,6 +158,17 @@ class SavedCellPlan:
             raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
         return text
 
+    def compact(self) -> bytes:
+        """The same on one line, as servers answer.
+
+        Raises:
+            InvalidRequest: As ``file_text``.
+        """
+        data = recorded("plan", lambda: CellPlanRecord.of(self)).line
+        if len(data) > MAX_BYTES:
+            raise InvalidRequest("plan", f"{len(data):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
+        return data
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file, whole or not at all.
 

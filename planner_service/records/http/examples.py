@@ -87,6 +87,31 @@ EXAMPLES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             "memory": NOTHING,
         },
     },
+    "plan_cell": {
+        "two arms that meet": {
+            "scene": "bin",
+            "arms": [
+                {
+                    "name": "left",
+                    "base": {"position": [0.0, 0.0, 0.0], "quaternion_wxyz": UNTURNED},
+                    "request": {
+                        "start": [1.2, 1.0, 1.0, -0.5, 0.0, 0.0],
+                        "goals": [{"pose": {"position": [0.3, 0.0, 0.35], "quaternion_wxyz": UNTURNED}}],
+                    },
+                },
+                {
+                    "name": "right",
+                    "base": {"position": [0.75, 0.0, 0.0], "quaternion_wxyz": [0.0, 0.0, 0.0, 1.0]},
+                    "request": {"start": [1.2, 1.0, 1.0, -0.5, 0.0, 0.0], "goals": [{"joints": "home"}]},
+                    "at_tool": {
+                        "arm": "left",
+                        "pose": {"position": [0.15, 0.0, 0.0], "quaternion_wxyz": [0.0, 0.0, 0.0, 1.0]},
+                    },
+                },
+            ],
+            "delay": 0.05,
+        }
+    },
     "order": {
         "three places": {
             "scene": "bin",

@@ -17,9 +17,11 @@ from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Count, Described, GrownRecord, Joints, Prose, Record, Text, at_most
 from planner_service.infeasibility.remedies import Explanation, Remedy
 from planner_service.planning.request import World
+from planner_service.records.cells.cell_file import CellPlanRecord
 from planner_service.records.exports.explanation import NoPathRecord, ReachedRecord
 from planner_service.records.http import bodies
 from planner_service.records.http.bodies import MAX_STATES
+from planner_service.records.http.cell_bodies import PlanCellBody
 from planner_service.records.http.sections import PlanSections
 from planner_service.records.http.trajectories import TRAJECTORIES
 from planner_service.records.plan_file import MAX_SEGMENTS, PlanRecord, SavedPlan, StepRecord, TaskRecord
@@ -490,6 +492,7 @@ VERBS: Mapping[str, Verb] = {
     "move_linear": Verb("Plan straight motions of the tool", bodies.MoveLinearBody, (PlanRecord,)),
     "replan": Verb("Plan a new motion for a robot that is moving", bodies.ReplanBody, (PlanRecord,)),
     "explain": Verb("Explain why there is no plan, and what would help", bodies.ExplainBody, (ExplainReply,)),
+    "plan_cell": Verb("Plan for several arms, each on its own clock", PlanCellBody, (CellPlanRecord,)),
     "roadmaps": Verb("Grow a roadmap", bodies.RoadmapBody, (RoadmapReply,)),
 }
 """By route and kind."""
