@@ -84,7 +84,7 @@ class ActionGate:
             read it.
 
     Raises:
-        InvalidRequest: a value out of range.
+        InvalidRequest: a value out of range, or a scene in which something is carried that has constraints.
     """
 
     def __init__(
@@ -193,7 +193,8 @@ class ActionGate:
             elapsed: Likewise.
 
         Raises:
-            InvalidRequest: no Scene, or a wrong ``sent`` or ``elapsed``; the scene is as it was then.
+            InvalidRequest: no Scene, one in which something is carried that has constraints, or a wrong ``sent`` or
+                ``elapsed``; the scene is as it was then.
         """
         certifier = self._new_certifier(instance("scene", scene, Scene, "a Scene"))
         torques = self.limits.torques_in(scene)
@@ -360,14 +361,14 @@ class ActionGate:
         """Remember the way towards a target as far as it went until the next one came."""
         if self.tracking.lag > 0.0:
             self._clock += max(waited - self.tracking.jitter, 0.0)
-            end = came.place + self.tracking.shares(waited)[1] * (target - came.place)
+            end = came.place + self.tracking.shares(waited)[2] * (target - came.place)
             self._trail.append((self._clock, came.place, end, came.radius))
 
     def _around(self, came: Setpoint, waited: float) -> Whereabouts:
         """Where the arm can be so long after the last target came."""
         tracking = self.tracking
         target = came.place if self._target is None else self._target
-        first, last = tracking.shares(waited - tracking.lag)[0], tracking.shares(waited)[1]
+        first, last = tracking.shares(waited - tracking.lag)[0], tracking.shares(waited)[2]
         since = self._clock + max(waited - tracking.jitter, 0.0) - tracking.lag
         before = [edge[1:] for edge in self._trail if edge[0] > since]
         radius = came.radius if self._target is None else (1.0 - first) * came.radius
@@ -489,10 +490,11 @@ class ActionGate:
         return now.course(targets, self._shares, self.tracking.goal_time)
 
     def _stop_proof(self, now: Setpoint, rows: FloatArray, by: Certifier, parts: int = PARTS) -> TubeProof | None:
-        """The proof of rows that brake, from where the setpoint is; none if they are outside the joint limits."""
-        if not self.limits.inside(rows):
+        """The proof of rows that brake, from where the setpoint is; none if they break limits of joints or velocity."""
+        course = self._course(now, rows)
+        if not (self.limits.inside(rows) and self.limits.slow_enough(course, rows)):
             return None
-        return self._proof(self._course(now, rows), rows, by, parts)
+        return self._proof(course, rows, by, parts)
 
     def _proof(self, course: Course, targets: FloatArray, by: Certifier, parts: int = PARTS) -> TubeProof:
         """How many of the ways to targets (k, n) are free, from the first on, with what may be beside them."""
@@ -520,7 +522,7 @@ class ActionGate:
             return refused
         stop = Refused(Kind.STOP, index, "", index / self.rate)
         if blocked is None or blocked.pair is None:
-            return replace(stop, detail="after it the arm could not stop within the limits of its joints")
+            return replace(stop, detail="after it the arm could not stop within the limits of its joints and speeds")
         touched = self._contact(blocked)
         detail = f"after it the arm could not stop: {touched.detail}"
         return replace(stop, detail=detail, pair=touched.pair, at=touched.at, depth=touched.depth)
@@ -548,6 +550,9 @@ class ActionGate:
         return self._new_certifier(replace(self._scene, obstacles=(*self._scene.obstacles, *bodies)))
 
     def _new_certifier(self, scene: Scene) -> Certifier:
+        if scene.constraints:
+            held = ", ".join(each.name for each in scene.attached if each.constraints)
+            raise InvalidRequest("scene", held, "nothing carried that has constraints: a gate cannot keep them")
         return Certifier(self.robot, scene, allowed=self._service.allowed)
 
 

@@ -1,7 +1,7 @@
 """The limits of a robot that targets for its driver are to keep.
 
-A setpoint goes to each target at an even speed. That speed is what limits of velocity are about, however late the
-target comes; the change of speed at a target that comes in time, over the period between two, what those of
+A setpoint goes to each target at an even speed. That speed is what limits of velocity are about, however early or late
+targets come; the change of speed at a target, over the period between two, if all come in time, what those of
 acceleration are about; and the change of that what those of jerk are about. Torques are what these speeds and
 accelerations take at the place where the target comes.
 """
@@ -67,7 +67,7 @@ class CommandLimits:
         torque_scale: float | None,
     ) -> None:
         self._names, self._rate, self._goal_time = robot.joint_names, rate, tracking.goal_time
-        self._share = 0.5 * sum(tracking.shares(1.0 / rate))
+        self._shares = tracking.shares(1.0 / rate)
         self.lower, self.upper = robot.bounds
         self.velocity = robot.limits.velocity
         self.acceleration = _scale("acceleration_scale", acceleration_scale) * robot.limits.acceleration
@@ -94,6 +94,20 @@ class CommandLimits:
         """Whether targets (k, n) are within the joint limits."""
         return bool(((rows >= self.lower) & (rows <= self.upper)).all())
 
+    def fastest(self, course: Course, targets: FloatArray) -> FloatArray:
+        """How fast the setpoint may go to each of targets (k, n) at most, however early or late they come, (k, n)."""
+        k = len(targets)
+        return np.asarray((np.abs(targets - course.places[:k]) + course.radii[:k]) / self._goal_time)
+
+    def slow_enough(self, course: Course, targets: FloatArray) -> bool:
+        """Whether the setpoint keeps the limits of velocity on its way to targets (k, n)."""
+        return bool((self.fastest(course, targets) <= self.velocity * (1.0 + ROUNDING)).all())
+
+    def may_stop(self, now: Setpoint) -> bool:
+        """Whether there are targets that brake a setpoint within the limits of velocity, wherever it can be."""
+        rows = self.braking(now)
+        return rows is not None and self.slow_enough(now.course(rows, self._shares, self._goal_time), rows)
+
     def beyond(self, targets: FloatArray) -> Refused | None:
         """The first target outside the joint limits, or that is no number."""
         inside = (targets >= self.lower) & (targets <= self.upper)
@@ -111,14 +125,14 @@ class CommandLimits:
         k = len(targets)
         changes = course.speeds - course.before[:k]
         asked = [
-            (Kind.SPEED, np.abs(course.speeds) + course.radii[:k] / self._goal_time, self.velocity, "rad (or m) / s"),
+            (Kind.SPEED, self.fastest(course, targets), self.velocity, "rad (or m) / s"),
             (Kind.ACCELERATION, np.abs(changes) * self._rate, self.acceleration, "rad (or m) / s^2"),
         ]
         if self._jerk is not None:
             jerks = np.abs(changes - course.changes[:k]) * self._rate**2
             asked.append((Kind.JERK, jerks, self._jerk, "rad (or m) / s^3"))
         if self.torques is not None:
-            taken = np.abs(self.torques.torques(course.places[:k], course.speeds, changes * self._rate))
+            taken = np.abs(self.torques.torques(course.due[:k], course.speeds, changes * self._rate))
             asked.append((Kind.TORQUE, taken, self.torques.limit, "Nm (or N)"))
         wrong = [values > limit * (1.0 + ROUNDING) for _, values, limit, _ in asked]
         rows = [int(each.any(axis=1).argmax()) if each.any() else k for each in wrong]
@@ -131,7 +145,7 @@ class CommandLimits:
         return self.refuse(kind, index, joint, words)
 
     def braking(self, now: Setpoint) -> FloatArray | None:
-        """Targets that bring a setpoint to rest, (m, n): each takes as much speed as the acceleration allows.
+        """Targets that bring a setpoint to rest, (m, n): each takes as much speed as the acceleration allows, in time.
 
         Of all joints alike, so that the arm goes straight on, until so little is left that the driver may stop. None
         if that takes more than ``MAX_BRAKES`` targets.
@@ -141,6 +155,6 @@ class CommandLimits:
         if count == MAX_BRAKES:
             return None
         speeds = ((left - np.arange(1, count + 1)) / max(left, 1.0))[:, None] * now.speed
-        moved = np.cumsum(self._share * self._goal_time * speeds, axis=0)
-        places = now.place + np.concatenate([np.zeros((1, len(now.place))), moved])
+        moved = np.cumsum(self._shares[1] * self._goal_time * speeds, axis=0)
+        places = now.due + np.concatenate([np.zeros((1, len(now.due))), moved])
         return np.asarray(np.concatenate([places[:-1] + self._goal_time * speeds, places[-1:]]))

@@ -13,6 +13,12 @@ Let s lie within r of m, in each joint, when a target comes. Then
 
 The arm itself is within ``error`` of where the setpoint is, or was in the last ``lag`` seconds. So the room that it
 needs around each edge is r + error.
+
+Towards c the setpoint goes at abs(c - s) / G, so by (abs(c - m) + r) / G at most. To send c once more is never faster:
+abs(c - m') + r' is (1 - low) (abs(c - m) + r) with the middle of [low, high] as the share that leads to m'.
+
+If each target comes after T exactly, the setpoint has covered ``due`` = T / G of its way, cut at 1: where low or high
+is cut, that is not the middle of the two. Changes of speed are those of that setpoint.
 """
 
 from __future__ import annotations
@@ -38,6 +44,13 @@ LONGEST = 0.2
 
 LATEST = 1.0
 """Seconds of a lag or a jitter; more is a mistake in the unit."""
+
+EVEN = 1e-12
+"""Of shares: less between two is rounding."""
+
+ROUNDING = 1e-9
+"""Radians (or metres) by which an arm that is exactly as far off as it may be can seem to be farther. That moves no
+point of an arm by more than a hundredth of what a proof keeps beyond the padding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +97,13 @@ class Tracking:
             raise InvalidRequest("error", list(error.shape), f"one number, or {joints}")
         return np.broadcast_to(error, (joints,)).copy()
 
-    def shares(self, elapsed: float) -> tuple[float, float]:
-        """What a setpoint has covered of its way ``elapsed`` seconds after a target came, give or take the jitter."""
-        low, high = ((elapsed + side * self.jitter) / self.goal_time for side in (-1.0, 1.0))
-        return min(max(low, 0.0), 1.0), min(max(high, 0.0), 1.0)
+    def shares(self, elapsed: float) -> tuple[float, float, float]:
+        """What a setpoint has covered of its way ``elapsed`` seconds after a target came.
+
+        At least, without jitter, and at most.
+        """
+        low, due, high = ((elapsed + side * self.jitter) / self.goal_time for side in (-1.0, 0.0, 1.0))
+        return min(max(low, 0.0), 1.0), min(max(due, 0.0), 1.0), min(max(high, 0.0), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,35 +115,42 @@ class Setpoint:
         radius: Shape (n,), >= 0.
         speed: How fast the setpoint went before, rad/s, (n,); 0 at rest.
         change: What the target before changed in that, rad/s, (n,).
+        due: Where it is if all targets so far came in time, (n,); speed and change are of that.
     """
 
     place: FloatArray
     radius: FloatArray
     speed: FloatArray
     change: FloatArray
+    due: FloatArray
 
     @classmethod
     def at_rest(cls, q: ArrayLike, error: FloatArray) -> Setpoint:
         """Of an arm that stands still, and whose setpoint is within ``error`` (n,) of q (n,)."""
         place = np.array(q, dtype=np.float64)
-        return cls(place, error.copy(), np.zeros(len(place)), np.zeros(len(place)))
+        return cls(place, error.copy(), np.zeros(len(place)), np.zeros(len(place)), place)
 
-    def after(self, target: FloatArray, shares: tuple[float, float], goal_time: float) -> Setpoint:
+    def after(self, target: FloatArray, shares: tuple[float, float, float], goal_time: float) -> Setpoint:
         """Where it can be when the next target comes."""
         return self.course(target[None], shares, goal_time).at(1)
 
-    def course(self, targets: FloatArray, shares: tuple[float, float], goal_time: float) -> Course:
+    def course(self, targets: FloatArray, shares: tuple[float, float, float], goal_time: float) -> Course:
         """Where it can be as each of targets (k, n) comes, and after the last."""
-        low, high = shares
+        low, due, high = shares
         k, mean, off = len(targets), 0.5 * (low + high), 0.5 * (high - low)
+        cut = abs(mean - due) > EVEN
         places = _faded(self.place, 1.0 - mean, mean * targets)
         ways = targets - places[:k]
         radii = _faded(self.radius, 1.0 - low, off * np.abs(ways))
-        speeds = np.concatenate([self.speed[None], ways / goal_time])
+        in_time = places
+        if cut or self.due is not self.place:
+            in_time = _faded(self.due, 1.0 - due, due * targets)
+        going = (ways if in_time is places else targets - in_time[:k]) / goal_time
+        speeds = np.concatenate([self.speed[None], going])
         changes = np.concatenate([self.change[None], np.diff(speeds, axis=0)])
         if low >= 1.0 and k:  # it was at each target, and stood still, when the next came
             speeds[1:], changes[1:] = 0.0, 0.0
-        return Course(places, radii, ways / goal_time, speeds, changes)
+        return Course(places, radii, going, speeds, changes, in_time)
 
     def ahead(self, target: FloatArray | None, rows: FloatArray, tracking: Tracking, period: float) -> Whereabouts:
         """Where the arm can be until it rests at the last of rows (k, n), or on its way if no more are sent.
@@ -162,9 +185,10 @@ class Course(NamedTuple):
     Attributes:
         places: Where about it is each time, (k + 1, n).
         radii: How far from there at most, in each joint, (k + 1, n).
-        speeds: How fast it goes to each target, (k, n).
-        before: How fast it went before each target, and after the last, (k + 1, n).
+        speeds: How fast it goes to each target, (k, n), if all come in time.
+        before: How fast it went before each target, and after the last, (k + 1, n); likewise.
         changes: What the target before each changed in that, (k + 1, n).
+        due: Where it is each time, (k + 1, n), if all come in time.
     """
 
     places: FloatArray
@@ -172,10 +196,14 @@ class Course(NamedTuple):
     speeds: FloatArray
     before: FloatArray
     changes: FloatArray
+    due: FloatArray
 
     def at(self, k: int) -> Setpoint:
         """As target k comes."""
-        return Setpoint(self.places[k], self.radii[k], self.before[k], self.changes[k])
+        place, due = self.places[k], self.due[k]
+        if self.due is self.places or np.array_equal(place, due):  # and so it stays until a share is cut
+            due = place
+        return Setpoint(place, self.radii[k], self.before[k], self.changes[k], due)
 
 
 class Whereabouts(NamedTuple):
@@ -192,12 +220,15 @@ class Whereabouts(NamedTuple):
     rooms: FloatArray
 
     def holds(self, q: FloatArray) -> bool:
-        """Whether q (n,) is there: of an edge, those points are that are near enough in every joint at once."""
-        ways, off = self.ends - self.starts, q - self.starts
+        """Whether q (n,) is there: of an edge, those points are that are near enough in every joint at once.
+
+        Rounding aside: who is exactly as far off as its room is within it.
+        """
+        ways, off, rooms = self.ends - self.starts, q - self.starts, self.rooms + ROUNDING
         still = ways == 0.0
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # by next to nothing it is infinite
-            one, two = (off - self.rooms) / ways, (off + self.rooms) / ways
-        inside = np.where(np.abs(off) <= self.rooms, np.inf, -np.inf)
+            one, two = (off - rooms) / ways, (off + rooms) / ways
+        inside = np.where(np.abs(off) <= rooms, np.inf, -np.inf)
         first = np.where(still, -inside, np.minimum(one, two)).max(axis=1)
         last = np.where(still, inside, np.maximum(one, two)).min(axis=1)
         return bool((np.maximum(first, 0.0) <= np.minimum(last, 1.0)).any())

@@ -16,10 +16,6 @@ from planner_service.geometry.arrays import FloatArray
 __all__ = ["HABITS", "Driver", "Habit"]
 
 
-WITHIN = 1.0 - 1e-9
-"""Of an error: what is not quite all of it is within it whatever the rounding."""
-
-
 @dataclass(frozen=True)
 class Habit:
     """How a driver keeps within what is assumed of it.
@@ -94,7 +90,7 @@ class Driver:
 
     def sides(self, count: int, side: float | None, rng: np.random.Generator) -> FloatArray:
         """Where the arm is beside that many places of the setpoint, (count, n)."""
-        n, error = len(self.error), WITHIN * self.error
+        n, error = len(self.error), self.error
         if side is None:
             return rng.uniform(-1.0, 1.0, (count, n)) * error
         if np.isinf(side):

@@ -100,12 +100,12 @@ def _chunks(name: str, seed: int) -> Iterator[tuple[World, FloatArray]]:
 
 def _stop(place: World, gate: ActionGate, chunk: FloatArray) -> FloatArray:
     """The targets that brake an arm after a chunk, which are to be free as well; they are the limits' to say."""
-    share = 0.5 * sum(place.tracking.shares(1.0 / place.rate))
+    share = place.tracking.shares(1.0 / place.rate)[1]
     before = after = chunk[0]
     for target in chunk[1:]:
         before, after = after, after + share * (target - after)
     speed = (after - before) / share / place.tracking.goal_time
-    rows = gate.limits.braking(Setpoint(after, np.zeros(place.n), speed, np.zeros(place.n)))
+    rows = gate.limits.braking(Setpoint(after, np.zeros(place.n), speed, np.zeros(place.n), after))
     return np.empty((0, place.n)) if rows is None else rows
 
 

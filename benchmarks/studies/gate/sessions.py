@@ -165,7 +165,6 @@ class Session:
         base = _Way(self.driver, rows, HABITS[0], self.rng)
         walked = judge.walked(base.points)
         tally.ways += 1
-        tally.fast += base.too_fast(self.world.service.robot.limits.velocity)
         robot = self.world.service.robot
         outside = np.maximum(verdict.targets - robot.limits.upper, robot.limits.lower - verdict.targets)
         tally.outside += bool((outside > 0.0).any())
@@ -175,6 +174,7 @@ class Session:
         tally.least = min(tally.least, float(walked.least.min()))
         for name, way in self._others(rows, base, walked.least):
             tally.ways += 1
+            tally.fast += way.too_fast(robot.limits.velocity)
             off = np.abs(way.points - base.points)
             silent = np.abs(way.silent - base.points[1:-1])
             off_ends = np.maximum(off[1:-1], silent)

@@ -14,6 +14,7 @@ import pytest
 from planner_service import PlannerService
 from planner_service.certify.certifier import TubeProof
 from planner_service.collision import CollisionChecker, JointStep
+from planner_service.constraints import KeepUpright
 from planner_service.errors import InvalidRequest
 from planner_service.gate import ActionGate, Kind, Setpoint, Tracking, Verdict
 from planner_service.geometry.arrays import FloatArray
@@ -318,6 +319,19 @@ def test_torques_are_judged_with_what_a_changed_scene_has_in_the_gripper() -> No
     verdict = gate.check(start, start)
     assert verdict.refused is not None
     assert verdict.refused.kind is Kind.TORQUE
+
+
+def test_what_is_carried_with_constraints_is_refused_since_they_would_not_be_kept() -> None:
+    cup = Attached("cup", Sphere(0.01), Pose((0.1, 0.0, 0.0)), constraints=(KeepUpright((0.0, 0.0, 1.0), 0.1),))
+    upright, free = Scene((), (cup,)), Scene((), (replace(cup, constraints=()),))
+    with pytest.raises(InvalidRequest, match="cup"):
+        gate_of(upright)
+    gate = gate_of(ball_beyond(0.1))
+    assert gate.check(START, ramp(20)).ok
+    with pytest.raises(InvalidRequest, match="cup"):
+        gate.update(upright, sent=1)
+    assert gate.check(START, ramp(20), sent=0).ok  # as if it had not been called
+    assert gate.update(free).proven
 
 
 def test_a_stop_that_would_take_thousands_of_targets_is_none() -> None:

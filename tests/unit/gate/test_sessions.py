@@ -85,3 +85,68 @@ def test_an_arm_whose_targets_come_early_late_or_not_at_all_touches_nothing_and_
     assert sum(refused.values()) > 50
     assert passed > 500
     assert moved > 30.0
+
+
+class Extreme(Driver):
+    """As late and as far off as it may be, or not at all."""
+
+    def arm(self, time: float) -> FloatArray:
+        off = self.tracking.of(len(self.ways[0][1])) * self.rng.choice([-1.0, 0.0, 1.0], len(self.ways[0][1]))
+        return np.asarray(self.setpoint(time - self.rng.choice([0.0, self.tracking.lag])) + off)
+
+
+def drawn_tracking(rng: np.random.Generator, robot: Robot) -> Tracking:
+    error = rng.choice([0.0, 0.0005, 0.003], robot.n)
+    jitter, lag = PERIOD * rng.choice([0.0, 0.1, 0.9, 1.0, 2.5]), rng.choice([0.0, PERIOD, 0.07, 0.2])
+    return Tracking(float(rng.uniform(0.01, 0.2)), error=error, jitter=float(jitter), lag=float(lag))
+
+
+@pytest.mark.parametrize("name", ["planar2", "wxai"])
+def test_an_arm_that_is_exactly_as_late_and_as_far_off_as_it_may_be_is_never_called_astray(name: str) -> None:
+    robot: Robot = PLANAR if name == "planar2" else load_robot(name)
+    service, rng, moved = PlannerService(robot, Scene()), np.random.default_rng(9), 0.0
+    for _ in range(12):
+        tracking, start = drawn_tracking(rng, robot), np.clip(robot.home + 0.1, *robot.bounds)
+        gate, driver = ActionGate(service, rate=RATE, tracking=tracking, slow=True), Extreme(tracking, start, rng)
+        gate.reset(start)
+        sent, goal = 0, start
+        for step in range(30):
+            wait = PERIOD * float(rng.choice([0.0, 0.4, 1.0, 1.0, 1.0, 2.5, 7.0]))
+            now = max(driver.now + wait + tracking.jitter * rng.choice([-1.0, 0.0, 1.0]), driver.now)
+            if step % 8 == 0:
+                goal = rng.uniform(*robot.bounds)
+            chunk = wanted(rng, robot, driver.setpoint(now), 1, goal)
+            verdict = gate.check(driver.arm(now), chunk, sent=sent, elapsed=wait)
+            refused = verdict.refused
+            assert refused is None or refused.kind is not Kind.TRACKING, (tracking, str(refused))
+            if not verdict.proven:  # the robot is in its own way
+                break
+            sent = int(rng.integers(1, len(verdict.rows) + 1))
+            for k, row in enumerate(verdict.rows[:sent]):
+                now = max(now + PERIOD + tracking.jitter * rng.choice([-1.0, 0.0, 1.0]), now) if k else now
+                driver.send(now, row)
+            moved += float(np.abs(driver.setpoint(now) - start).max())
+    assert moved > 10.0
+
+
+@pytest.mark.parametrize("beyond", [-1e-6, 1e-6])
+def test_an_arm_that_is_farther_off_than_it_may_be_is_noticed_at_once(beyond: float) -> None:
+    """Where nothing is late or drawn, so that it is known where the arm can be: to less than what a sensor sees."""
+    rng, robot = np.random.default_rng(4), load_robot("panda")
+    service = PlannerService(robot, Scene())
+    for _ in range(20):
+        tracking = Tracking(float(rng.uniform(0.04, 0.2)), error=rng.uniform(0.0, 0.01, robot.n), jitter=0.0)
+        gate, driver = ActionGate(service, rate=RATE, tracking=tracking, slow=True), Driver(tracking, robot.home, rng)
+        gate.reset(robot.home)
+        goal = np.clip(robot.home + rng.uniform(-0.5, 0.5, robot.n), *robot.bounds)
+        for step in range(int(rng.integers(1, 30))):
+            chunk = wanted(rng, robot, driver.setpoint(driver.now + PERIOD), 1, goal)
+            verdict = gate.check(driver.setpoint(driver.now + PERIOD), chunk, sent=1 if step else 0)
+            assert verdict.proven
+            driver.send(driver.now + PERIOD, verdict.rows[0])
+        setpoint, joint = driver.setpoint(driver.now + PERIOD), int(rng.integers(robot.n))
+        off = np.zeros(robot.n)
+        off[joint] = rng.choice([-1.0, 1.0]) * (tracking.of(robot.n)[joint] + beyond)
+        verdict = gate.check(setpoint + off, setpoint, sent=1)
+        lost = verdict.refused is not None and verdict.refused.kind is Kind.TRACKING
+        assert lost == (beyond > 0.0)

@@ -54,11 +54,30 @@ def test_a_setpoint_is_within_its_radius_of_its_edge_whatever_the_latency(
 def test_a_radius_is_reached() -> None:
     """It is no larger than latency makes it: the extremes of arrival and of the start are met together."""
     tracking = Tracking(goal_time=0.1, error=0.02, jitter=0.01)
-    low, high = tracking.shares(0.04)
-    assert (low, high) == pytest.approx((0.3, 0.5))
-    found = Setpoint.at_rest([0.0], tracking.of(1)).after(np.array([1.0]), (low, high), 0.1)
+    shares = tracking.shares(0.04)
+    assert shares == pytest.approx((0.3, 0.4, 0.5))
+    found = Setpoint.at_rest([0.0], tracking.of(1)).after(np.array([1.0]), shares, 0.1)
     assert found.place + found.radius >= 0.5 + 0.5 * 0.02 - ROUNDING
     assert found.place - found.radius == pytest.approx(0.3 - 0.7 * 0.02)
+
+
+def test_where_it_is_due_is_where_targets_that_come_in_time_lead_even_where_the_room_is_not_about_that() -> None:
+    tracking, targets = Tracking(goal_time=0.1, error=0.02, jitter=0.1), np.array([[1.0], [1.0], [0.0]])
+    course = Setpoint.at_rest([0.0], tracking.of(1)).course(targets, tracking.shares(0.04), 0.1)
+    assert course.due[:, 0] == pytest.approx([0.0, 0.4, 0.64, 0.384])
+    assert course.places[1, 0] == pytest.approx(0.5)
+    assert course.speeds[:, 0] == pytest.approx([10.0, 6.0, -6.4])
+    assert course.at(1).course(targets[1:], tracking.shares(0.04), 0.1).due[:, 0] == pytest.approx([0.4, 0.64, 0.384])
+
+
+def test_a_target_that_is_sent_again_is_never_gone_to_faster() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(500):
+        tracking = Tracking(float(rng.uniform(0.01, 0.2)), 0.05, float(rng.uniform(0.0, 0.3)))
+        target, shares = rng.uniform(-1.0, 1.0, 1), tracking.shares(float(rng.uniform(0.0, 0.4)))
+        course = Setpoint.at_rest([0.0], tracking.of(1)).course(np.tile(target, (9, 1)), shares, tracking.goal_time)
+        most = np.abs(target - course.places)[:, 0] + course.radii[:, 0]
+        assert np.all(np.diff(most) <= ROUNDING)
 
 
 def test_who_waits_long_enough_is_at_the_target() -> None:
