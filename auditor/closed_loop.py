@@ -51,6 +51,7 @@ class Loop:
         for body in (robot["bodies"][index] for index in chain):
             placement = np.array(body["placement"], float)
             R = placement[:3, :3]
+            require(np.array_equal(placement[3], [0.0, 0.0, 0.0, 1.0]), "a frame with another last row")
             require(np.abs(R @ R.T - np.eye(3)).max() < 1e-14 and np.linalg.det(R) > 0, "a frame that is no rotation")
             T = _moved(T, placement)
             given = np.array(body["axis"], float)
@@ -64,9 +65,9 @@ class Loop:
             self.entry.append(columns.index(body["q_index"]))
             self.by.append(float(body.get("multiplier", 1.0)))
         placement = np.array(robot["tool_placement"], float)
-        require(
-            np.abs(placement[:3, :3] @ placement[:3, :3].T - np.eye(3)).max() < 1e-14, "a tool that is turned oddly"
-        )
+        R = placement[:3, :3]
+        require(np.array_equal(placement[3], [0.0, 0.0, 0.0, 1.0]), "a tool with another last row")
+        require(np.abs(R @ R.T - np.eye(3)).max() < 1e-14 and np.linalg.det(R) > 0, "a tool that is turned oddly")
         self.tool = _moved(T, placement)
         self.n, self.m = len(columns), len(chain)
         largest = np.abs(domain).max(axis=0)

@@ -77,7 +77,8 @@ def verify(document: Json) -> Iterator[str]:
 def _wanted(goal: Json) -> Wanted:
     room = goal["room"] or {"position_tolerance": 0.0, "orientation_tolerance": 0.0, "free_axis": None}
     shift, turn = room["position_tolerance"], room["orientation_tolerance"]
-    require(shift >= 0.0 and turn >= 0.0, "a tolerance below 0")
+    require(0.0 <= shift <= 1.0 and 0.0 <= turn <= math.pi, "a tolerance that no goal has")
+    require(abs(float(np.linalg.norm(goal["pose"]["quaternion_wxyz"])) - 1.0) <= 1e-3, "a quaternion that is no unit")
     axis = None if room["free_axis"] is None else np.array(room["free_axis"], float)
     require(axis is None or abs(float(axis @ axis) - 1.0) < 1e-9, "an axis that is no unit vector")
     kind = "position" if turn >= math.pi else "pose" if axis is None else "axis"

@@ -282,7 +282,7 @@ void write_pair(const Loop& loop, std::size_t index, const Pair& at, const Pair*
     Numbers left_product = product(at.given, towards->given, loop.joints[0].point);
     const double far = norm(at.given - loop.joints[0].point) + at.error;
     double square_slack = (2.0 * far + at.error) * at.error;
-    double product_slack = at.error + far * towards->error;
+    double product_slack = at.error * (1.0 + towards->error) + far * towards->error;
     for (std::size_t k = 0;; ++k) {
         const double lost = 2.0 * loop.longest;
         if (k >= first) {

@@ -13,8 +13,8 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, p50, spread, table_of
-from benchmarks.studies import ik_maps
 from planner_service import Pose, PoseGoal, Robot, inverse_kinematics, load_robot
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
@@ -22,13 +22,9 @@ from planner_service.kinematics import InverseSolutions
 from planner_service.kinematics.inverse import ToolChain
 from planner_service.robot.kinematic_tree import chain_to_base, joint_motion
 
-__all__ = ["PARTS", "run"]
+__all__ = ["run", "seeded"]
 
-PARTS = ("complete", "maps")
 QUERIES, STARTS, STEPS = 60, 1000, 40
-
-VOXELS = 10_000
-"""Of the map, held against brute force unless asked otherwise."""
 
 ARMS = {
     "WidowX AI": "wxai",
@@ -58,8 +54,8 @@ class Case:
     q: FloatArray | None
 
 
-def run(queries: int = QUERIES, seed: int = 0, robot: str | None = None, part: str | None = None) -> Report:
-    """Poses of each arm, or of the one of that name; with the part "maps" a reachability map.
+def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
+    """Poses of each arm, or of the one of that name.
 
     Half are those of a configuration, two in ten near a singularity and one near a limit; the others have a reachable
     place and a random orientation.
@@ -67,12 +63,11 @@ def run(queries: int = QUERIES, seed: int = 0, robot: str | None = None, part: s
     Raises:
         UnknownName: there is no such arm.
     """
-    if part == "maps":
-        return ik_maps.run(VOXELS if queries == QUERIES else queries, seed)
+    count = QUERIES if queries is None else queries
     names = (*ARMS, FREE)
     if robot is not None and robot not in names:
         raise UnknownName("robot", robot, names)
-    rows = [row for name in names if robot in (None, name) for row in _rows(name, queries, seed)]
+    rows = [row for name in names if robot in (None, name) for row in _rows(name, count, seed, kept)]
     lines = [_line(name, [row for row in rows if row["robot"] == name]) for name in names if robot in (None, name)]
     caption = (
         f"Each pose also by {STARTS:,} starts of damped least squares. Solutions: those that differ by whole turns are "
@@ -80,38 +75,43 @@ def run(queries: int = QUERIES, seed: int = 0, robot: str | None = None, part: s
         "have none, and boxes: p50 / p95."
     )
     return Report(
-        "ik", tuple(rows), (table_of("Complete inverse kinematics", lines, caption=caption),), _promises(rows)
+        "ik poses", tuple(rows), (table_of("Complete inverse kinematics", lines, caption=caption),), _promises(rows)
     )
 
 
-def _rows(name: str, queries: int, seed: int) -> Iterator[Row]:
-    rng = np.random.default_rng(seed)
+def _rows(name: str, queries: int, seed: int, kept: Kept) -> Iterator[Row]:
     whole = load_robot(ARMS["SO-101" if name == FREE else name])
     arm = ToolChain.of(whole, whole.home).robot
     lower, upper = arm.limits.lower, arm.limits.upper
     locked = [arm.locked({arm.joint_names[2]: float(lower[2] + x * (upper - lower)[2])}) for x in LOCKS]
     for k in range(queries):
         robot = locked[k % len(LOCKS)] if arm.n > 6 else arm
-        case = _case(robot, k % 10, rng)
-        goal = PoseGoal(case.pose, free_axis=(0.0, 0.0, 1.0) if name == FREE else None)
-        if name == FREE:
-            turned = case.pose @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(rng.uniform(-3.0, 3.0))))
-            goal = PoseGoal(turned, free_axis=(0.0, 0.0, 1.0))
-        ms, found = cpu_ms(partial(_all, robot, goal))
-        known = list(_seeded(robot, goal, rng))
-        seen = [found.q[index] for q in known if (index := _box_of(found, q)) is not None]
-        own = [] if case.q is None else [case.q]
-        contradictions = [q.tolist() for q in (*known, *own) if _box_of(found, q) is None and not _in_doubt(found, q)]
-        yield {
-            "robot": name,
-            "kind": case.kind,
-            "solutions": len(_but_for_turns(found.q, robot)),
-            "seeded": len(_but_for_turns(np.array(seen).reshape(-1, robot.n), robot)),
-            "complete": found.complete,
-            "contradictions": contradictions,
-            "boxes": found.boxes,
-            "ms": ms,
-        }
+        yield kept.rows(f"poses {name} {seed} {k}", partial(_row, name, robot, k % 10, [seed, k]))[0]
+
+
+def _row(name: str, robot: Robot, turn: int, seed: list[int]) -> list[Row]:
+    rng = np.random.default_rng(seed)
+    case = _case(robot, turn, rng)
+    goal = PoseGoal(case.pose)
+    if name == FREE:
+        turned = case.pose @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(rng.uniform(-3.0, 3.0))))
+        goal = PoseGoal(turned, free_axis=(0.0, 0.0, 1.0))
+    ms, found = cpu_ms(partial(_all, robot, goal))
+    known = list(seeded(robot, goal, rng))
+    seen = [found.q[index] for q in known if (index := _box_of(found, q)) is not None]
+    own = [] if case.q is None else [case.q]
+    contradictions = [q.tolist() for q in (*known, *own) if _box_of(found, q) is None and not _in_doubt(found, q)]
+    row = {
+        "robot": name,
+        "kind": case.kind,
+        "solutions": len(_but_for_turns(found.q, robot)),
+        "seeded": len(_but_for_turns(np.array(seen).reshape(-1, robot.n), robot)),
+        "complete": found.complete,
+        "contradictions": contradictions,
+        "boxes": found.boxes,
+        "ms": ms,
+    }
+    return [row]
 
 
 def _all(robot: Robot, goal: PoseGoal) -> InverseSolutions:
@@ -171,9 +171,9 @@ def _in_doubt(found: InverseSolutions, q: FloatArray) -> bool:
     return bool(np.any(np.all(off <= (high - low) / 2 + 1e-12, axis=1)))
 
 
-def _seeded(robot: Robot, goal: PoseGoal, rng: np.random.Generator) -> Iterator[FloatArray]:
+def seeded(robot: Robot, goal: PoseGoal, rng: np.random.Generator, starts: int = STARTS) -> Iterator[FloatArray]:
     """Where random starts arrive at the goal, within the limits."""
-    q = rng.uniform(robot.limits.lower, robot.limits.upper, (STARTS, robot.n))
+    q = rng.uniform(robot.limits.lower, robot.limits.upper, (starts, robot.n))
     for step in range(STEPS):
         error, jacobian = _errors(robot, goal, q)
         damping = 0.0 if step >= STEPS - 5 else 1e-3 * (error**2).sum(axis=1)[:, None, None] + 1e-12
@@ -235,6 +235,8 @@ def _errors(robot: Robot, goal: PoseGoal, q: FloatArray) -> tuple[FloatArray, Fl
     if goal.free_axis is not None:  # a turn about the axis is no error
         along = have[:, :, None] * have[:, None, :]
         jacobian[:, 3:] -= along @ jacobian[:, 3:]
+    if goal.orientation_tolerance >= math.pi:  # nor is any
+        turn, jacobian[:, 3:] = np.zeros_like(turn), 0.0
     return np.concatenate([shift, turn], axis=1), jacobian
 
 
