@@ -210,7 +210,7 @@ class _Arm:
         return out
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _arm_of(robot: Robot, riding: tuple[Piece, ...]) -> _Arm:
     """Built once for all scenes in which the robot holds nothing else."""
     return _Arm(robot, riding)

@@ -556,29 +556,36 @@ class ProofPairs:
 
     def _listed(self) -> tuple[IntArray, IntArray]:
         """The plain pairs, and the blocks of the others."""
-        kinds = tuple((piece.owner, piece.body, piece.held) for piece in self.riding)
         called = self.standing.called
-        standing = tuple((called[owner], len(run), tree) for owner, run, tree in self._runs)
+        number: dict[Owner, int] = {}
+        kinds = tuple((number.setdefault(each.owner, len(number)), each.body, each.held) for each in self.riding)
+        standing = tuple(
+            (number.setdefault(called[owner], len(number)), len(run), tree) for owner, run, tree in self._runs
+        )
+        may_touch = frozenset((number[a], number[b]) for a, b in self._may_touch if a in number and b in number)
         few = sum(count for _, count, _ in standing) <= FEW_STANDING
-        return (_pairs_of if few else _pairs_of.__wrapped__)(kinds, standing, self._may_touch, tuple(self._moving_with))
+        return (_pairs_of if few else _pairs_of.__wrapped__)(kinds, standing, may_touch, tuple(self._moving_with))
 
 
-_Kind = tuple[Owner, int, bool]
-"""Of a riding piece its owner, its body, and whether it is held."""
+_Kind = tuple[int, int, bool]
+"""Of a riding piece its owner by number, its body, and whether it is held."""
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=256)
 def _pairs_of(
     riding: tuple[_Kind, ...],
-    standing: tuple[tuple[Owner, int, int], ...],
-    may_touch: frozenset[tuple[Owner, Owner]],
+    standing: tuple[tuple[int, int, int], ...],
+    may_touch: frozenset[tuple[int, int]],
     moving_with: tuple[int, ...],
 ) -> tuple[IntArray, IntArray]:
-    """The pairs of pieces that must stay apart, wherever these are: those of the scene before if only poses differ.
+    """The pairs of pieces that must stay apart, wherever these are and whatever they are called.
+
+    Those of a scene before are taken that differs only in poses and names.
 
     Args:
         standing: Of each obstacle, in the order of the numbers of its pieces, its owner, how many these are, and the
             number of their tree, -1 if there is none.
+        may_touch: Owners that may touch, either of them first.
         moving_with: As of ``ProofPairs``.
 
     Returns:

@@ -12,17 +12,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from planner_service.certify.hulls import GAIN, SHARE, Corners, dot, nearest_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 __all__ = ["Bounds", "Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps", "walked"]
 
+
+FEW = 200
+"""Shapes: the solids of more are made anew each time."""
 
 TINY = 1e-12
 """Metres: a shorter vector has no direction worth trying."""
@@ -52,10 +56,8 @@ class Solids:
 
     @classmethod
     def of(cls, shapes: Sequence[Shape]) -> Solids:
-        """The solids of ``shapes``."""
-        rows = [_row(shape) for shape in shapes]
-        table = np.array(rows, dtype=np.float64).reshape(-1, 5).T
-        return cls(table[:3], table[3], table[4], Corners.of([_corners(shape) for shape in shapes]))
+        """The solids of ``shapes``, those of the scenes before among them, which mostly have the same."""
+        return (_solids if len(shapes) <= FEW else _solids.__wrapped__)(tuple(shapes))
 
     def take(self, rows: IntArray) -> Solids:
         """The solids at ``rows``."""
@@ -95,11 +97,21 @@ class Solids:
         return core
 
 
+@lru_cache(maxsize=128)
+def _solids(shapes: tuple[Shape, ...]) -> Solids:
+    rows = [_row(shape) for shape in shapes]
+    table = read_only(np.array(rows, dtype=np.float64).reshape(-1, 5).T)
+    return Solids(table[:3], table[3], table[4], Corners.of([_corners(shape) for shape in shapes]))
+
+
 def centre_of(shape: Shape) -> tuple[float, float, float]:
     """Where a shape's solid has its centre, in the shape's own frame: 0 but for a hull, the mean of its corners."""
-    if not isinstance(shape, Mesh):
-        return (0.0, 0.0, 0.0)
-    x, y, z = (math.fsum(column) / len(column) for column in shape.vertices.T.tolist())
+    return _mean(shape) if isinstance(shape, Mesh) else (0.0, 0.0, 0.0)
+
+
+@lru_cache(maxsize=1024)
+def _mean(mesh: Mesh) -> tuple[float, float, float]:
+    x, y, z = (math.fsum(column) / len(column) for column in mesh.vertices.T.tolist())
     return (x, y, z)
 
 

@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from planner_service.collision.gjk import Solid, gap_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray, cross
+from planner_service.geometry.arrays import FloatArray, IntArray, cross, read_only
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
@@ -141,9 +142,10 @@ def centres_of(shapes: Sequence[Shape]) -> FloatArray:
     return out
 
 
+@lru_cache(maxsize=1024)
 def _centre_of(mesh: Mesh) -> FloatArray:
     """The centre of the box around a hull, (3,)."""
-    return np.asarray(0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)))
+    return read_only(0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)))
 
 
 def doubt_of(solids: Solids) -> float:

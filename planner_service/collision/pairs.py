@@ -216,7 +216,7 @@ class Parts:
         counts = (last - first for first, last in self.runs)
         standing = tuple(zip(self.standing.owners, counts, strict=True))
         few = len(self.numbers) - self.riding <= FEW_STANDING
-        return (_pairs_of if few else _pairs_of.__wrapped__)(self._riders, standing, self._allowed)
+        return _pairs_of(self._riders, standing, self._allowed, few=few)
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,30 +370,54 @@ def _riders_of(robot: Robot, attached: tuple[Attached, ...]) -> _Riders:
     return _Riders(tuple(riding), carried, frames, bodies)
 
 
-@lru_cache(maxsize=32)
 def _pairs_of(
-    riders: _Riders, standing: tuple[tuple[Owner, int], ...], allowed: frozenset[frozenset[Owner]]
+    riders: _Riders,
+    standing: tuple[tuple[Owner, int], ...],
+    allowed: frozenset[frozenset[Owner]],
+    *,
+    few: bool,
 ) -> PairRuns:
     """See ``Parts.pairs``.
 
     Args:
         standing: Of each obstacle its owner and how many pieces it has.
+        few: Whether they are kept for other scenes, in which these have other names and stand elsewhere.
     """
-    runs = riders.runs()
-    riding, heads = len(runs), [riders.parts[first] for first, _ in runs]
-    for _, count in standing:
-        runs.append((runs[-1][1] if runs else 0, (runs[-1][1] if runs else 0) + count))
+    heads = [(riders.parts[first], end - first) for first, end in riders.runs()]
     owners: dict[Owner, int] = {}  # by number: owners themselves take long to look up
-    every = (*(head.owner for head in heads), *(owner for owner, _ in standing))
-    owner = [owners.setdefault(each, len(owners)) for each in every]
-    touching = {tuple(sorted(owners[one] for one in pair)) for pair in allowed if pair <= owners.keys()}
+    kinds = tuple(
+        (owners.setdefault(part.owner, len(owners)), count, part.body, part.carried, part.moves)
+        for part, count in heads
+    )
+    others = tuple((owners.setdefault(owner, len(owners)), count) for owner, count in standing)
+    touching = frozenset(tuple(sorted(owners[one] for one in pair)) for pair in allowed if pair <= owners.keys())
+    return (_numbered_pairs if few else _numbered_pairs.__wrapped__)(kinds, others, touching)
+
+
+@lru_cache(maxsize=256)
+def _numbered_pairs(
+    heads: tuple[tuple[int, int, int, bool, bool], ...],
+    standing: tuple[tuple[int, int], ...],
+    touching: frozenset[tuple[int, ...]],
+) -> PairRuns:
+    """See ``Parts.pairs``.
+
+    Args:
+        heads: Of each run of pieces that ride its owner by number, how many they are, their body, and whether they are
+            carried and move.
+        standing: Of each obstacle its owner by number, and how many pieces it has.
+        touching: Owners that may touch, the lesser number first.
+    """
+    runs = list[tuple[int, int]]()
+    for count in (*(head[1] for head in heads), *(count for _, count in standing)):
+        runs.append((runs[-1][1] if runs else 0, (runs[-1][1] if runs else 0) + count))
+    riding, owner = len(heads), [*(head[0] for head in heads), *(number for number, _ in standing)]
     tables, count = list[IntArray]([np.zeros((0, 3), dtype=np.intp)]), 0
-    for k, part in enumerate(heads):
-        mine = owner[k]
+    for k, (mine, _, body, carried, moves) in enumerate(heads):
         others = [
-            *(range(riding, len(runs)) if part.moves else ()),
+            *(range(riding, len(runs)) if moves else ()),
             # two that are carried cannot move against each other
-            *(j for j in range(k + 1, riding) if part.body != heads[j].body or part.carried != heads[j].carried),
+            *(j for j in range(k + 1, riding) if body != heads[j][2] or carried != heads[j][3]),
         ]
         judged = list[tuple[int, int]]()  # runs of others, those that follow each other as one
         for other in others:

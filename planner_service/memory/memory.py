@@ -171,6 +171,11 @@ class Memory:
         return np.array([motion[0] for motion in self.motions]), np.array([motion[-1] for motion in self.motions])
 
     @cached_property
+    def closed(self) -> list[tuple[list[float], float, float]]:
+        """The grips: joint values, and the opening before and after."""
+        return [(row[:-2], row[-2], row[-1]) for row in (grip.tolist() for grip in self.grips)]
+
+    @cached_property
     def hash(self) -> str:
         """SHA-256 of all that is remembered; equal in every process."""
         content = hashlib.sha256(repr(self.joint_names).encode())
@@ -266,11 +271,11 @@ def _same_grip(a: FloatArray, b: FloatArray) -> bool:
 
 def gripped_near(memory: Memory, q: FloatArray, before: float, after: float) -> bool:
     """Whether the gripper closed or opened like this near q (n,)."""
-    wanted = np.array([before, after])
+    at = q.tolist()
     return any(
-        joint_distance(grip[:-2].tolist(), q.tolist()) <= NEAR_GRIP
-        for grip in memory.grips
-        if np.all(np.abs(grip[-2:] - wanted) <= SAME_WIDTH)
+        joint_distance(grip, at) <= NEAR_GRIP
+        for grip, opened, closed in memory.closed
+        if abs(opened - before) <= SAME_WIDTH and abs(closed - after) <= SAME_WIDTH
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -94,24 +95,29 @@ def _rows_of(
     return rows(cell(kind, name, seed), queries)
 
 
-def steps(job: Job) -> Task:
-    """A job as a task: take the object and set it down, on the station first if it has one."""
+def steps(job: Job, opening: float | None = None) -> Task:
+    """A job as a task: take the object and set it down, on the station first if it has one.
+
+    Args:
+        opening: Metres between the fingers around the object; as usual if None.
+    """
     stops = [(job.station, job.via)] if job.station else []
     stops.append((job.places, job.onto))
     found: list[Step] = []
     support, grasps = job.support, None if job.plain else Around(above=not job.side)
     for places, onto in stops:
+        grasp = Grasp(job.name, grasps, open_width=opening, support=support)
         if job.side:
-            found += [Connect("to pregrasp"), Approach("in"), Grasp(job.name, grasps, support=support)]
+            found += [Connect("to pregrasp"), Approach("in"), grasp]
             found += [Retreat("up", (RISE,), UP), Connect("transfer"), Approach("in")]
             found += [Approach("down", (RISE,), direction=DOWN), Release(job.name, places, support=onto)]
             found += [Retreat("out", LINES)]
         elif places is job.places and job.inserted:
-            found += [Connect("to pregrasp"), Approach("descend"), Grasp(job.name, grasps, support=support)]
+            found += [Connect("to pregrasp"), Approach("descend"), grasp]
             found += [Retreat("lift", LINES, UP), Connect("transfer"), Approach("lower", LINES, direction=DOWN)]
             found += [Release(job.name, places, support=onto), Retreat("retreat", LINES)]
         else:
-            found += pick_steps(job.name, grasps, Handling(support=support))
+            found += pick_steps(job.name, grasps, Handling(support=support, open_width=opening))
             found += place_steps(job.name, places, Handling(support=onto))
         support = onto
     return Task(found, f"{job.name} onto {job.onto}")
@@ -160,18 +166,24 @@ class Around:
 
 
 def solved(
-    work: Work, job: Job, request: ps.PlanRequest, memory: Memory | None = None, *, times: int = 1
+    work: Work,
+    job: Job,
+    request: ps.PlanRequest,
+    memory: Memory | None = None,
+    *,
+    times: int = 1,
+    opening: float | None = None,
 ) -> TaskResult:
     """A job, solved.
 
     Args:
         times: The usual budget of ways and searches, and of states of each motion.
+        opening: As for ``steps``.
     """
     if request.max_checks is not None:
         request = replace(request, max_checks=times * request.max_checks)
-    return work.service.solve(
-        steps(job), work.q, request=request, memory=memory, beam=min(times * BEAM, 1_000), searches=times * SEARCHES
-    )
+    terms: Any = {"beam": min(times * BEAM, 1_000), "searches": times * SEARCHES}
+    return work.service.solve(steps(job, opening), work.q, request=request, memory=memory, **terms)
 
 
 def objections(robot: str, done: TaskResult) -> list[str]:

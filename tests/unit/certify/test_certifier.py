@@ -246,6 +246,29 @@ def test_allowed_pairs_that_are_no_pairs_of_names_are_refused() -> None:
             Certifier(PLANAR, DISCS, allowed=allowed)
 
 
+def test_scenes_that_are_alike_but_for_names_differ_in_what_may_touch() -> None:
+    """Pairs are kept for scenes of the same build: an allowance goes with its name, not with the place in the list."""
+    arms = [link for link in PLANAR.links if any(shape.link == link for shape in PLANAR.shapes)]
+    box = Box((0.1, 0.1, 0.1))
+    for names in (("a", "b"), ("b", "a"), ("c", "d")):
+        scene = Scene([Obstacle(name, box, Pose((2.0, y, 0.0))) for name, y in zip(names, (0.0, 1.0), strict=True)])
+        for link in arms[-2:]:
+            for name in names:
+                allowed = [(link, name)]
+                free, listed = Certifier(PLANAR, scene), Certifier(PLANAR, scene, allowed=allowed).listed
+                told = {frozenset(listed.names(k)) for k in range(len(listed.plain))}
+                every = {frozenset(free.listed.names(k)) for k in range(len(free.listed.plain))}
+                assert told == every - {frozenset(allowed[0])}
+                checked = CollisionChecker(PLANAR, scene, allowed=allowed)
+                assert checked.pair_count == CollisionChecker(PLANAR, scene).pair_count - 1
+                near = Scene([Obstacle(each.name, each.shape, Pose((0.5, 0.0, 0.0))) for each in scene.obstacles])
+                touching = CollisionChecker(PLANAR, near, allowed=allowed).touching(np.zeros(PLANAR.n))
+                usual = CollisionChecker(PLANAR, near).touching(np.zeros(PLANAR.n))
+                assert {frozenset(pair) for pair in touching} == {frozenset(pair) for pair in usual} - {
+                    frozenset(allowed[0])
+                }
+
+
 def test_thousands_of_far_obstacles_cost_less_than_a_bound_each() -> None:
     rng = np.random.default_rng(0)
     directions = rng.standard_normal((3000, 3))
