@@ -32,7 +32,7 @@ from planner_service.datasets import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
 from planner_service.geometry import Shape
 from planner_service.geometry.composite import Solid
-from planner_service.kinematics import PoseGoal, inverse_arcs, straight_tool_line
+from planner_service.kinematics import PoseGoal, inverse_arcs, line_branches, straight_tool_line
 from planner_service.memory import Memory
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.parallel import Processes, Ray, Sequential, engine_named
@@ -347,6 +347,11 @@ def _methods() -> Calls:
     )
     far = PoseGoal(ps.Pose((2.0, 0.0, 0.2)), free_axis=(0.0, 0.0, 1.0))
     yield _call(inverse_arcs, robot=wxai, pose=far, still=wxai.home)
+    at = ps.Pose.from_matrix(wxai.tool_pose(wxai.home))
+    yield _call(
+        line_branches, robot=wxai, begin=at, to=(0.0, 0.0, 0.05), still=wxai.home, points=5, max_joint_rate=90.0
+    )
+    yield _again(line_branches(wxai, at, (0.0, 0.0, 0.05)))
     yield _call(scene.without_attached, name="b")
     yield _call(contact_table, robot=arm, samples=10, max_bounds=1_000)
 
@@ -490,6 +495,7 @@ def _tasks(folder: Path) -> Calls:
         _call(service.certify_gripper, q=robot.home, start=0.0, end=0.01),
         _call(standing_on, scene=scene, name="blue_block"),
         _call(ps.move_linear, **moving, goal=(0.0, 0.0, 0.01), points=5, pace=pace, cancel=ps.CancelToken()),
+        _call(ps.move_linear, service=service, start=ps.Pose.from_matrix(robot.tool_pose(robot.home)), goal=two),
         _call(ps.move_linear, **moving, goal=two, zone=0.002, max_joint_rate=50.0, partial=True),
         _call(move_circular, **moving, via=(0.0, 0.01, 0.01), goal=(0.0, 0.02, 0.0), max_joint_rate=50.0, partial=True),
         _call(ps.pick, service=service, q=robot.home, target="blue_block", grasps=grasp, handling=handling),

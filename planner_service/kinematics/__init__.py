@@ -2,6 +2,7 @@
 
 from planner_service.kinematics.complete_inverse import InverseArcs, InverseSolutions
 from planner_service.kinematics.inverse import inverse_arcs, inverse_kinematics
+from planner_service.kinematics.line_branches import LineBranches, line_branches
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Suggestion, Unreachable, why_unreachable
 from planner_service.kinematics.tool_line import LineStop, LineStopReason, ToolLine, straight_tool_line
@@ -11,6 +12,7 @@ __all__ = [
     "InverseArcs",
     "InverseSolutions",
     "LimitExcess",
+    "LineBranches",
     "LineStop",
     "LineStopReason",
     "PoseGoal",
@@ -20,6 +22,7 @@ __all__ = [
     "Unreachable",
     "inverse_arcs",
     "inverse_kinematics",
+    "line_branches",
     "straight_tool_line",
     "why_unreachable",
 ]

@@ -35,6 +35,7 @@ __all__ = [
     "complete_arcs",
     "complete_solutions",
     "most_joints",
+    "searched",
     "shown_solutions",
 ]
 
@@ -195,6 +196,13 @@ def closed_loop(robot: Robot) -> tuple[_core.ClosedLoop, BoolArray, float]:
     return loop, circles, float(np.sqrt((np.diff(corners, axis=0) ** 2).sum(axis=1)).sum())
 
 
+def searched(robot: Robot, circles: BoolArray) -> FloatArray:
+    """Lowest and highest joint values among which covers look, (2, n): of joints that go round, one turn."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    low = np.where(circles, lower + SEAM, lower)
+    return np.stack([low, np.where(circles, low + TURN + 1e-9, upper)])
+
+
 def _lines(robot: Robot) -> tuple[FloatArray, BoolArray, FloatArray]:
     """The lines of an arm's joints (m, 9), which joints go round once at least, and where they are searched (2, n)."""
     lines = np.array([_line(robot, index) for index in reversed(chain_to_base(robot.bodies, robot.tool_body))])
@@ -203,9 +211,7 @@ def _lines(robot: Robot) -> tuple[FloatArray, BoolArray, FloatArray]:
     circles = np.array(robot.continuous or [False] * robot.n) | (upper - lower >= TURN)
     for slides, entry, multiplier, *_ in lines.tolist():
         circles[int(entry)] &= slides == 0.0 and abs(multiplier) == 1.0
-    low = np.where(circles, lower + SEAM, lower)
-    high = np.where(circles, low + TURN + 1e-9, upper)
-    return lines, circles, np.array([low, high])
+    return lines, circles, searched(robot, circles)
 
 
 def _line(robot: Robot, index: int) -> list[float]:

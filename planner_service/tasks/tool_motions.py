@@ -23,6 +23,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, flag, instance, number
 from planner_service.kinematics.cartesian_waypoints import line_blends, stop_rows, thinned, thinned_along
 from planner_service.kinematics.constraint_set import constraint_set
+from planner_service.kinematics.line_branches import line_branches
 from planner_service.kinematics.tool_line import (
     LINE_POINTS,
     MAX_JOINT_RATE,
@@ -58,7 +59,7 @@ Target = Pose | Sequence[float]
 
 def move_linear(
     service: PlannerService,
-    start: ArrayLike,
+    start: ArrayLike | Pose,
     goal: Target | Sequence[Target],
     *,
     zone: float = 0.0,
@@ -78,7 +79,11 @@ def move_linear(
     a joint that would have to jump or move too far, a pair that collides, or a constraint that is not kept.
 
     Args:
-        start: Joint vector, shape (n,), clamped as the waypoints of ``PlannerService.follow``.
+        start: Joint vector, shape (n,), clamped as the waypoints of ``PlannerService.follow``. Or the tool's pose: then
+            the motion begins in a configuration from which all of it is possible, if there is one (see
+            ``planner_service.kinematics.line_branches``), and a note says which; of several the one from which the
+            joints move least is tried first. Joints that do not move the tool are where they are at home. The failure
+            is ``proven`` if it is that no motion within the limits follows the line.
         goal: The tool's pose at the end in the base frame, or its displacement (x, y, z) in metres along the base's
             axes (the orientation is kept). Or a list of these, to pass one after the other; a displacement counts from
             the pose before it.
@@ -100,9 +105,13 @@ def move_linear(
         InvalidRequest: As ``PlannerService.follow`` and ``straight_tool_line``, or ``goal`` is an empty list, or
             ``zone`` is not in [0, 1].
     """
-    settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
-    q, follow = _begun(service, start, settings, partial=partial)
+    settings: dict[str, Any] = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
     number("zone", zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE)
+    if isinstance(start, Pose):
+        limits: dict[str, Any] = {"points": points, "max_joint_rate": max_joint_rate}
+        from_there = bound(move_linear, goal=goal, zone=zone, partial=partial, **limits, **settings)
+        return _from_any(service, start, _targets(goal), limits, cancel, from_there, partial=flag("partial", partial))
+    q, follow = _begun(service, start, settings, partial=partial)
     robot, targets = service.robot, _targets(goal)
     if len(targets) == 1:
         line = straight_tool_line(robot, q, targets[0], points=points, max_joint_rate=max_joint_rate)
@@ -155,6 +164,50 @@ def move_circular(
     begin = Pose.from_matrix(service.robot.tool_pose(q))
     path = circular_arc(begin, _pose("via", via, begin).position, _pose("goal", goal, begin))
     return _along(service, q, path, max_joint_rate, follow)
+
+
+def _from_any(
+    service: PlannerService,
+    start: Pose,
+    targets: Sequence[Any],
+    limits: Mapping[str, Any],
+    cancel: CancelToken | None,
+    from_there: Callable[..., PlanResult],
+    *,
+    partial: bool,
+) -> PlanResult:
+    """The motion from a configuration for the pose ``start`` from which all of it is possible, or the best there is.
+
+    Args:
+        limits: Settings of ``straight_tool_line``.
+        from_there: Plans from a configuration.
+    """
+    instance("service", service, PlannerService, "a PlannerService")
+    robot, home = service.robot, service.robot.home
+    accounting = PlanAccounting(service.checker, cancel=cancel)
+    found = line_branches(robot, start, _pose("goal", targets[0], start), still=home, **limits)
+    if not found.lines:
+        detail = "no configuration has the tool at the start" if found.complete else str(found)
+        failure = Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail, proven=found.complete)
+        return replace(accounting.result(failure=failure), fraction=0.0)
+    whole = [line for line in found.lines if line.stopped is None]
+    tried = list[PlanResult]()
+    for line in found.lines if partial else whole or found.lines[:1]:
+        result = accounting.with_plan(from_there(service, line.waypoints[0]))
+        tried.append(result)
+        done = result.ok and result.fraction == 1.0
+        if done or (result.failure is not None and result.failure.reason is Reason.PREEMPTED):
+            break
+    best = max(tried, key=lambda result: result.fraction or 0.0)
+    note = f"{'all' if found.complete else 'some'} branches followed: {found}"
+    if best.ok:
+        return replace(best, notes=(*best.notes, note))
+    assert best.failure is not None
+    if best.failure.reason is Reason.PREEMPTED:
+        return best
+    proven = found.proven and len(targets) == 1  # a rounded corner leaves the line
+    failure = replace(best.failure, detail=f"{best.failure.detail}; {note}", proven=proven)
+    return replace(best, failure=failure)
 
 
 def _begun(

@@ -15,7 +15,7 @@ import numpy as np
 
 from planner_service.collision.checker import CollisionChecker
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
-from planner_service.kinematics.complete_inverse import ROUNDING, SEAM, TURN, closed_loop
+from planner_service.kinematics.complete_inverse import ROUNDING, TURN, closed_loop, searched
 from planner_service.robot.model import Robot
 from planner_service.workspace.orientation import ToolOrientation
 
@@ -103,9 +103,7 @@ class VoxelTree:
     ) -> None:
         self._robot, self._orientation, self._checker, self._obstructed = robot, orientation, checker, obstructed
         self._loop, self._circles, self._length = closed_loop(robot)
-        lower, upper = robot.limits.lower, robot.limits.upper
-        low = np.where(self._circles, lower + SEAM, lower)
-        self._domain = np.stack([low, np.where(self._circles, low + TURN + 1e-9, upper)])
+        self._domain = searched(robot, self._circles)
         self._rows = np.column_stack([orientation.rotation, np.zeros(3)]).ravel()
         slack = ROUNDING * (1.0 + self._length)
         self._errors = slack, max(orientation.tolerance, TURN_ERROR) + slack
