@@ -27,18 +27,25 @@ class Doing(NamedTuple):
     left: frozenset[str]
 
 
-def contacts(schedule: Schedule, times: FloatArray, late: Mapping[str, FloatArray]) -> Iterator[tuple[float, str]]:
-    """When what touches, of times (k,) by the clock of the whole, where arms are late by so much, (k,) each."""
-    known: dict[object, tuple[Cell, CollisionChecker]] = {}
-    for k, t in enumerate(times.tolist()):
-        doing = {name: _doing(schedule, name, t - float(late[name][k])) for name in schedule.starts}
-        key = tuple((name, each.width, each.held, each.left) for name, each in doing.items())
-        if key not in known:
-            known[key] = _world(schedule, doing)
-        cell, checker = known[key]
-        q = cell.joined({name: each.q for name, each in doing.items()})
-        if not checker.state_is_free(q):
-            yield t, "; ".join(f"{a} x {b}" for a, b in sorted(checker.touching(q)))
+class Sampler:
+    """Judges a schedule as it is carried out."""
+
+    def __init__(self, schedule: Schedule) -> None:
+        self._schedule = schedule
+        self._known: dict[object, tuple[Cell, CollisionChecker]] = {}
+
+    def contacts(self, times: FloatArray, late: Mapping[str, FloatArray]) -> Iterator[tuple[float, str]]:
+        """When what touches, of times (k,) by the clock of the whole, where arms are late by so much, (k,) each."""
+        schedule = self._schedule
+        for k, t in enumerate(times.tolist()):
+            doing = {name: _doing(schedule, name, t - float(late[name][k])) for name in schedule.starts}
+            key = tuple((name, each.width, each.held, each.left) for name, each in doing.items())
+            if key not in self._known:
+                self._known[key] = _world(schedule, doing)
+            cell, checker = self._known[key]
+            q = cell.joined({name: each.q for name, each in doing.items()})
+            if not checker.state_is_free(q):
+                yield t, "; ".join(f"{a} x {b}" for a, b in sorted(checker.touching(q)))
 
 
 def _doing(schedule: Schedule, name: str, t: float) -> Doing:
@@ -53,24 +60,28 @@ def _doing(schedule: Schedule, name: str, t: float) -> Doing:
 
 def _along(chain: Chain, t: float, at: Doing) -> Doing:
     """The same in a chain, or after it."""
-    q, width, held, left = at
-    begin = chain.start
+    _, width, held, left = at
+    begin, along, world = chain.start, None, chain.task.begin
     for segment in chain.task.segments:
         if t < begin:
             break
-        world = segment.world_after(chain.task.begin)
-        lost = {item.name for item in held} - set(world.scene.names[len(world.scene.obstacles) :])
-        left, held = left | lost, world.scene.attached
+        world = segment.world_after(world)
+        attached = world.scene.attached
+        if held and not attached:
+            left = left | {item.name for item in held}
+        held = attached
         still = segment.wait
         if segment.gripper is not None:
             still += chain.gripper_seconds
         # while a gripper moves it is as open as before or after, whichever is more
         width = max(width, segment.width) if t < begin + still and not held else segment.width
         begin += still
-        trajectory = segment.result.unwrap()[1]
-        q = trajectory(min(max(t - begin, 0.0), trajectory.duration))
-        begin += trajectory.duration
-    return Doing(q, width, held, left)
+        along = segment.result.unwrap()[1], t - begin
+        begin += along[0].duration
+    if along is None:
+        return at
+    trajectory, since = along
+    return Doing(trajectory(min(max(since, 0.0), trajectory.duration)), width, held, left)
 
 
 def _world(schedule: Schedule, doing: Mapping[str, Doing]) -> tuple[Cell, CollisionChecker]:
@@ -110,4 +121,4 @@ def lateness(schedule: Schedule, times: FloatArray, rng: np.random.Generator, mo
     return {name: np.broadcast_to(rng.uniform(0.0, most, size), times.shape) for name in schedule.starts}
 
 
-__all__ = ["Doing", "contacts", "lateness"]
+__all__ = ["Doing", "Sampler", "lateness"]

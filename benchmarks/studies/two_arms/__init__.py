@@ -6,13 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.two_arms import plans, stops
+from benchmarks.studies.two_arms import picks, plans, stops
 
 __all__ = ["run"]
 
 PARTS: dict[str, Callable[[int | None, int, Path | None], Report]] = {
     "plans": plans.run,
     "stops": lambda queries, seed, _: stops.run(queries, seed),
+    "picks": lambda schedules, seed, _: picks.run(schedules, seed),
 }
 
 
@@ -21,7 +22,7 @@ def run(part: str | None = None, queries: int | None = None, seed: int = 0, prob
 
     Args:
         part: One of ``PARTS``.
-        queries: Plans of each scene, or executions; as many as show what a part promises if None.
+        queries: Plans of each scene, executions, or schedules of picks; as many as show what a part promises if None.
         seed: Of what is drawn.
         problems: The folder of published problems, for Baxter.
     """

@@ -22,7 +22,8 @@ from benchmarks.harness.audit import Auditor
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, p95, spread, table_of
 from benchmarks.studies.arms import arms_in, motions_of
 from benchmarks.worlds.foreign import table_of_robot
-from planner_service.cell import Cell, CellPlan
+from benchmarks.worlds.placed import table_of_arms
+from planner_service.cell import Arm, Cell, CellPlan
 from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["EXECUTIONS", "QUERIES", "dual", "run"]
@@ -67,13 +68,22 @@ def dual(scene: str) -> Cell:
     return Cell.of(robot, arms_of(robot), scene, tools={"right": "right_ee_gripper_link"})
 
 
+def pandas(scene: str, folder: Path) -> tuple[Cell, Auditor]:
+    """Two Pandas side by side in a scene, and who judges them."""
+    places = {side: ("panda", ps.Pose((-0.15, y, 0.0))) for side, y in (("left", 0.3), ("right", -0.3))}
+    cell = Cell({side: Arm(ps.load_robot(robot), base) for side, (robot, base) in places.items()}, scene)
+    return cell, Auditor(table_of_arms(places, folder), cell.scene)
+
+
 def _random(scene: str, queries: int, seed: int) -> Iterator[Row]:
-    cell = dual(scene)
-    rng = np.random.default_rng([seed, len(scene)])
-    auditor = Auditor("wxai_dual", cell.scene)
-    for k in track(range(queries), description=f"wxai_dual in {scene}", transient=True):
-        start, goal = (_free(cell, rng) for _ in range(2))
-        yield {"cell": f"wxai_dual in {scene}", "query": k} | _planned(cell, start, goal, 0, rng, auditor)
+    with TemporaryDirectory() as place:
+        cell = dual(scene)
+        cells = {"wxai_dual": (cell, Auditor("wxai_dual", cell.scene)), "two Pandas": pandas(scene, Path(place))}
+        for name, (cell, auditor) in cells.items():
+            rng = np.random.default_rng([seed, len(scene)])
+            for k in track(range(queries), description=f"{name} in {scene}", transient=True):
+                start, goal = (_free(cell, rng) for _ in range(2))
+                yield {"cell": f"{name} in {scene}", "query": k} | _planned(cell, start, goal, 0, rng, auditor)
 
 
 def _free(cell: Cell, rng: np.random.Generator) -> FloatArray:
