@@ -251,7 +251,9 @@ def test_scenes_that_are_alike_but_for_names_differ_in_what_may_touch() -> None:
     arms = [link for link in PLANAR.links if any(shape.link == link for shape in PLANAR.shapes)]
     box = Box((0.1, 0.1, 0.1))
     for names in (("a", "b"), ("b", "a"), ("c", "d")):
-        scene = Scene([Obstacle(name, box, Pose((2.0, y, 0.0))) for name, y in zip(names, (0.0, 1.0), strict=True)])
+        scene = Scene(
+            tuple(Obstacle(name, box, Pose((2.0, y, 0.0))) for name, y in zip(names, (0.0, 1.0), strict=True))
+        )
         for link in arms[-2:]:
             for name in names:
                 allowed = [(link, name)]
@@ -261,7 +263,7 @@ def test_scenes_that_are_alike_but_for_names_differ_in_what_may_touch() -> None:
                 assert told == every - {frozenset(allowed[0])}
                 checked = CollisionChecker(PLANAR, scene, allowed=allowed)
                 assert checked.pair_count == CollisionChecker(PLANAR, scene).pair_count - 1
-                near = Scene([Obstacle(each.name, each.shape, Pose((0.5, 0.0, 0.0))) for each in scene.obstacles])
+                near = Scene(tuple(Obstacle(each.name, each.shape, Pose((0.5, 0.0, 0.0))) for each in scene.obstacles))
                 touching = CollisionChecker(PLANAR, near, allowed=allowed).touching(np.zeros(PLANAR.n))
                 usual = CollisionChecker(PLANAR, near).touching(np.zeros(PLANAR.n))
                 assert {frozenset(pair) for pair in touching} == {frozenset(pair) for pair in usual} - {
