@@ -39,7 +39,7 @@ from planner_service.tasks import MoveTo, Task, pick_steps, place_steps, solve, 
 __all__ = ["schedule_picks"]
 
 MAX_JOBS = 100
-MAX_DELAY = 2.0
+MAX_DELAY = 1.0
 MAX_GRIPPER = 60.0
 
 FROM_ABOVE = GraspKinds((GraspKind.TOP,))
@@ -236,22 +236,29 @@ class _Scheduling:
         return None
 
     def _offer(self, name: str, job: PickJob, grasps: GraspKinds | None) -> _Offer | None:
-        """A job's chain by an arm from where it is, or else from where it stood at first, at its earliest start."""
+        """A job's chain by an arm at its earliest start: from where it is, from where it stood at first, or from there
+        when all else is done."""
         arm = self._arms[name]
-        found = self._from(name, job, grasps, arm.q, arm.free, waits=arm.q is not arm.rest)
-        if found is None and arm.q is not arm.rest:
-            found = self._from(name, job, grasps, arm.rest, arm.back, waits=False)
+        found = None
+        if arm.q is not arm.rest:
+            found = self._from(name, job, grasps, arm.q, arm.free, arm.free)
+        if found is None:
+            found = self._from(name, job, grasps, arm.rest, arm.back, arm.back)
+        done = self._lines.end() + 2.0 * self._delay
+        if found is None and self._gone(name, job, done) != self._gone(name, job, arm.back):
+            found = self._from(name, job, grasps, arm.rest, arm.back, done)
         return found
 
+    def _gone(self, name: str, job: PickJob, since: float) -> tuple[str, ...]:
+        """Objects of other jobs that an arm that starts at a time does not meet where they were."""
+        taken = [(each.object, *self._held[each.object]) for each in self._jobs if each.object in self._held]
+        return tuple(object for object, arm, at in taken if arm == name or at + self._delay <= since)
+
     def _from(
-        self, name: str, job: PickJob, grasps: GraspKinds | None, q: FloatArray, earliest: float, *, waits: bool
+        self, name: str, job: PickJob, grasps: GraspKinds | None, q: FloatArray, left_at: float, earliest: float
     ) -> _Offer | None:
-        gone = tuple(
-            each.object
-            for each in self._jobs
-            if each.object in self._held
-            and (self._held[each.object][0] == name or self._held[each.object][1] + self._delay <= earliest)
-        )
+        """A job's chain from q (n,), where the arm is from ``left_at`` on."""
+        gone, waits = self._gone(name, job, earliest), q is not self._arms[name].rest
         task = self._planned(name, job, grasps, gone, q)
         if task is None:
             return None
@@ -265,7 +272,7 @@ class _Scheduling:
             self._refused[name, job.object] = "it is not proven apart from the other arms at any start"
             return None
         made = Chain(name, job, start, task, gone, self._gripper_seconds)
-        return _Offer(made, chain, earliest, start + back.begin, start + back.end, returned=not waits)
+        return _Offer(made, chain, left_at, start + back.begin, start + back.end, returned=not waits)
 
     def _planned(
         self, name: str, job: PickJob, grasps: GraspKinds | None, gone: Sequence[str], q: FloatArray | None = None
@@ -275,7 +282,8 @@ class _Scheduling:
         scene = before(self._cell.scene, self._jobs, job, gone)
         start = arm.rest if q is None else q
         service = PlannerService(self._opened(name), scene)
-        taking = Handling(support=standing_on(self._cell.scene, job.object))
+        below = standing_on(self._cell.scene, job.object)
+        taking = Handling(support=None if below in gone else below)
         steps = (
             *pick_steps(job.object, grasps, taking),
             *place_steps(job.object, [job.place], Handling(support=job.support)),
@@ -309,10 +317,14 @@ class _Scheduling:
         arm.q = np.array(chain.task.segments[-1].result.unwrap()[0].waypoints[0])
 
     def _stuck(self, left: Sequence[PickJob]) -> Failure:
-        job = left[0]
-        why = [f"{name}: {reason}" for (name, object), reason in self._refused.items() if object == job.object]
+        why = [
+            f"{name}, {job.object}: {self._refused[name, job.object]}"
+            for job in left
+            for name in self._arms
+            if (name, job.object) in self._refused
+        ]
         names = ", ".join(each.object for each in left[:4])
-        detail = f"{len(left)} picks are left, {names}; {'; '.join(why[:2])}"
+        detail = f"{len(left)} picks are left, {names}; {'; '.join(why[:4])}"
         return Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail)
 
     def _result(self, failure: Failure | None) -> Schedule:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -139,6 +140,44 @@ def test_an_object_may_only_be_left_out_where_it_was_once_another_arm_has_it_in_
     wrong = shifted(schedule, arm_of[relies[1]], 100.0)
     expected = f"{relies[0].arm}, {relies[0].job.object}: {relies[1]} may still be where it was"
     assert expected in prove_schedule(wrong).problems
+
+
+def test_whatever_starts_are_proven_nothing_touches() -> None:
+    schedule, rng = crossing(), np.random.default_rng(4)
+    proven = 0
+    for _ in range(8):
+        shifts = {name: rng.uniform(-1.0, 3.0) for name in schedule.starts}
+        wrong = schedule
+        for name, seconds in shifts.items():
+            wrong = shifted(wrong, name, seconds)
+        wrong = replace(wrong, tolerates=0.0)
+        if prove_schedule(wrong).certified:
+            proven += 1
+            assert found(wrong, 1, 0.0) == 0
+    assert 0 < proven < 8, "it says something of both"
+
+
+def test_a_pick_that_another_object_is_in_the_way_of_comes_once_that_is_gone() -> None:
+    cell = cell_with({"b": (0.3, 0.15)})
+    tall = Obstacle("a", Box((0.03, 0.03, 0.2)), Pose((0.3, -0.04, 0.101)))
+    cell = Cell(cell.layout.arms, cell.scene.with_obstacle(tall))
+    jobs = [job("b", 0.345, -0.04, "left"), PickJob("a", Pose((0.2, -0.35, 0.101)), "table", ("right",))]
+    schedule = schedule_picks(cell, jobs)
+    assert schedule.failure is None
+    first, then = sorted(schedule.chains, key=lambda chain: chain.start)
+    assert (first.job.object, then.job.object, then.gone) == ("a", "b", ("a",))
+    assert prove_schedule(schedule).certified
+    assert found(schedule, 1, schedule.tolerates) == 0
+
+
+def test_one_arm_alone_has_no_delay_to_keep() -> None:
+    cell = cell_with({"a": (0.3, 0.1), "b": (0.24, 0.15)})
+    alone = Cell({"left": cell.layout.arms["left"]}, cell.scene)
+    schedule = schedule_picks(alone, [job("a", 0.2, 0.3), job("b", 0.3, 0.3)])
+    assert schedule.tolerates == math.inf
+    assert schedule.duration == pytest.approx(schedule.sequential)
+    assert prove_schedule(schedule).certified
+    assert "one arm moves" in str(schedule)
 
 
 def test_the_same_is_scheduled_again() -> None:
