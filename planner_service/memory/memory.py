@@ -141,9 +141,9 @@ class Memory:
             return self
         kept = self.motions
         if kept:
-            first, last = self.ends
-            same = _apart(first, motion[:1]) + _apart(last, motion[-1:]) <= SAME
-            kept = tuple(known for known, gone in zip(kept, same[:, 0].tolist(), strict=True) if not gone)
+            forth, _ = _away(self, motion[0], motion[-1:])
+            same = (forth <= SAME)[:, 0].tolist()
+            kept = tuple(known for known, gone in zip(kept, same, strict=True) if not gone)
         return self._with(names, (*kept[1 - MAX_MOTIONS :], motion), self.grips)
 
     def with_grip(self, grip: ArrayLike, joint_names: Sequence[str]) -> Memory:
@@ -166,9 +166,9 @@ class Memory:
         return known
 
     @cached_property
-    def ends(self) -> tuple[FloatArray, FloatArray]:
-        """Where the motions begin, and where they end, (N, n) each."""
-        return np.array([motion[0] for motion in self.motions]), np.array([motion[-1] for motion in self.motions])
+    def ends(self) -> FloatArray:
+        """Where the motions begin, then where they end, (2 N, n)."""
+        return np.array([*(motion[0] for motion in self.motions), *(motion[-1] for motion in self.motions)])
 
     @cached_property
     def closed(self) -> list[tuple[list[float], float, float]]:
@@ -224,9 +224,7 @@ def knows(memory: Memory, start: FloatArray, end: FloatArray) -> bool:
     """Whether a motion from near one of these configurations (n,) to near the other is remembered."""
     if not memory.motions:
         return False
-    first, last = memory.ends
-    forth = _apart(first, start[None]) + _apart(last, end[None])
-    back = _apart(last, start[None]) + _apart(first, end[None])
+    forth, back = _away(memory, start, end[None])
     return bool(min(forth.min(), back.min()) <= NEAR)
 
 
@@ -234,11 +232,7 @@ def hints(memory: Memory, start: FloatArray, goals: Sequence[FloatArray]) -> lis
     """Motions from near a start (n,) to near one of the goals, or back, the nearest first; three at most."""
     if not memory.motions or not len(goals):
         return []
-    first, last = memory.ends
-    there = np.array(goals)
-    forth = _apart(first, start[None]) + _apart(last, there)
-    back = _apart(last, start[None]) + _apart(first, there)
-    away = np.concatenate([forth, back])
+    away = np.concatenate(_away(memory, start, np.array(goals)))
     rows, columns = np.nonzero(away <= NEAR)
     count = len(memory.motions)
     order = np.lexsort((columns, -(rows % count), away[rows, columns]))[:MAX_HINTS]
@@ -277,6 +271,15 @@ def gripped_near(memory: Memory, q: FloatArray, before: float, after: float) -> 
         for grip, opened, closed in memory.closed
         if abs(opened - before) <= SAME_WIDTH and abs(closed - after) <= SAME_WIDTH
     )
+
+
+def _away(memory: Memory, start: FloatArray, goals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Radians, summed over both ends, between N remembered motions and those from a start (n,) to goals (m, n), and
+    between the same motions the other way round and those, (N, m) each."""
+    count = len(memory.motions)
+    apart = _apart(memory.ends, np.concatenate([start[None], goals]))
+    begins, ends = apart[:count], apart[count:]
+    return begins[:, :1] + ends[:, 1:], ends[:, :1] + begins[:, 1:]
 
 
 def _apart(a: FloatArray, b: FloatArray) -> FloatArray:
