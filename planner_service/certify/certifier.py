@@ -24,7 +24,7 @@ from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.separation import Bounds
 from planner_service.constraints.values import Constraint, JointRange, ToolRegion
 from planner_service.errors import BrokenInvariant, InvalidRequest, UnknownName
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, joint_distance
+from planner_service.geometry.arrays import FloatArray, IntArray, joint_distance
 from planner_service.geometry.validation import (
     copied_in,
     finite_numbers,
@@ -311,13 +311,6 @@ class Prover:
         at, for all edges together, where the whole of one is too much.
         """
         return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer, parts))
-
-    def each(
-        self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float
-    ) -> tuple[BoolArray, float]:
-        """Of each edge whether it is free, as in ``tubes``, (k,), and the bounds that were asked."""
-        free = np.zeros(len(starts), dtype=np.bool_)
-        return free, self._prover.each(starts, ends, room, enough, nearer, free)
 
     def diagram(self, first: Moving, second: Moving, still: FloatArray, enough: float) -> Diagram:
         """What is proven of two motions on clocks of their own: every pair more than ``enough`` metres apart."""
@@ -613,18 +606,6 @@ class Certifier:
         names = self._names_at(found.pair, at[None])
         gap = float(self.prover.near(at[None], np.array([found.pair]), math.inf)[2].gaps.min(initial=math.inf))
         return TubeProof(found.free, int(found.bounds), names, tuple(at.tolist()), gap, found.collides)
-
-    def certify_each(
-        self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike, *, padding: float = 0.0
-    ) -> tuple[BoolArray, int]:
-        """Of each straight edge whether it is proven free with its room, (k,), and the bounds that were asked.
-
-        Arguments and errors are those of ``certify_tubes``, with no ``parts``. Edges that are near each other should
-        follow each other: what is far from many is looked at once.
-        """
-        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
-        free, bounds = self.prover.each(*self._tubes(starts, ends, room), padding + MARGIN, padding - MARGIN)
-        return free, int(bounds)
 
     def diagram(self, first: Moving, second: Moving, still: ArrayLike, *, padding: float = 0.0) -> Diagram:
         """What is proven of two motions whose clocks run each for itself; nothing is proven before it is asked.

@@ -229,17 +229,6 @@ class Prover {
         return nb::make_tuple(free, tubes.asked(), free < count ? found.pair : -1, found.s, found.verdict == Verdict::colliding);
     }
 
-    // Of each straight edge between rows whether it is free with its room, into ``out``; the bounds that were asked.
-    double each(const Rows& starts, const Rows& ends, const Rows& room, double enough, double nearer,
-                const nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>& out) const {
-        require_alike(starts, ends, room);
-        require(out.shape(0) == starts.shape(0), "a verdict for each edge");
-        nb::gil_scoped_release release;
-        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), enough, nearer, 0);
-        tubes.each(roots_, out.data());
-        return tubes.asked();
-    }
-
     // What is proven of two motions, each of some joints, on clocks of their own.
     Diagram diagram(const Rows& q1, const Rows& travel1, const Wholes& columns1, const Rows& q2, const Rows& travel2,
                     const Wholes& columns2, const Numbers& durations, const Numbers& still, double enough) const {
@@ -761,7 +750,6 @@ NB_MODULE(_proof, m) {
              nb::arg("walked").none())
         .def("edge", &Prover::edge)
         .def("tubes", &Prover::tubes)
-        .def("each", &Prover::each)
         .def("diagram", &Prover::diagram, nb::keep_alive<0, 1>())
         .def("boxes", &Prover::boxes)
         .def("clearances", &Prover::clearances)

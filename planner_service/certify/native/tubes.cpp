@@ -44,23 +44,6 @@ std::size_t Tubes::free(std::size_t first, std::size_t last, const std::vector<i
     return found < half - first ? found : found + free(half, last, open);
 }
 
-void Tubes::each(const std::vector<int>& roots, bool* free) {
-    if (count_ > 0) each(0, count_, roots, free);
-}
-
-void Tubes::each(std::size_t first, std::size_t last, const std::vector<int>& pairs, bool* free) {
-    if (pairs.empty()) {
-        std::fill(free + first, free + last, true);
-    } else if (last - first == 1) {
-        free[first] = edge(first, pairs);
-    } else {
-        const std::vector<int> open = left(first, last, pairs);
-        const std::size_t half = first + (last - first) / 2;
-        each(first, half, open, free);
-        each(half, last, open, free);
-    }
-}
-
 // Everything in the middle of some edges, with what it takes to get from there to whatever is on them or beside them.
 void Tubes::stand_amid(std::size_t first, std::size_t last) {
     for (std::size_t j = 0; j < n_; ++j) {

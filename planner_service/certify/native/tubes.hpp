@@ -18,8 +18,6 @@ class Tubes {
 
     // How many edges are free before the first that is not.
     std::size_t run(const std::vector<int>& roots);
-    // Of each edge whether it is free, into ``free``.
-    void each(const std::vector<int>& roots, bool* free);
     // Boxes along the axes of the base frame that the first riding pieces do not leave anywhere on the edges or beside them, six
     // numbers each.
     void boxes(std::size_t pieces, double* out);
@@ -39,7 +37,6 @@ class Tubes {
     Places places_;
     std::vector<double> middle_, reach_, beside_, still_;
 
-    void each(std::size_t first, std::size_t last, const std::vector<int>& pairs, bool* free);
     std::size_t free(std::size_t first, std::size_t last, const std::vector<int>& pairs);
     bool edge(std::size_t k, const std::vector<int>& pairs);
     std::vector<int> left(std::size_t first, std::size_t last, std::vector<int> pairs);
