@@ -20,13 +20,17 @@ from planner_service.files.reading import as_path
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, number
+from planner_service.view.still.clocks import WAITS, clock_rows, strip_height
 from planner_service.view.still.composition import GOAL, START, TOOL_PATH, WAY, Stand, View, camera_of, picture
 from planner_service.view.still.lettering import Caption
-from planner_service.view.still.moving import END, MAX_FRAMES, OURS, RATE
-from planner_service.view.still.paint import Line
+from planner_service.view.still.moving import END, MAX_FRAMES, OURS
+from planner_service.view.still.paint import Image, Line
 from planner_service.view.still.pictures import SIZE, webp_bytes, write_png
 
 __all__ = ["draw_cell", "draw_cell_motion"]
+
+SMALL, RATE = (800, 560), 10
+"""Pixels, and frames a second, of a picture that moves."""
 
 ON_THE_WAY = 3
 """Moments between start and end that are drawn."""
@@ -36,7 +40,8 @@ POINTS = 200
 
 
 def draw_cell(plan: CellPlan, file: str | os.PathLike[str]) -> None:
-    """A picture of a cell's plan: all arms at the start, faint at moments of one clock, green at their goals.
+    """A picture of a cell's plan: all arms at the start, faint at moments of one clock, green at their goals; below it
+    when each arm moves and when it waits.
 
     Raises:
         InvalidRequest: The plan does not know its cell, or there is none.
@@ -47,8 +52,9 @@ def draw_cell(plan: CellPlan, file: str | os.PathLike[str]) -> None:
     stands = tuple(Stand(q, kind) for q, kind in zip(_at(plan, len(kinds)), kinds, strict=True))
     view = View(cell.robot, cell.scene, stands, _tool_paths(cell, plan))
     said = ((START, "start"), (WAY, "at moments on the way"), (GOAL, "goals"))
-    keys = (*((kind.colour, meaning) for kind, meaning in said), (TOOL_PATH, "tools"))
-    write_png(path, picture(view, Caption(_title(cell), _words(plan), keys), SIZE))
+    keys = (*((kind.colour, meaning) for kind, meaning in said), (TOOL_PATH, "tools"), (WAITS, "waits"))
+    image = picture(view, Caption(_title(cell), _words(plan), keys), _above(SIZE, cell))
+    write_png(path, np.concatenate([image, clock_rows(plan, cell.arms, SIZE[0])]))
 
 
 def draw_cell_motion(plan: CellPlan, file: str | os.PathLike[str], *, speed: float = 1.0) -> None:
@@ -71,12 +77,18 @@ def draw_cell_motion(plan: CellPlan, file: str | os.PathLike[str], *, speed: flo
     lines, times = _tool_paths(cell, plan), np.linspace(0.0, plan.duration, count)
     views = [View(cell.robot, cell.scene, (Stand(q),), lines) for q in plan(times)]
     ends = [View(cell.robot, cell.scene, tuple(map(Stand, _at(plan, 2 + ON_THE_WAY))), lines)]
-    camera = camera_of(ends, SIZE)
-    pictures = [
-        picture(view, Caption(f"{_title(cell)}: {t:.2f} s", _words(plan), ((TOOL_PATH, "tools"),)), SIZE, camera)
-        for view, t in zip(views, times.tolist(), strict=True)
-    ]
+    size, words = _above(SMALL, cell), _words(plan)
+    camera, pictures = camera_of(ends, size), list[Image]()
+    for view, t in zip(views, times.tolist(), strict=True):
+        caption = Caption(f"{_title(cell)}: {t:.2f} s", words, ((TOOL_PATH, "tools"), (WAITS, "waits")))
+        rows = clock_rows(plan, cell.arms, SMALL[0], t)
+        pictures.append(np.concatenate([picture(view, caption, size, camera), rows]))
     write_whole(path, webp_bytes(pictures, RATE, END), OURS)
+
+
+def _above(size: tuple[int, int], cell: Cell) -> tuple[int, int]:
+    """The part of a picture above the rows of the clocks."""
+    return size[0], size[1] - strip_height(len(cell.arms))
 
 
 def _cell(plan: CellPlan) -> Cell:

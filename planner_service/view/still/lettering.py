@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
     from PIL.ImageFont import FreeTypeFont
 
-__all__ = ["CAPTION", "INK", "Caption", "Mark", "lettered", "place_of"]
+__all__ = ["CAPTION", "GREY", "INK", "MARGIN", "PAPER", "Caption", "Mark", "font_of", "lettered", "place_of"]
 
 Image = NDArray[np.uint8]
 
@@ -103,21 +103,22 @@ def lettered(image: Image, marks: Sequence[Mark], caption: Caption) -> Image:
     _draw_marks(draw, marks, (width, height))
     draw.line([(0, height), (width, height)], fill=RULE, width=1)
     keys_from = _draw_keys(draw, caption.keys, (width, height + 14))
-    title, small = _font(22), _font(15)
+    title, small = font_of(22), font_of(15)
     draw.text((MARGIN, height + 10), _fitting(caption.title, title, keys_from - 2 * MARGIN), INK, font=title)
     for k, line in enumerate(_broken(caption.lines, small, width - 2 * MARGIN)):
         draw.text((MARGIN, height + 39 + 20 * k), line, GREY, font=small)
     return np.asarray(picture)
 
 
-def _font(size: int) -> FreeTypeFont:
+def font_of(size: int) -> FreeTypeFont:
+    """The font of all texts, that many pixels high."""
     from PIL import ImageFont
 
     return ImageFont.load_default(size)  # type: ignore[return-value]  # a bitmap font only if no size is asked for
 
 
 def _draw_marks(draw: ImageDraw, marks: Sequence[Mark], size: tuple[int, int]) -> None:
-    font, taken = _font(15), list[tuple[float, float, float, float]]()
+    font, taken = font_of(15), list[tuple[float, float, float, float]]()
     for mark in marks[:MOST_NAMES]:
         wide = font.getlength(mark.text)
         for shift in (0, -1, 1, -2, 2, -3, 3):
@@ -132,7 +133,7 @@ def _draw_marks(draw: ImageDraw, marks: Sequence[Mark], size: tuple[int, int]) -
 
 def _draw_keys(draw: ImageDraw, keys: Sequence[tuple[Colour, str]], corner: tuple[int, int]) -> float:
     """Draw the legend in one line that ends at ``corner``; returns where it begins."""
-    font, x, y = _font(15), float(corner[0]), corner[1]
+    font, x, y = font_of(15), float(corner[0]), corner[1]
     for colour, meaning in reversed(keys):
         x -= MARGIN + font.getlength(meaning)
         draw.text((round(x), y), meaning, GREY, font=font)

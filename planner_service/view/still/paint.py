@@ -33,8 +33,9 @@ AMBIENT, BRIGHT = 0.56, 1.06
 SHADE = 0.80
 """Brightness in shadow, as a share of the colour."""
 
-SHADOW_MAP = 1400
-"""Samples along each side of the shadow map, the picture as the light sees it."""
+SHADOW_MAP, OWN_SIZE = 1400, 900
+"""Samples along each side of the shadow map, the picture as the light sees it; of pictures that are less wide than so
+many pixels as many as they have."""
 
 BIAS = 2.0
 """Samples of the shadow map by which something must be nearer to the light to cast a shadow on a surface that faces it;
@@ -195,20 +196,21 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
     where = where[scene.facing[numbers_of(keys.ravel()[where])] > GRAZING]
     if not len(where):
         return out.reshape(keys.shape)
+    side = SHADOW_MAP if keys.shape[1] >= OWN_SIZE else keys.shape[1]
     axes = _light_axes(combined(camera.axes.T, np.array(LIGHT)))
     shown, corners = combined(axes, _points(where, keys, camera)), combined(axes, scene.corners)
     low, high = shown.min(axis=0), shown.max(axis=0)
     high[2] = max(float(high[2]), float(corners[:, :, 2].max()))  # what is above the picture casts shadows, too
     span = np.maximum(high - low, 1e-9)
-    scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0]) / span
-    keys_of_light = cover((corners - low) * scale, np.arange(len(corners)), (SHADOW_MAP, SHADOW_MAP))
+    scale = np.array([side, side, 1.0]) / span
+    keys_of_light = cover((corners - low) * scale, np.arange(len(corners)), (side, side))
     depth = np.where(keys_of_light == EMPTY, 0.0, nearness_of(keys_of_light))
     slope = scene.facing[numbers_of(keys.ravel()[where])]
-    sample = float(span[:2].max()) / SHADOW_MAP
+    sample = float(span[:2].max()) / side
     limit = ((shown[:, 2] - low[2]) + BIAS * sample / slope) * scale[2]
     x, y = (((shown[:, k] - low[k]) * scale[k] - 0.5).astype(np.int64) for k in range(2))
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        out[where] += depth[np.minimum(y + i, SHADOW_MAP - 1), np.minimum(x + j, SHADOW_MAP - 1)] > limit
+        out[where] += depth[np.minimum(y + i, side - 1), np.minimum(x + j, side - 1)] > limit
     return out.reshape(keys.shape) / 4.0
 
 
