@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated
 
+from planner_service.cell import CellPlan
 from planner_service.cli import options
 from planner_service.cli.arguments import reopened, require_proven
 from planner_service.cli.exit_codes import bad_input_exits
@@ -17,7 +18,8 @@ from planner_service.cli.output import emit
 from planner_service.errors import InvalidRequest
 from planner_service.planning.result import Origin
 from planner_service.presentation.page import Showable
-from planner_service.records.plan_file import SavedTask, load_plan_or_task
+from planner_service.records.cells import SavedCellPlan, load_saved, prove_cell
+from planner_service.records.plan_file import SavedTask
 from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
@@ -27,7 +29,7 @@ __all__ = ["opened", "view"]
 
 
 def view(
-    file: Annotated[str | None, argument("FILE", "A plan or task saved with --out, to play its motion.")] = None,
+    file: Annotated[str | None, argument("FILE", "A plan or task, of one arm or several, saved with --out.")] = None,
     scene: Annotated[str | None, option("NAME", "As for plan; default: the one in FILE.")] = None,
     robot: options.OtherRobot = None,
     port: Annotated[int, option("N", "The first port to try; 0 for any.")] = PORT,
@@ -59,7 +61,7 @@ def opened(
     allow: Sequence[str] | None = None,
     *,
     empty: bool = False,
-) -> tuple[PlannerService, Showable | None, list[str]]:
+) -> tuple[PlannerService, Showable | CellPlan | None, list[str]]:
     """The service, the plan or task to show, and notes on where they differ from the file.
 
     Args:
@@ -72,7 +74,9 @@ def opened(
         if scene is None and not empty:
             raise InvalidRequest("--scene", None, "a scene", message="give --scene, or the FILE of a plan or task")
         return PlannerService((robot or options.WXAI).load(), Scene() if scene is None else load_scene(scene)), None, []
-    made = load_plan_or_task(file)
+    made = load_saved(file)
+    if isinstance(made, SavedCellPlan):
+        return _cell(made, robot, scene, allow)
     require_proven(made, allow)
     saved, notes = reopened(made, robot, scene)
     service = saved.service()
@@ -80,6 +84,20 @@ def opened(
         return service, saved, notes
     same = (saved.robot.hash, saved.scene.hash) == (made.robot.hash, made.scene.hash)
     return service, replace(saved.result, origin=Origin(service.world, saved.request) if same else None), notes
+
+
+def _cell(
+    saved: SavedCellPlan, robot: options.RobotChoice | None, scene: str | None, allow: Sequence[str] | None
+) -> tuple[PlannerService, Showable | CellPlan | None, list[str]]:
+    """The motions of several arms, proven again, as those of one robot."""
+    if robot is not None or allow:
+        raise InvalidRequest("FILE", "the plan of a cell", "a plan or a task for another robot, or with --allow")
+    made = saved if scene is None else saved.within(load_scene(scene))
+    if made.failure is not None:
+        return made.cell.service, None, [f"no plan: {made.failure}"]
+    proven = prove_cell(made).required()
+    notes = ["all arms are shown as one robot; what is planned on the page has one clock"]
+    return proven.cell.service, proven.plan, notes
 
 
 def _has_display() -> bool:

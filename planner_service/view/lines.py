@@ -11,7 +11,7 @@ from planner_service.roadmap import Roadmap, Verdict
 from planner_service.robot.model import Robot
 from planner_service.search.trace import SearchGraph
 
-__all__ = ["curve_lines", "free_graph", "graph_lines", "polyline_lines", "tool_points"]
+__all__ = ["curve_lines", "free_graph", "graph_lines", "point_lines", "polyline_lines", "tool_points"]
 
 STEP = 0.1
 """Radians of an edge per segment: along a straight edge the tool moves on a curve."""
@@ -30,7 +30,11 @@ def tool_points(robot: Robot, Q: FloatArray) -> FloatArray:
 
 def curve_lines(robot: Robot, path: JointPath) -> FloatArray:
     """The lines of a path, blends included."""
-    points = tool_points(robot, path(np.linspace(0.0, path.length, CURVE)))
+    return point_lines(tool_points(robot, path(np.linspace(0.0, path.length, CURVE))))
+
+
+def point_lines(points: FloatArray) -> FloatArray:
+    """The lines from each point (m, 3) to the next."""
     return np.stack([points[:-1], points[1:]], axis=1)
 
 

@@ -63,7 +63,9 @@ def result_markdown(state: ViewState) -> str:
         rows.append(plan_row("total", results))
     lines = [f"**no plan**: {markdown_escaped(str(state.failure))}"] if state.failure is not None else []
     lines += ["**proven**: no plan exists"] if state.failure is not None and state.failure.proven else []
-    lines += [*_steps(state), *_proof(results), *_motion(results), CostTable("", rows).markdown()]
+    side_by_side = state.playback is not None and bool(state.playback.rows)
+    motion = [] if side_by_side else _motion(results)
+    lines += [*_steps(state), *_proof(results), *motion, CostTable("", rows).markdown()]
     lines += [f"- {markdown_escaped(note)}" for result in results for note in result.notes]
     return "\n\n".join(lines)
 

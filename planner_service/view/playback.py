@@ -6,14 +6,13 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from planner_service.certify import ExemptInterval
 from planner_service.geometry.arrays import FloatArray
-from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.planning.task_result import Segment
 from planner_service.service import PlannerService
@@ -21,12 +20,26 @@ from planner_service.timing.laws import tool_speeds
 from planner_service.view.collision_report import CollisionReporter
 from planner_service.view.regions import PLACES, Kept
 
-__all__ = ["Clip", "Frame", "Playback", "Samples"]
+__all__ = ["Clip", "Frame", "Playback", "Samples", "Span", "Timed"]
 
 SAMPLES = 400
 """Points of a plot."""
 
 Pairs = frozenset[tuple[str, str]]
+
+
+class Timed(Protocol):
+    """Where a robot is at each time of a motion: a trajectory, or what several arms do on their own clocks."""
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> FloatArray:
+        """q, or its derivative of an order, at times t, shape (..., n)."""
+
+    def s(self, t: ArrayLike) -> FloatArray:
+        """How far it has come at times t."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +55,7 @@ class Clip:
 
     name: str
     service: PlannerService
-    trajectory: Trajectory
+    trajectory: Timed
     exempt: tuple[ExemptInterval, ...]
     begin: float
     kept: Kept | None
@@ -103,11 +116,26 @@ class Samples(NamedTuple):
     speed: FloatArray
 
 
+class Span(NamedTuple):
+    """A part of the time in which an arm moves, or waits, in seconds."""
+
+    begin: float
+    end: float
+    waits: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """One or more motions, one after another; the time in which a gripper opens or closes is left out."""
+    """One or more motions, one after another; the time in which a gripper opens or closes is left out.
+
+    Attributes:
+        tools: Where tools go, (m, 3) each, where that is not one tool along one path.
+        rows: Names of several arms, and of each when it moves and when it waits; empty of one.
+    """
 
     clips: tuple[Clip, ...]
+    tools: tuple[FloatArray, ...] = ()
+    rows: tuple[tuple[str, tuple[Span, ...]], ...] = ()
 
     @classmethod
     def of_result(cls, service: PlannerService, result: PlanResult) -> Playback | None:

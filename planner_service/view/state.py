@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from planner_service.cell import CellPlan
 from planner_service.collision import CancelToken
 from planner_service.constraints import Constraint
 from planner_service.errors import InvalidRequest
@@ -25,6 +26,7 @@ from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, plan_pick_place
 from planner_service.timing.laws import TIMINGS, ToppRa
+from planner_service.view.arms_shown import playback_of, segments_of
 from planner_service.view.cell.edits import Cell
 from planner_service.view.cell.surfaces import Hit
 from planner_service.view.collision_report import CollisionReport, CollisionReporter
@@ -143,7 +145,7 @@ class ViewState:
     saved: SavedPlan | SavedTask | None = None
 
     @classmethod
-    def of(cls, service: PlannerService, shown: Showable | None = None) -> ViewState:
+    def of(cls, service: PlannerService, shown: Showable | CellPlan | None = None) -> ViewState:
         """The beginning of a plan or a task; the robot at home if there is none.
 
         Raises:
@@ -158,7 +160,19 @@ class ViewState:
             return state._with_result(shown)
         if isinstance(shown, TaskResult | SavedTask):
             return state._with_task(service, shown)
-        raise InvalidRequest("shown", shown, "a PlanResult, a TaskResult, a SavedTask or None")
+        if isinstance(shown, CellPlan):
+            return state._with_arms(shown)
+        raise InvalidRequest("shown", shown, "a PlanResult, a TaskResult, a SavedTask, a CellPlan or None")
+
+    def _with_arms(self, plan: CellPlan) -> ViewState:
+        robot = self.service.robot
+        if len(plan.still) != robot.n:
+            raise InvalidRequest(
+                "shown", f"a plan of {len(plan.still)} joints", f"one of the {robot.n} of {robot.name}"
+            )
+        named = segments_of(plan, robot.gripper_width)
+        state = replace(self, results=named, failure=plan.failure, q=self._within(plan.still))
+        return state._with_playback(playback_of(self.service, plan))
 
     def _with_task(self, service: PlannerService, shown: TaskResult | SavedTask) -> ViewState:
         _require_joints(self.service, [segment.result for segment in shown.segments])

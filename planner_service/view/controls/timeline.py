@@ -11,7 +11,7 @@ import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planning.task_result import StepReport
-from planner_service.view.playback import Playback
+from planner_service.view.playback import Playback, Span
 from planner_service.view.updates import update
 
 __all__ = ["Timeline", "steps_html", "timeline_html"]
@@ -22,13 +22,14 @@ WIDTH, HEIGHT = 1000, 100
 BAR, CURVE = 20, 40
 """Pixels of the motions' names, and of a curve."""
 
-TALL = f"calc({BAR}px + 2 * var(--curve, {CURVE}px))"
 HIGH = f"height:var(--curve, {CURVE}px)"
 COLOURS = ("#c9dcf2", "#d9e8cf", "#f2ddc4", "#e2d5ee", "#d3e6e6")
 """Of the motions, by turns."""
 
 FULL = 0.7
 """Of the height of its curve that the highest speed has: its text is above."""
+
+WAITING = "#f2c879"
 
 INK, FAINT, NOW = "#1f6fb2", "#868e96", "#d6336c"
 MAX_CLEARANCE = 0.1
@@ -59,13 +60,13 @@ class Timeline:
         self._steps = gui.add_html("", visible=False)
         self._drawing = gui.add_html("", visible=False)
         self._now = gui.add_html("", visible=False)
-        self._duration = 0.0
+        self._duration, self._bars = 0.0, 1
 
     def show(self, playback: Playback | None, steps: Sequence[StepReport] = ()) -> None:
         """Draw the motions of a playback, None for nothing, and how the steps of a task fared."""
         update(self._steps, content=steps_html(steps), visible=bool(steps))
         if playback is not None:
-            self._duration = playback.duration
+            self._duration, self._bars = playback.duration, max(1, len(playback.rows))
             update(self._drawing, content=timeline_html(playback))
             self.mark(0.0)
         update(self._drawing, visible=playback is not None)
@@ -74,7 +75,8 @@ class Timeline:
     def mark(self, seconds: float | None) -> None:
         """Mark the time shown; None for no mark."""
         share = 0.0 if seconds is None or self._duration <= 0.0 else min(max(seconds / self._duration, 0.0), 1.0)
-        line = f"position:absolute;bottom:0;height:{TALL};left:{100.0 * share:.2f}%;border-left:1.5px solid {NOW}"
+        tall = f"calc({BAR * self._bars}px + 2 * var(--curve, {CURVE}px))"
+        line = f"position:absolute;bottom:0;height:{tall};left:{100.0 * share:.2f}%;border-left:1.5px solid {NOW}"
         mark = "" if seconds is None else f'<div style="{line}"></div>'
         update(
             self._now,
@@ -95,7 +97,10 @@ def timeline_html(playback: Playback) -> str:
         _curve(shares, np.maximum(room, 0.0), f"clearance, {clear}", LOW / MAX_CLEARANCE),
         _curve(shares, FULL * samples.speed / (top or 1.0), f"speed of the tool, {top:.2f} m/s at most", None),
     )
-    bar = _bar([(clip.name, (clip.end - clip.begin) / duration) for clip in playback.clips])
+    if playback.rows:
+        bar = "".join(_row(name, spans, duration) for name, spans in playback.rows)
+    else:
+        bar = _bar([(clip.name, (clip.end - clip.begin) / duration) for clip in playback.clips])
     return f'<div class="timeline" style="margin:4px 12px 0">{bar}{"".join(curves)}</div>'
 
 
@@ -127,6 +132,20 @@ def _bar(motions: Sequence[tuple[str, float]]) -> str:
         look = f"width:{100.0 * share:.2f}%;background:{COLOURS[k % len(COLOURS)]};{style}"
         blocks.append(f'<div title="{text}" style="{look}">{text}</div>')
     return f'<div style="display:flex;height:{BAR}px;font-size:10px;color:#343a40">{"".join(blocks)}</div>'
+
+
+def _row(name: str, spans: Sequence[Span], duration: float) -> str:
+    """When an arm moves, and when it waits."""
+    told = html.escape(name, quote=True)
+    blocks = "".join(
+        f'<div title="{told} {"waits" if span.waits else "moves"} from {span.begin:.2f} to {span.end:.2f} s" style="'
+        f"position:absolute;top:1px;bottom:1px;left:{100.0 * span.begin / duration:.2f}%;"
+        f"width:{100.0 * (span.end - span.begin) / duration:.2f}%;"
+        f'background:{WAITING if span.waits else COLOURS[0]}"></div>'
+        for span in spans
+    )
+    look = f"position:relative;height:{BAR}px;overflow:hidden;font-size:10px;color:#343a40;{LINE}"
+    return f'<div style="{look}">{blocks}<span style="position:absolute;left:4px">{told}</span></div>'
 
 
 def _curve(shares: FloatArray, values: FloatArray, text: str, low: float | None) -> str:

@@ -71,7 +71,10 @@ def _lines_of(state: ViewState) -> Lines:
         if trace.shortcut is not None:
             layers[LAYERS[2]] = lines.polyline_lines(robot, trace.shortcut), SHORTCUT, 0.003
     paths = [segment.result.path for segment in state.results if segment.result.path is not None]
-    if paths:
+    tools = () if state.playback is None else state.playback.tools
+    if tools:
+        layers[LAYERS[3]] = np.concatenate([lines.point_lines(points) for points in tools]), TOOL_PATH, 0.005
+    elif paths:
         curves = np.concatenate([lines.curve_lines(robot, path) for path in paths])
         layers[LAYERS[3]] = curves, TOOL_PATH, 0.005
     return layers

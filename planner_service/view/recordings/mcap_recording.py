@@ -16,6 +16,7 @@ import numpy as np
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
+from planner_service.path.trajectory import Trajectory
 from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService
 from planner_service.view.playback import Clip
@@ -74,12 +75,13 @@ def mcap_bytes(service: PlannerService, shown: Showable, *, dt: float = 0.02) ->
 
 def _messages(clip: Clip, dt: float) -> Iterator[tuple[str, float, Mapping[str, Any]]]:
     """Topic, time in seconds and message, in order."""
-    robot, world = clip.service.robot, clip.service.world
+    robot, world, trajectory = clip.service.robot, clip.service.world, clip.trajectory
+    assert isinstance(trajectory, Trajectory)
     stamp = _time(clip.begin)
     solids = (*robot_solids(robot), *scene_solids(world.scene))
     entities = [_entity(solid, number, stamp) for number, solid in enumerate(solids)]
     yield "/scene", clip.begin, {"deletions": [{"timestamp": stamp, "type": 1, "id": ""}], "entities": entities}
-    t, q, qd, qdd = clip.trajectory.sample(dt)
+    t, q, qd, qdd = trajectory.sample(dt)
     clearances = clip.clearances(t)
     for at, position, velocity, acceleration, clearance in zip(t.tolist(), q, qd, qdd, clearances, strict=True):
         moment = clip.begin + at

@@ -13,6 +13,7 @@ from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
+from planner_service.path.trajectory import Trajectory
 from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService
 from planner_service.view.lines import curve_lines, tool_points
@@ -104,9 +105,10 @@ def _log_solids(recording: Any, clip: Clip, drawn: dict[str, Solid]) -> dict[str
 
 
 def _log_clip(recording: Any, clip: Clip, name: str, dt: float) -> None:
-    rerun, robot = _rerun(), clip.service.robot
-    recording.log(_path("curve", name), rerun.LineStrips3D(curve_lines(robot, clip.trajectory.path), colors=[CURVE]))
-    t, q, qd, qdd = clip.trajectory.sample(dt)
+    rerun, robot, trajectory = _rerun(), clip.service.robot, clip.trajectory
+    assert isinstance(trajectory, Trajectory)
+    recording.log(_path("curve", name), rerun.LineStrips3D(curve_lines(robot, trajectory.path), colors=[CURVE]))
+    t, q, qd, qdd = trajectory.sample(dt)
     times = [rerun.TimeColumn(TIMELINE, duration=t + clip.begin)]
     frames = [placements(robot, row) for row in q]
     for frame in frames[0]:

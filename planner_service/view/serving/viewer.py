@@ -11,6 +11,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from planner_service.cell import CellPlan
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.geometry.validation import whole
 from planner_service.planning.request import World
@@ -133,7 +134,7 @@ def show(
 
 def open_viewer(
     service: PlannerService,
-    shown: Showable | None,
+    shown: Showable | CellPlan | None,
     *,
     host: str = HOST,
     port: int = PORT,
@@ -141,6 +142,8 @@ def open_viewer(
     folder: str | os.PathLike[str] | None = None,
 ) -> Viewer:
     """Open a page that shows a service's robot and scene, and a plan or a task.
+
+    The plan of a cell is shown by the service of all its arms, ``cell.service``.
 
     Args:
         port: The first port to try; if it is taken, the next free one is used. 0 for any.

@@ -20,7 +20,7 @@ from planner_service.files.reading import as_path
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance, number
-from planner_service.view.still.clocks import WAITS, clock_rows, strip_height
+from planner_service.view.still.clocks import WAITS, clock_rows, strip_height, tool_ways
 from planner_service.view.still.composition import GOAL, START, TOOL_PATH, WAY, Stand, View, camera_of, picture
 from planner_service.view.still.lettering import Caption
 from planner_service.view.still.moving import END, MAX_FRAMES, OURS
@@ -34,9 +34,6 @@ SMALL, RATE = (800, 560), 10
 
 ON_THE_WAY = 3
 """Moments between start and end that are drawn."""
-
-POINTS = 200
-"""Of a tool path."""
 
 
 def draw_cell(plan: CellPlan, file: str | os.PathLike[str]) -> None:
@@ -105,9 +102,7 @@ def _at(plan: CellPlan, count: int) -> list[FloatArray]:
 
 def _tool_paths(cell: Cell, plan: CellPlan) -> tuple[Line, ...]:
     """The line of each moving arm's tool."""
-    Q = plan(np.linspace(0.0, plan.duration, POINTS))
-    moving = [name for clock in plan.clocks for name in clock.arms]
-    return tuple(Line(cell.arm(name).robot.tool_origins(cell.of_arm(name, Q)), TOOL_PATH, 3.2) for name in moving)
+    return tuple(Line(points, TOOL_PATH, 3.2) for points in tool_ways(cell, plan))
 
 
 def _title(cell: Cell) -> str:

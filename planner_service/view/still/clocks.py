@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.cell import CellPlan, OwnClock
+from planner_service.cell import Cell, CellPlan, OwnClock
+from planner_service.geometry.arrays import FloatArray
 from planner_service.view.still.lettering import GREY, INK, MARGIN, PAPER, font_of
 from planner_service.view.triangles import Colour
 
-__all__ = ["WAITS", "clock_rows", "strip_height", "waits_of"]
+__all__ = ["WAITS", "clock_rows", "strip_height", "tool_ways", "waits_of"]
 
 Image = NDArray[np.uint8]
 
@@ -26,6 +29,9 @@ NOW: Colour = (214, 51, 108)
 
 MOMENTS, LEAST = 4000, 0.01
 """Moments of a motion that are looked at, and seconds of a wait that is shown."""
+
+POINTS = 200
+"""Of the way of a tool."""
 
 RESTING = 1e-6
 """Of the path in a second; less is a wait."""
@@ -44,6 +50,13 @@ def waits_of(clock: OwnClock) -> tuple[tuple[float, float], ...]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rests, [False]]).astype(int)))
     spans = [(float(times[first]), float(times[last - 1])) for first, last in edges.reshape(-1, 2)]
     return tuple((clock.start + a, clock.start + b) for a, b in spans if b - a >= LEAST)
+
+
+def tool_ways(cell: Cell, plan: CellPlan) -> Iterator[FloatArray]:
+    """Where the tool of each moving arm goes, (m, 3)."""
+    Q = plan(np.linspace(0.0, plan.duration, POINTS))
+    for name in (name for clock in plan.clocks for name in clock.arms):
+        yield cell.arm(name).robot.tool_origins(cell.of_arm(name, Q))
 
 
 def clock_rows(plan: CellPlan, arms: tuple[str, ...], width: int, now: float | None = None) -> Image:
