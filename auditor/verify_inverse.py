@@ -31,6 +31,7 @@ FORMAT = "planner-service/inverse"
 MOST_STEPS, MOST_SOLUTIONS, MOST_JOINTS = 400_000, 4096, 7
 LEAST = 1e-11  # metres and radians within which two poses are one
 TURN, TURN_ROUNDING = 2.0 * math.pi, 1e-14
+LIMIT = 1e-9  # by which values within the limits may exceed them
 CUT, SUM_CUT, NONE, NONE_OF, SUM_NONE, KNOWN, TURNED, SPLIT, MARKED = range(9)
 
 
@@ -143,7 +144,7 @@ def _all_listed(found: Array, listed: Array, limits: tuple[Array, Array], rounds
         for turns in np.stack(np.meshgrid(*ranges, indexing="ij"), -1).reshape(-1, len(low)):
             slack = np.where(turns != 0.0, TURN_ROUNDING, 0.0)
             box = one[1:3] + TURN * turns + np.stack([-slack, slack])
-            inside = endless | ((low <= box[0]) & (box[1] <= high))
+            inside = endless | ((low - LIMIT <= box[0]) & (box[1] <= high + LIMIT))
             outside = ~endless & ((box[1] < low) | (box[0] > high))
             if np.any(outside):
                 continue

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from planner_service.native import _core
 
 __all__ = [
+    "LIMIT_SLACK",
     "InverseArcs",
     "InverseSolutions",
     "InverseTrail",
@@ -53,6 +54,9 @@ TURN = 2.0 * math.pi
 TURN_ROUNDING = 1e-14
 """Above what a box that is moved by whole turns is off (rad), for joints within 16 turns."""
 
+LIMIT_SLACK = 1e-9
+"""A joint value at most this far outside its limits (rad or m) is rounding, to the checkers, too."""
+
 SEAM = 0.7123
 """Where a circle is cut open (rad from the lower limit): not at an angle that people choose."""
 
@@ -69,15 +73,20 @@ class InverseSolutions:
 
     Every configuration whose tool is within the goal's tolerances (at least 1e-11 m and rad) is in a solution's box or
     in an unresolved one. Each solution's box holds exactly one configuration for each pose within these tolerances,
-    or, of an arm with fewer joints than the goal has equations, at most one.
+    or, of an arm with fewer joints than the goal has equations, at most one. Boxes are within the limits, but for the
+    1e-9 that count as rounding everywhere.
 
     Attributes:
-        q: Shape (k, n), sorted. Of continuous joints, values within half a turn of the middle of their limits.
+        q: Shape (k, n), sorted, within the limits. Of continuous joints, values within half a turn of the middle of
+            their limits.
         lower: Lowest joint values of each solution's box, (k, n).
         upper: Highest, (k, n).
-        unresolved: Boxes (u, 2, n) that may hold others, lower then upper values: at singularities, on joint limits, or
-            all that was left when the search gave up. Where a joint can make a whole turn, up to whole turns.
+        unresolved: Boxes (u, 2, n) that may hold others, lower then upper values: at singularities, where solutions
+            meet or run on without end, where a limit cuts a box that the goal's tolerances made wide, or all that was
+            left when the search gave up. Where a joint can make a whole turn, up to whole turns.
         boxes: Boxes that the search looked at.
+        witnesses: Configurations (w, n) in unresolved boxes, within the limits, whose tool is within the tolerances. It
+            is not known how many others are beside them.
     """
 
     q: FloatArray
@@ -85,10 +94,11 @@ class InverseSolutions:
     upper: FloatArray
     unresolved: FloatArray
     boxes: int
+    witnesses: FloatArray
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
-        copied_in(self, "q", "lower", "upper", "unresolved")
+        copied_in(self, "q", "lower", "upper", "unresolved", "witnesses")
 
     def __len__(self) -> int:
         return len(self.q)
@@ -97,6 +107,11 @@ class InverseSolutions:
     def complete(self) -> bool:
         """Whether there are no solutions but these: without any, it is proven that the goal cannot be reached."""
         return not len(self.unresolved)
+
+    @property
+    def reachable(self) -> bool | None:
+        """Whether the goal can be reached at all; None if that is not known."""
+        return True if len(self.q) or len(self.witnesses) else False if self.complete else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,9 +288,9 @@ def complete_solutions(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_B
             "complete", True, f"{expected}, hence infinitely many solutions; lock {excess} (robot.locked)"
         )
     loop, circles, asked = _asked(robot, goal)
-    found, left, boxes = loop.solve(*asked, most_boxes)
+    found, left, boxes, near = loop.solve(*asked, most_boxes)
     _require_reached(robot, goal, found[:, 0])
-    return _within_limits(robot, circles, found, left, boxes)
+    return _within_limits(robot, circles, found, left, boxes, _witnesses(robot, goal, circles, near))
 
 
 def complete_arcs(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_BOXES) -> InverseArcs:
@@ -297,11 +312,11 @@ def complete_arcs(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_BOXES)
 def shown_solutions(robot: Robot, goal: PoseGoal) -> tuple[InverseSolutions, InverseTrail]:
     """``complete_solutions`` of an arm that has not too many joints, and what shows that they are all."""
     loop, circles, asked = _asked(robot, goal)
-    found, left, boxes, *shown = loop.shown(*asked, MOST_BOXES)
+    found, left, boxes, near, *shown = loop.shown(*asked, MOST_BOXES)
     _require_reached(robot, goal, found[:, 0])
     lines, _, domain = _lines(robot)
     trail = InverseTrail(lines[:, 6:], domain, found, *shown)
-    return _within_limits(robot, circles, found, left, boxes), trail
+    return _within_limits(robot, circles, found, left, boxes, _witnesses(robot, goal, circles, near)), trail
 
 
 def _asked(
@@ -320,43 +335,67 @@ def _asked(
 
 
 def _within_limits(
-    robot: Robot, circles: BoolArray, found: FloatArray, left: FloatArray, boxes: int
+    robot: Robot, circles: BoolArray, found: FloatArray, left: FloatArray, boxes: int, witnesses: FloatArray
 ) -> InverseSolutions:
-    """What of the solutions and boxes in doubt is within the limits, at each whole turn of the joints that go round."""
+    """What of the solutions and boxes in doubt is within the limits, at each whole turn of the joints that go round.
+
+    A solution's box counts as within a limit that it exceeds by no more than ``LIMIT_SLACK``, if some of it is within.
+    """
+    n, (lower, upper, endless) = robot.n, _ranges(robot)
+    middle = (lower + upper) / 2
+    found = found[_first_of_their_kind(found, circles)]
+    nearest = np.where(endless, np.round((middle - found[:, 0]) / TURN), np.ceil((lower - found[:, 2]) / TURN))
+    farthest = np.where(endless, nearest, np.floor((upper - found[:, 1]) / TURN))
+    rows, turns = list[int](), list[tuple[int, ...]]()
+    for k, (first, last) in enumerate(zip(nearest.astype(int).tolist(), farthest.astype(int).tolist(), strict=True)):
+        ranges = [range(a, b + 1) if c else (0,) for a, b, c in zip(first, last, circles.tolist(), strict=True)]
+        for each in itertools.product(*ranges):
+            rows.append(k)
+            turns.append(each)
+    shifts = np.array(turns, dtype=np.float64).reshape(-1, n)
+    moved = found[rows, :3] + TURN * shifts[:, None]
+    moved[shifts.any(axis=1)] += TURN_ROUNDING * np.array([[0.0], [-1.0], [1.0]])
+    low, high = moved[:, 1], moved[:, 2]
+    touching = np.all(((lower <= high) & (low <= upper)) | endless, axis=1)
+    inside = np.all(((lower - LIMIT_SLACK <= low) & (high <= upper + LIMIT_SLACK)) | endless, axis=1) & touching
+    solutions, doubtful = moved[inside], moved[touching & ~inside, 1:]
+    solutions = solutions[np.lexsort(solutions[:, 0].T[::-1])]
+    q = np.where(endless, solutions[:, 0], np.clip(solutions[:, 0], lower, upper))
+    return InverseSolutions(q, solutions[:, 1], solutions[:, 2], np.concatenate([left, doubtful]), boxes, witnesses)
+
+
+def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Lower and upper ends of what each joint's values are taken from, and which joints turn without end."""
     endless = np.array(robot.continuous or [False] * robot.n)
     middle = (robot.limits.lower + robot.limits.upper) / 2
     lower = np.where(endless, middle - math.pi, robot.limits.lower)
-    upper = np.where(endless, middle + math.pi, robot.limits.upper)
-    solutions: list[FloatArray] = []
-    doubtful: list[FloatArray] = list(left)
-    for k, (q, *boxed) in enumerate(found):
-        box = np.array([q, *boxed[:2]])
-        if any(_within(box[1:], other, circles) for other in found[:k]):
-            continue  # found from both sides of a seam
-        nearest = np.where(endless, np.round((middle - q) / TURN), np.ceil((lower - box[2]) / TURN))
-        farthest = np.where(endless, nearest, np.floor((upper - box[1]) / TURN))
-        turns = [
-            range(int(a), int(b) + 1) if circle else (0,)
-            for circle, a, b in zip(circles, nearest, farthest, strict=True)
-        ]
-        for shift in itertools.product(*turns):
-            moved = box + TURN * np.array(shift, dtype=np.float64)
-            if any(shift):
-                moved += TURN_ROUNDING * np.array([[0.0], [-1.0], [1.0]])
-            if np.all(((lower <= moved[1]) & (moved[2] <= upper)) | endless):
-                solutions.append(moved)
-            elif np.all(((lower <= moved[2]) & (moved[1] <= upper)) | endless):
-                doubtful.append(moved[1:])
-    solutions.sort(key=lambda each: tuple(each[0].tolist()))
-    q, low, high = np.moveaxis(np.array(solutions).reshape(-1, 3, robot.n), 1, 0)
-    return InverseSolutions(q, low, high, np.array(doubtful).reshape(-1, 2, robot.n), boxes)
+    return lower, np.where(endless, middle + math.pi, robot.limits.upper), endless
 
 
-def _within(box: FloatArray, other: FloatArray, circles: BoolArray) -> bool:
-    """Whether a box (2, n) is where another solution (5, n) is alone, up to whole turns of the joints that go round."""
-    middle, lone = (box[0] + box[1]) / 2, other[3:]
-    moved = box - np.where(circles, TURN * np.round((middle - other[0]) / TURN), 0.0)
-    return bool(np.all(lone[0] + TURN_ROUNDING <= moved[0]) and np.all(moved[1] <= lone[1] - TURN_ROUNDING))
+def _first_of_their_kind(found: FloatArray, circles: BoolArray) -> BoolArray:
+    """Of solutions (k, 5, n) those whose box is not where an earlier one is alone, up to whole turns.
+
+    Where a circle is cut open, one is found from both sides.
+    """
+    first = np.ones(len(found), dtype=bool)
+    for k in range(1, len(found)):
+        box, q, lone = found[k, 1:3], found[:k, 0], found[:k, 3:]
+        turns = np.where(circles, TURN * np.round(((box[0] + box[1]) / 2 - q) / TURN), 0.0)
+        same = (lone[:, 0] + TURN_ROUNDING <= box[0] - turns) & (box[1] - turns <= lone[:, 1] - TURN_ROUNDING)
+        first[k] = not np.any(np.all(same, axis=1))
+    return first
+
+
+def _witnesses(robot: Robot, goal: PoseGoal, circles: BoolArray, near: FloatArray) -> FloatArray:
+    """Of configurations in doubt those whose tool is at a goal by forward kinematics, within the limits."""
+    if not len(near):
+        return near
+    lower, upper, _ = _ranges(robot)
+    q = np.where(circles & (near > upper), near - TURN, near)
+    shifts, turns = _off(robot, goal, q)
+    limits = goal.position_tolerance, goal.orientation_tolerance
+    within = (shifts <= max(limits[0], POSE_ERROR)) & (turns <= max(limits[1], POSE_ERROR))
+    return np.asarray(q[within & np.all((lower <= q) & (q <= upper), axis=1)])
 
 
 def _require_reached(robot: Robot, goal: PoseGoal, Q: FloatArray) -> None:
@@ -365,15 +404,23 @@ def _require_reached(robot: Robot, goal: PoseGoal, Q: FloatArray) -> None:
     Raises:
         BrokenInvariant: It does not.
     """
+    shifts, turns = _off(robot, goal, Q)
+    if np.any(shifts > goal.position_tolerance + 1e-8) or np.any(turns > goal.orientation_tolerance + 1e-6):
+        raise BrokenInvariant(f"forward kinematics of {robot.name!r} differs from the closed loop for {goal}")
+
+
+def _off(robot: Robot, goal: PoseGoal, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Metres and radians between the tool at configurations (m, n) and a goal's pose, or its free axis there."""
     R, p = (each[:, robot.tool_body] for each in robot.body_poses_batch(Q))
     shifts = R @ robot.tool_placement[:3, 3] + p - np.array(goal.pose.position)
     turns = goal.pose.rotation.T @ R @ robot.tool_placement[:3, :3]
     if goal.orientation_tolerance >= math.pi:
-        cosines = np.ones(len(Q))
+        angles = np.zeros(len(Q))
     elif goal.free_axis is None:
-        cosines = (np.trace(turns, axis1=1, axis2=2) - 1.0) / 2.0
+        chords = np.sqrt(((turns - np.eye(3)) ** 2).sum(axis=(1, 2)) / 8.0)
+        angles = 2.0 * np.arcsin(np.minimum(chords, 1.0))
     else:
-        cosines = (turns @ np.array(goal.free_axis)) @ np.array(goal.free_axis)
-    off = np.sqrt((shifts**2).sum(axis=1)) - goal.position_tolerance
-    if np.any(off > 1e-8) or np.any(cosines < math.cos(min(goal.orientation_tolerance + 1e-6, math.pi))):
-        raise BrokenInvariant(f"forward kinematics of {robot.name!r} differs from the closed loop for {goal}")
+        axis = np.array(goal.free_axis)
+        chords = np.sqrt(((turns @ axis - axis) ** 2).sum(axis=1)) / 2.0
+        angles = 2.0 * np.arcsin(np.minimum(chords, 1.0))
+    return np.sqrt((shifts**2).sum(axis=1)), angles

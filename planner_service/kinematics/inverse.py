@@ -19,6 +19,7 @@ from planner_service.geometry.arrays import FloatArray, joint_distance, read_onl
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, flag, instance, items, whole
 from planner_service.kinematics.complete_inverse import (
+    LIMIT_SLACK,
     InverseArcs,
     InverseSolutions,
     complete_arcs,
@@ -55,9 +56,6 @@ BOXES_OF_A_FAILURE = 2_000
 
 DISTINCT = 1e-2
 """Numeric solutions closer than this (rad, L2) are one."""
-
-LIMIT_SLACK = 1e-9
-"""A joint value at most this far outside its limits (rad) is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +184,8 @@ def _of_whole(chain: ToolChain, found: InverseSolutions) -> InverseSolutions:
     if len(chain.columns) == len(chain.still):
         return found
     whole_boxes = np.stack([chain.whole(found.unresolved[:, k]) for k in (0, 1)], axis=1)
-    q, lower, upper = map(chain.whole, (found.q, found.lower, found.upper))
-    return InverseSolutions(q, lower, upper, whole_boxes, found.boxes)
+    q, lower, upper, witnesses = map(chain.whole, (found.q, found.lower, found.upper, found.witnesses))
+    return InverseSolutions(q, lower, upper, whole_boxes, found.boxes, witnesses)
 
 
 def inverse_arcs(robot: Robot, pose: Pose | PoseGoal, *, still: ArrayLike | None = None) -> InverseArcs:
@@ -246,7 +244,7 @@ def solutions_known(robot: Robot, goal: Pose | PoseGoal, *, still: FloatArray) -
         arcs = complete_arcs(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE)
         none = np.zeros((0, robot.n))
         known = arcs.complete and not len(arcs)
-        return InverseSolutions(none, none, none, np.zeros((0, 2, robot.n)), arcs.boxes) if known else None
+        return InverseSolutions(none, none, none, np.zeros((0, 2, robot.n)), arcs.boxes, none) if known else None
     if excess > 0:
         return None
     return _of_whole(chain, complete_solutions(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE))

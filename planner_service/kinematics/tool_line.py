@@ -17,7 +17,8 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers, whole
-from planner_service.kinematics.inverse import LIMIT_SLACK, ToolChain
+from planner_service.kinematics.complete_inverse import LIMIT_SLACK
+from planner_service.kinematics.inverse import ToolChain
 from planner_service.kinematics.tool_arm import descended, tool_arm
 from planner_service.presentation.measures import range_text
 from planner_service.robot.model import Robot

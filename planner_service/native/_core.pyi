@@ -385,10 +385,11 @@ class ClosedLoop:
         position_error: float,
         turn_error: float,
         most_boxes: int,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-        """Solutions (k, 5, n), boxes in doubt (u, 2, n), and how many boxes were looked at.
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int, NDArray[np.float64]]:
+        """Solutions (k, 5, n), boxes in doubt (u, 2, n), how many boxes were looked at, and witnesses (w, n).
 
-        Of each solution q, the lower and upper values of its box, and of the larger box in which it is alone.
+        Of each solution q, the lower and upper values of its box, and of the larger box in which it is alone. Witnesses
+        are in boxes in doubt, and their tool is at the target.
 
         Args:
             rows: Of the target (12,).
@@ -422,6 +423,7 @@ class ClosedLoop:
         NDArray[np.float64],
         NDArray[np.float64],
         int,
+        NDArray[np.float64],
         NDArray[np.float64],
         NDArray[np.float64],
         NDArray[np.float64],

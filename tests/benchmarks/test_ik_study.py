@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -23,8 +24,8 @@ def test_a_missing_solution_is_a_contradiction(monkeypatch: pytest.MonkeyPatch) 
     whole = inverse_kinematics
 
     def forgetful(*given: Any, **more: Any) -> InverseSolutions:
-        found = whole(*given, **more)
-        return InverseSolutions(found.q[1:], found.lower[1:], found.upper[1:], found.unresolved, found.boxes)
+        found: InverseSolutions = whole(*given, **more)
+        return replace(found, q=found.q[1:], lower=found.lower[1:], upper=found.upper[1:])
 
     monkeypatch.setattr(poses, "inverse_kinematics", forgetful)
     report = ik.run("poses", queries=3, robot="WidowX AI")

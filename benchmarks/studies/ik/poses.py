@@ -57,8 +57,8 @@ class Case:
 def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) -> Report:
     """Poses of each arm, or of the one of that name.
 
-    Half are those of a configuration, two in ten near a singularity and one near a limit; the others have a reachable
-    place and a random orientation.
+    Half are those of a configuration, two in ten near a singularity and one at a limit or near it; the others have a
+    reachable place and a random orientation.
 
     Raises:
         UnknownName: there is no such arm.
@@ -107,6 +107,7 @@ def _row(name: str, robot: Robot, turn: int, seed: list[int]) -> list[Row]:
         "solutions": len(_but_for_turns(found.q, robot)),
         "seeded": len(_but_for_turns(np.array(seen).reshape(-1, robot.n), robot)),
         "complete": found.complete,
+        "reachable": found.reachable,
         "contradictions": contradictions,
         "boxes": found.boxes,
         "ms": ms,
@@ -122,11 +123,11 @@ def _case(robot: Robot, turn: int, rng: np.random.Generator) -> Case:
     lower, upper = robot.limits.lower, robot.limits.upper
     q, kind = rng.uniform(lower, upper), "reachable"
     if turn in (0, 1):
-        q, kind = _near_singular(robot, 10.0 ** rng.uniform(-3.0, -1.5), rng), "near a singularity"
+        q, kind = _near_singular(robot, 10.0 ** rng.uniform(-5.0, -1.5), rng), "near a singularity"
     elif turn == 2:
-        joint, gap = rng.integers(robot.n), 10.0 ** rng.uniform(-4.0, -2.0)
+        joint, gap = rng.integers(robot.n), rng.choice((0.0, 10.0 ** rng.uniform(-12.0, -2.0)))
         q[joint] = lower[joint] + gap if rng.random() < 0.5 else upper[joint] - gap
-        kind = "near a limit"
+        kind = "near a limit" if gap else "at a limit"
     pose = Pose.from_matrix(robot.tool_pose(q))
     if turn >= 5:
         orientation = rng.normal(size=4)

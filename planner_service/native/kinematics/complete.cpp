@@ -14,6 +14,11 @@ constexpr std::size_t largest_side = 81;   // numbers of a polynomial of the mos
 constexpr double least_width = 1e-6;       // of a box that is split once more
 constexpr double blocked_width = 1.0;      // of a box that is asked whether all of it collides
 constexpr double lone_width = 0.2;         // of a box in whose middle a solution is looked for
+constexpr double tube_width = 0.02;        // of a box through which solutions run on without end, and that is left as it is
+constexpr int few_boxes = 200;             // before which no box is asked whether they do
+constexpr double least_damping = 1e-12;    // of the steps to them, which at singularities are many
+constexpr int most_steps = 40;
+constexpr std::size_t most_near = 64;      // configurations at the target that are kept of boxes in doubt
 constexpr double arc_width = 0.2;          // of a box in whose middle an arc of solutions is looked for
 constexpr double rounding = 1e-12;         // bounds what rounding adds to a residual and its derivatives (Lemma 4)
 
@@ -183,10 +188,10 @@ class Proof {
 
     // A configuration of the domain to which damped steps from q lead, whose tool is at the target, within its errors. Only if the
     // orientation may be off, too, the tool may be farther off, by as much as that moves it.
-    std::optional<std::vector<double>> towards(std::vector<double> q, const Box& domain) const {
+    std::optional<std::vector<double>> towards(std::vector<double> q, const Box& domain, double damping = 1e-9, int steps = 20) const {
         const std::size_t n = loop_.n;
         std::optional<std::vector<double>> best;
-        for (int step = 0; step < 20; ++step) {
+        for (int step = 0; step < steps; ++step) {
             const Residual at = residual(q);
             double turned = 0.0, largest = 0.0, finest = target_.position_error;
             for (std::size_t e = 3; e < rows_; ++e) turned += at.value[e] * at.value[e];
@@ -200,7 +205,7 @@ class Proof {
             }
             for (std::size_t e = 0; e < rows_; ++e) largest = std::max(largest, std::fabs(at.value[e]));
             if (within) best = q;
-            if ((within && well) || step == 19 || !(largest < 1.0)) break;
+            if ((within && well) || step == steps - 1 || !(largest < 1.0)) break;
             // With joints at their limits held: J Jt y = f, so that -Jt y is the shortest step.
             std::array<bool, most> held{};
             for (int again = 0; again < 2; ++again) {
@@ -209,7 +214,7 @@ class Proof {
                     for (std::size_t f = 0; f < rows_; ++f)
                         for (std::size_t j = 0; j < n; ++j)
                             if (!held[j]) A[e][f] += at.slope[e][j] * at.slope[f][j];
-                    A[e][e] += 1e-9 + 1e-3 * largest * largest;
+                    A[e][e] += damping + 1e-3 * largest * largest;
                 }
                 if (!invert(A, rows_, inverse)) return best;
                 std::array<double, most> move{};
@@ -228,6 +233,31 @@ class Proof {
             }
         }
         return best;
+    }
+
+    // The direction in which the residuals change least at q, of length 1: of JtJ the least eigenvector, by inverse iteration.
+    std::array<double, most> flattest(const std::vector<double>& q) const {
+        const std::size_t n = loop_.n;
+        const Residual at = residual(q);
+        Matrix A{}, inverse;
+        std::array<double, most> way{};
+        for (std::size_t i = 0; i < n; ++i) {
+            for (std::size_t j = 0; j < n; ++j)
+                for (std::size_t e = 0; e < rows_; ++e) A[i][j] += at.slope[e][i] * at.slope[e][j];
+            A[i][i] += 1e-9;
+            way[i] = 1.0 + 0.1 * static_cast<double>(i);
+        }
+        if (!invert(A, n, inverse)) return way;
+        for (int step = 0; step < 4; ++step) {
+            std::array<double, most> next{};
+            double size = 0.0;
+            for (std::size_t i = 0; i < n; ++i) {
+                for (std::size_t j = 0; j < n; ++j) next[i] += inverse[i][j] * way[j];
+                size += next[i] * next[i];
+            }
+            for (std::size_t i = 0; i < n; ++i) way[i] = next[i] / std::sqrt(size);
+        }
+        return way;
     }
 
   private:
@@ -543,7 +573,7 @@ struct Gap {
 class Search {
   public:
     Search(const Loop& loop, const Target& target, const Box& domain, Trail* trail)
-        : loop_(loop), target_(target), domain_(domain), equations_(equations_of(loop, target)), proof_(loop, target), cosines_(loop.joints.size()), sines_(loop.joints.size()), trail_(trail) {
+        : loop_(loop), target_(target), domain_(domain), equations_(equations_of(loop, target)), proof_(loop, target), halved_(halved(target)), near_(loop, halved_), cosines_(loop.joints.size()), sines_(loop.joints.size()), trail_(trail) {
         if (trail_ == nullptr) return;
         for (const Equation& each : equations_) {
             const Origin& from = each.origin;
@@ -569,11 +599,15 @@ class Search {
             ++out.boxes;
             Gap gap;
             if (!contract(box, gap) || !narrow(box, out)) continue;
-            if (widest(box) < least_width) {
+            if (widest(box) < least_width || (out.boxes > few_boxes && widest(box) < tube_width && runs_on(box, out))) {
                 leave(box, out);
                 continue;
             }
             split(box, gap, stack);
+        }
+        for (const Box& box : out.unresolved) {
+            if (box.size() > proof_.rows() || out.near.size() >= most_near) break;
+            if (std::optional<std::vector<double>> found = near_.towards(middle_of(box), domain_, least_damping, most_steps)) out.near.push_back(std::move(*found));
         }
         return out;
     }
@@ -621,9 +655,17 @@ class Search {
     const Box& domain_;
     std::vector<Equation> equations_;
     Proof proof_;
+    Target halved_;
+    Proof near_;  // which looks for configurations at half the errors: those along three axes together are within them
     std::vector<Ball> cosines_, sines_;
     std::vector<std::array<Ball, most>> slopes_;
     Trail* trail_;
+
+    static Target halved(Target target) {
+        target.position_error *= 0.5, target.turn_error *= 0.5;
+        for (double& x : target.position_errors) x *= 0.5;
+        return target;
+    }
 
     void note(Step step, double a, double b, Span span = {}, double c = 0.0) {
         if (trail_ == nullptr) return;
@@ -664,6 +706,35 @@ class Search {
 
     static bool lone(const Box& box, const Complete& out) {
         return std::any_of(out.solutions.begin(), out.solutions.end(), [&](const Solution& s) { return kinematics::inside(box, s.lone); });
+    }
+
+    static std::vector<double> middle_of(const Box& box) {
+        std::vector<double> q(box.size());
+        for (std::size_t j = 0; j < box.size(); ++j) q[j] = box[j].middle();
+        return q;
+    }
+
+    // Whether solutions run on through a box, as they do where the axes of a wrist are in line: there is one in it, and another
+    // where no equation changes at first. This is no proof, and need not be one: such a box is left in doubt.
+    bool runs_on(const Box& box, Complete& out) const {
+        if (box.size() > proof_.rows()) return false;
+        const std::optional<std::vector<double>> first = near_.towards(middle_of(box), domain_, least_damping, most_steps);
+        if (!first) return false;
+        for (std::size_t j = 0; j < box.size(); ++j)
+            if ((*first)[j] < box[j].low || (*first)[j] > box[j].high) return false;
+        const std::array<double, most> way = near_.flattest(*first);
+        for (const double step : {0.25 * widest(box), -0.25 * widest(box)}) {
+            std::vector<double> q = *first;
+            for (std::size_t j = 0; j < box.size(); ++j) q[j] = std::max(domain_[j].low, std::min(domain_[j].high, q[j] + step * way[j]));
+            const std::optional<std::vector<double>> second = near_.towards(std::move(q), domain_, least_damping, most_steps);
+            double apart = 0.0;
+            for (std::size_t j = 0; second && j < box.size(); ++j) apart = std::max(apart, std::fabs((*second)[j] - (*first)[j]));
+            if (apart > 0.05 * widest(box)) {
+                if (out.near.size() < most_near / 2) out.near.push_back(*first);
+                return true;
+            }
+        }
+        return false;
     }
 
     // Boxes in doubt that touch become one.

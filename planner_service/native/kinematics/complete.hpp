@@ -27,6 +27,7 @@ struct Complete {
     std::vector<Solution> solutions;
     std::vector<Arc> arcs;  // of an arm with one joint more than equations, instead
     std::vector<Box> unresolved;  // together they hold all others
+    std::vector<std::vector<double>> near;  // configurations of theirs whose tool is at the target
     int boxes = 0;                // that were looked at
 };
 

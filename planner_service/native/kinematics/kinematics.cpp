@@ -269,7 +269,7 @@ class ClosedLoop {
     std::tuple<nb::object, nb::object, int> arcs(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
                                                  double turn_error, int most_boxes) const {
         std::vector<Arc> found;
-        auto [none, left, boxes] = solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr, &found);
+        auto [none, left, boxes, near] = solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr, &found);
         std::vector<double> table;
         for (const Arc& arc : found) {
             table.push_back(static_cast<double>(arc.joint));
@@ -280,19 +280,20 @@ class ClosedLoop {
     }
 
     // ``solve``, and what shows it: steps (s, 6), sums (t, 14), equations (e, 6) and what they follow (f, 5); see ``Trail``.
-    std::tuple<nb::object, nb::object, int, nb::object, nb::object, nb::object, nb::object> shown(
+    std::tuple<nb::object, nb::object, int, nb::object, nb::object, nb::object, nb::object, nb::object> shown(
         const Row& rows, const std::vector<double>& axis, int wanted, double position_error, double turn_error, int most_boxes) const {
         Trail trail;
-        auto [found, left, boxes] = solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, &trail);
+        auto [found, left, boxes, near] = solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, &trail);
         const auto table = [](std::vector<double>& from, std::size_t width) {
             const std::size_t count = from.size() / width;
             return array_of<double>(std::move(from), {count, width});
         };
-        return {found, left, boxes, table(trail.steps, 6), table(trail.sums, 14), table(trail.equations, 6), table(trail.followed, 5)};
+        return {found, left, boxes, near, table(trail.steps, 6), table(trail.sums, 14), table(trail.equations, 6), table(trail.followed, 5)};
     }
 
-    // Solutions (k, 5, n): q, the box, and the box in which it is alone, lows before highs; boxes in doubt (u, 2, n); boxes seen.
-    std::tuple<nb::object, nb::object, int> solve(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
+    // Solutions (k, 5, n): q, the box, and the box in which it is alone, lows before highs; boxes in doubt (u, 2, n); boxes seen;
+    // configurations in boxes in doubt whose tool is at the target (w, n).
+    std::tuple<nb::object, nb::object, int, nb::object> solve(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
                                                   double turn_error, int most_boxes) const {
         return solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr);
     }
@@ -309,7 +310,7 @@ class ClosedLoop {
         int most_near, int threads) const;
 
   private:
-    std::tuple<nb::object, nb::object, int> solve_with(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
+    std::tuple<nb::object, nb::object, int, nb::object> solve_with(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
                                                        double turn_error, int most_boxes, Trail* trail,
                                                        std::vector<Arc>* arcs = nullptr) const {
         require(rows.shape(0) == 12 && axis.size() == 3 && wanted >= 0 && wanted <= 2, "a target");
@@ -336,8 +337,11 @@ class ClosedLoop {
             append(solutions, one.lone);
         }
         for (const Box& box : found.unresolved) append(unresolved, box);
+        std::vector<double> near;
+        for (const std::vector<double>& q : found.near) near.insert(near.end(), q.begin(), q.end());
         return {array_of<double>(std::move(solutions), {found.solutions.size(), 5, loop_.n}),
-                array_of<double>(std::move(unresolved), {found.unresolved.size(), 2, loop_.n}), found.boxes};
+                array_of<double>(std::move(unresolved), {found.unresolved.size(), 2, loop_.n}), found.boxes,
+                array_of<double>(std::move(near), {found.near.size(), loop_.n})};
     }
 
     Loop loop_;

@@ -72,6 +72,16 @@ def test_honest_proofs_of_other_arms_and_goals_are_accepted(tmp_path: Path) -> N
     assert accepted >= 5
 
 
+def test_a_proof_about_a_configuration_at_a_limit_is_accepted_and_none_beyond_rounding_is() -> None:
+    robot = load_robot("wxai")
+    q = np.array([0.3, 1.2, 1.0, 0.2, 0.4, robot.bounds[1][5]])
+    document = written(robot, Pose.from_matrix(robot.tool_pose(q)))
+    assert list(judged(document))
+    document["robot"]["limits"]["upper"][5] -= 2e-9
+    with pytest.raises(Invalid):
+        list(judged(document))
+
+
 def test_a_file_is_written_whole_and_what_is_in_doubt_is_refused(tmp_path: Path) -> None:
     robot = load_robot("wxai")
     save_inverse(robot, drawn(robot, 0), tmp_path / "inverse.json")

@@ -22,8 +22,8 @@ from planner_service import (
 )
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import InverseSolutions
-from planner_service.kinematics.complete_inverse import SEAM
-from planner_service.kinematics.inverse import ToolChain
+from planner_service.kinematics.complete_inverse import SEAM, complete_solutions
+from planner_service.kinematics.inverse import ToolChain, tool_error
 from planner_service.kinematics.tool_arm import descended
 from planner_service.robot.model import Robot
 from tests.reference.inverse import complaints
@@ -215,14 +215,78 @@ def test_a_limit_is_exact(wxai: Robot) -> None:
     assert boxes_with(limited(0.3 + 1e-6), q) == 1
     assert not boxes_with(limited(0.3 - 1e-6), q)
     assert limited(0.3 - 1e-6).complete
-    assert in_doubt(limited(0.3), q)
+    at_the_limit = limited(0.3)
+    assert at_the_limit.complete
+    assert boxes_with(at_the_limit, q) == 1
+    assert np.all(at_the_limit.q[:, 0] <= 0.3)
 
 
-def test_at_a_singularity_what_is_not_proven_is_left_in_doubt(wxai: Robot) -> None:
-    q = np.array([0.3, 1.2, 1.0, 0.2, math.pi / 2, -0.5])
-    found = inverse_kinematics(wxai, tool(wxai, q), complete=True)
+@pytest.mark.parametrize("name", ARMS)
+def test_configurations_at_limits_are_solutions_within_them(name: str) -> None:
+    rng, robot = np.random.default_rng(11), arm(name)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    ends = np.flatnonzero(~np.array(robot.continuous or [False] * robot.n))
+    proven = 0
+    for _ in range(12):
+        q = drawn(robot, rng)
+        for joint in rng.choice(ends, 2):
+            q[joint] = lower[joint] if rng.random() < 0.5 else upper[joint]
+        found = inverse_kinematics(robot, tool(robot, q), complete=True)
+        assert found.reachable is not False
+        assert boxes_with(found, q) == 1 or in_doubt(found, q)
+        proven += found.complete
+        assert np.all(((lower <= found.q) & (found.q <= upper))[:, ends])
+        assert np.all((found.lower <= found.q) & (found.q <= found.upper))
+        beyond = np.maximum(lower - found.lower, found.upper - upper)[:, ends]
+        assert not len(found) or beyond.max() <= 1e-9
+    assert proven >= 5  # where a limit is a singularity, such as a straight elbow, some are in doubt
+
+
+def test_a_limit_that_cuts_the_box_of_a_goal_with_tolerances_leaves_it_in_doubt(wxai: Robot) -> None:
+    q = np.array([0.3, 1.2, 1.0, 0.2, 0.4, -0.5])
+    limits = replace(wxai.limits, upper=np.array([0.3, *wxai.limits.upper[1:]]))
+    robot = replace(wxai, limits=limits, inverse="numeric")
+    goal = PoseGoal(tool(wxai, q), position_tolerance=1e-5, orientation_tolerance=1e-5)
+    found = inverse_kinematics(robot, goal, complete=True)
     assert not found.complete
     assert in_doubt(found, q)
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "at", "fewest"), [("wxai", 4, math.pi / 2, 4), ("ur5", 4, 0.0, 6), ("ur5", 2, 0.0, 6)]
+)
+def test_at_a_singularity_what_is_not_proven_is_bounded_and_has_a_witness(
+    name: str, joint: int, at: float, fewest: int
+) -> None:
+    rng, robot = np.random.default_rng(5), arm(name)
+    seen = 0
+    for _ in range(8):
+        q = drawn(robot, rng)
+        q[joint] = at
+        pose = tool(robot, q)
+        found = inverse_kinematics(robot, pose, complete=True)
+        assert not found.complete
+        assert in_doubt(found, q)
+        assert found.reachable in (True, None)
+        seen += len(found.witnesses) > 0
+        for witness in found.witnesses:
+            off, turned = tool_error(robot, witness.tolist(), pose)
+            assert off <= 1.001e-11
+            assert turned <= 1.001e-11
+            assert in_doubt(found, witness) or boxes_with(found, witness)
+            assert np.all((robot.limits.lower <= witness) & (witness <= robot.limits.upper))
+    assert seen >= fewest
+
+
+def test_it_is_not_known_whether_a_goal_can_be_reached_where_the_search_gave_up() -> None:
+    robot = arm("ur5")
+    goal = PoseGoal(tool(robot, np.array([0.3, -1.2, 1.0, 0.2, 0.4, -0.5])))
+    found = complete_solutions(robot, goal, most_boxes=1)
+    assert len(found.unresolved)
+    assert not len(found)
+    assert found.reachable is (True if len(found.witnesses) else None)
+    assert complete_solutions(robot, goal).reachable is True
+    assert inverse_kinematics(robot, Pose((0.0, 0.0, 5.0)), complete=True).reachable is False
 
 
 def test_joints_that_do_not_move_the_tool_stay_where_they_are() -> None:
