@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -130,10 +131,7 @@ class Gripper:
         near, far = self.positions
         if not self.lower < width < self.upper:
             return near if width <= self.lower else far
-        for _ in range(HALVINGS):
-            middle = 0.5 * (near + far)
-            near, far = (middle, far) if self.gap(middle) < width else (near, middle)
-        return 0.5 * (near + far)
+        return _leader(self, width)
 
     def width_at(self, position: float) -> float:
         """The width for what ``position`` gives."""
@@ -204,6 +202,16 @@ class Gripper:
             known |= {"kind": self.kind, "links": self.links, "turns": turns, "tips": (self.tips, self.across)}
             known |= {"positions": self.positions, "radius": self.radius}
         return known
+
+
+@lru_cache(maxsize=256)
+def _leader(gripper: Gripper, width: float) -> float:
+    """The leader's position in radians at a width between the least and the greatest, by halving: it takes 25 ms."""
+    near, far = gripper.positions
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if gripper.gap(middle) < width else (near, middle)
+    return 0.5 * (near + far)
 
 
 def _between(start: Sequence[float], end: Sequence[float]) -> Vector:
