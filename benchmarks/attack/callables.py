@@ -81,16 +81,19 @@ from planner_service.tasks import (
     standing_on,
 )
 from planner_service.tasks.ordering import Branch, Move, Visit, order, order_moves
-from planner_service.view.still.maps import draw_map
+from planner_service.view.still.maps import draw_base, draw_map
 from planner_service.view.still.pictures import draw_check
 from planner_service.workspace import (
+    BaseRegion,
     ToolOrientation,
     VoxelGrid,
     VoxelVerdict,
     load_map,
+    place_base,
     prove_again,
     reachability,
     save_map,
+    seen_from,
 )
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]
@@ -531,6 +534,11 @@ def _maps(folder: Path) -> Calls:
     found = reachability(arm, scene, grid, [any_turn], halvings=0)
     about = {"robot": arm, "scene": scene}
     save_map(found, folder / "map.npz")
+    region, there = (
+        BaseRegion((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1)),
+        ps.Pose.from_matrix(arm.tool_pose([0.5, 0.5])),
+    )
+    placed = place_base(arm, [ps.PoseGoal(there, 0.2, math.pi)], region, most_bases=1)
     yield from (
         _again(grid),
         _again(ToolOrientation((0.5, 0.5, 0.5, 0.5), 0.1, (0.0, 0.0, 1.0))),
@@ -543,6 +551,14 @@ def _maps(folder: Path) -> Calls:
         _call(prove_again, found=found, **about),
         _call(load_map, path=folder / "map.npz", **about),
         _call(save_map, ("path",), found=found, path=folder / "map_again.npz"),
+        _again(region),
+        _again(placed),
+        _again(placed.bases[0]),
+        _call(
+            place_base, **about, poses=[there], region=region, still=[0.1, 0.2], clearance=0.0, room=0.0, most_boxes=9
+        ),
+        _call(seen_from, base=ps.Pose(), scene=scene),
+        _call(draw_base, ("file",), **about, base=placed.bases[0], file=folder / "base.png"),
         _call(draw_map, ("file",), **about, found=found, file=folder / "map.png", orientation=0, across=(0, 1)),
     )
 

@@ -660,7 +660,7 @@ def _others() -> typer.Typer:
     from planner_service.cli.run import run
     from planner_service.cli.serve import mcp, serve
     from planner_service.cli.view import view
-    from planner_service.cli.workspace.commands import maps
+    from planner_service.cli.workspace import maps
 
     others = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
     _add(others, view, "view", "Show robot, scene and plan in the browser.", "view plan.json")

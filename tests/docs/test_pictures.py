@@ -31,6 +31,7 @@ SPEED = 2.0
     [
         ("pictures", r"^ +planner-service (plan .*)$"),
         pytest.param("reachability", r"^\$ planner-service (reachability build .*)$", marks=pytest.mark.slow),
+        ("reachability", r"^\$ planner-service (reachability place .*)$"),
     ],
 )
 def test_a_picture_is_what_its_command_draws(

@@ -1,4 +1,4 @@
-"""Complete inverse kinematics: held against other solvers, its proofs forged, and reachability maps made of it."""
+"""Complete inverse kinematics: held against other solvers, its proofs forged, and what is made of it: maps, lines."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.harness.kept import Kept
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.ik import forgeries, maps, poses
+from benchmarks.studies.ik import forgeries, lines, maps, poses
 
 __all__ = ["PARTS", "run"]
 
@@ -16,6 +16,7 @@ PARTS: dict[str, Callable[[int | None, int, str | None, Kept], Report]] = {
     "poses": poses.run,
     "forgeries": forgeries.run,
     "maps": maps.run,
+    "lines": lines.run,
 }
 
 
@@ -30,10 +31,11 @@ def run(
 
     Args:
         part: A name of ``PARTS``.
-        queries: Poses of each arm, forgeries, or voxels held against brute force; as many as the part promises if None.
+        queries: Poses or lines of each arm, forgeries, or voxels held against brute force; as many as the part promises
+            if None.
         seed: Of what is drawn.
-        robot: The only arm of ``poses``; all if None.
-        keep: A file of what is done of ``poses``.
+        robot: The only arm of ``poses`` or ``lines``; all if None.
+        keep: A file of what is done of ``poses`` and ``lines``.
 
     Raises:
         UnknownName: there is no such arm.

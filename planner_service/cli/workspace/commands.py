@@ -36,7 +36,7 @@ from planner_service.workspace import (
 from planner_service.workspace.map_file import OURS, SUFFIX
 from planner_service.workspace.mapping import HALVINGS, Arm
 
-__all__ = ["maps"]
+__all__ = ["maps", "vector"]
 
 EVERY = 30.0
 """Seconds after which a map is saved while it is made: so much is lost at most."""
@@ -174,7 +174,7 @@ def show_map(
         if prove:
             found = prove_again(found, arm, world, workers=(os.cpu_count() or 1) if workers is None else workers)
         row = None if across is None else _slice(across, found.grid)
-        asked = [] if at is None else _asked(found, _vector("--at", at, 3))
+        asked = [] if at is None else _asked(found, vector("--at", at, 3))
         if png is not None:
             _draw(arm, world, found, png, row)
     rows = [*_rows(found), *(("there", _said(each)) for each in asked), *_picture(png)]
@@ -182,7 +182,8 @@ def show_map(
     show(document, *wrapped([f"map: {file}"]), *labelled(rows), as_json=as_json)
 
 
-def _vector(name: str, text: str, size: int) -> tuple[float, ...]:
+def vector(name: str, text: str, size: int) -> tuple[float, ...]:
+    """So many finite numbers of a text; the option is named if it has others."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -198,7 +199,7 @@ def _grid(robot: Robot, lower: str | None, upper: str | None, voxel: float) -> V
         raise InvalidRequest("--voxel", voxel, "metres, from 1e-6 to 100")
     far = math.ceil(100.0 * closed_loop(Arm.of(robot, None).robot)[2]) / 100.0
     low, high = (
-        (sign * far,) * 3 if text is None else _vector(name, text, 3)
+        (sign * far,) * 3 if text is None else vector(name, text, 3)
         for name, text, sign in (("--lower", lower, -1.0), ("--upper", upper, 1.0))
     )
     counts = tuple(max(1, math.ceil((b - a) / voxel - 1e-9)) for a, b in zip(low, high, strict=True))
@@ -206,7 +207,7 @@ def _grid(robot: Robot, lower: str | None, upper: str | None, voxel: float) -> V
 
 
 def _orientations(texts: list[str] | None, tolerance: float, free_axis: str | None) -> list[ToolOrientation]:
-    axis = None if free_axis is None else _vector("--free-axis", free_axis, 3)
+    axis = None if free_axis is None else vector("--free-axis", free_axis, 3)
     about = None if axis is None else (axis[0], axis[1], axis[2])
     if not texts:
         if about is not None or tolerance:
@@ -217,7 +218,7 @@ def _orientations(texts: list[str] | None, tolerance: float, free_axis: str | No
         return [ToolOrientation(tolerance=math.pi)]
     sets = []
     for text in texts:
-        w, x, y, z = _vector("--orientation", text, 4)
+        w, x, y, z = vector("--orientation", text, 4)
         sets.append(ToolOrientation((w, x, y, z), tolerance, about))
     return sets
 

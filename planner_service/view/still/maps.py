@@ -1,4 +1,4 @@
-"""A picture of a reachability map: the voxels of one slice, beside the robot and its scene.
+"""Pictures of a reachability map, one slice of it beside the robot and its scene, and of a robot on a base.
 
 ::
 
@@ -19,13 +19,13 @@ from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.validation import instance, items, whole
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
-from planner_service.view.still.composition import Stand, View, picture
+from planner_service.view.still.composition import START, WAY, Stand, View, picture
 from planner_service.view.still.lettering import Caption
 from planner_service.view.still.pictures import SIZE, write_png
 from planner_service.view.triangles import Colour, Solid
-from planner_service.workspace import ReachabilityMap, VoxelVerdict
+from planner_service.workspace import PlacedBase, ReachabilityMap, VoxelVerdict, seen_from
 
-__all__ = ["draw_map"]
+__all__ = ["draw_base", "draw_map"]
 
 COLOURS: dict[VoxelVerdict, tuple[Colour, str, float]] = {
     VoxelVerdict.REACHABLE: ((58, 168, 104), "reachable", 0.75),
@@ -88,6 +88,33 @@ def draw_map(
         tuple(COLOURS[kind][:2] for kind in kinds),
     )
     write_png(file, picture(View(robot, scene, (Stand(robot.home),), sheets=sheets), caption, SIZE))
+
+
+def draw_base(robot: Robot, scene: Scene, base: PlacedBase, file: str | os.PathLike[str]) -> None:
+    """A picture of a robot on a base, in the scene as seen from there: at its first pose, and faintly at the others.
+
+    Raises:
+        InvalidRequest: A witness is none of this robot.
+        InvalidFile: The file cannot be written.
+    """
+    file = as_path("file", file)
+    instance("robot", robot, Robot, "a Robot")
+    instance("base", base, PlacedBase, "a PlacedBase")
+    if base.witnesses.shape[1] != robot.n:
+        raise InvalidRequest("base", base.witnesses.shape, f"witnesses of {robot.n} joints")
+    seen = seen_from(base.pose, instance("scene", scene, Scene, "a Scene"))
+    x, y, z = base.pose.position
+    count = len(base.witnesses)
+    caption = Caption(
+        f"{robot.name} in {scene.name or 'a scene'}: a base at {x:.3f}, {y:.3f}, {z:.3f}",
+        (
+            f"{count} {'pose' if count == 1 else 'poses'}, each with a free configuration: clearance at least "
+            f"{1000 * float(base.clearances.min()):.1f} mm, {float(base.rooms.min()):.3f} rad to the joint limits",
+        ),
+        ((START.colour, "at the first pose"), *(((WAY.colour, "at the others"),) if count > 1 else ())),
+    )
+    stands = tuple(Stand(q, WAY if k else START) for k, q in enumerate(base.witnesses))
+    write_png(file, picture(View(robot, seen, stands), caption, SIZE))
 
 
 def _sheet(found: ReachabilityMap, axis: int, row: int, cells: IntArray, kind: VoxelVerdict) -> Solid:

@@ -345,7 +345,9 @@ def test_an_import_does_not_replace_what_is_there(tmp_path: Path) -> None:
 
 
 COMMANDS = "robots,scenes,check,plan,explain,pick-place,view,certify,export,run,import-robot,episodes,serve,doctor"
-COMMANDS += ",roadmap build,roadmap query,roadmap info,roadmap update,reachability build,reachability show"
+COMMANDS += (
+    ",roadmap build,roadmap query,roadmap info,roadmap update,reachability build,reachability show,reachability place"
+)
 
 
 def test_every_help_has_an_example_that_the_command_accepts() -> None:

@@ -129,3 +129,33 @@ def test_words_of_a_file_that_are_not_known_are_named(made: Path, tmp_path: Path
 
 def _bytes(head: object) -> NDArray[np.uint8]:
     return np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
+
+
+PLACE = ("place", "--scene", "bin", "--pose", "0.2,0.28,0.15,0.70711,0,0.70711,0")
+
+
+def test_a_base_is_found_and_drawn(tmp_path: Path) -> None:
+    asked = (*PLACE, "--lower=-0.1,-0.1,0", "--upper", "0.1,0.1,0", "--yaw=-0.3,0.3", "--bases", "2")
+    told = document(*asked, "--png", tmp_path / "base.png")
+    assert len(told["bases"]) == 2
+    assert not told["proven"]
+    assert (tmp_path / "base.png").exists()
+    shown = " ".join(run(*asked).stdout.split())
+    assert "placed: wxai in bin, 1 pose " in shown
+    assert "to the limits" in shown
+
+
+def test_no_base_ends_with_1_and_says_whether_that_is_proven() -> None:
+    asked = (*PLACE, "--lower", "2,2,0", "--upper", "3,3,0")
+    told = document(*asked, code=1)
+    assert (told["proven"], told["bases"], told["ruled_out"]) == (True, [], [1.0])
+    assert "no base: no base in the region, proven: ruled out by pose 0 100 %" in run(*asked).stderr
+    for given, words in (
+        (("--yaw", "1"), "--yaw"),
+        (("--yaw", "0,9"), "yaw"),
+        (("--room", "nan"), "room"),
+        (("--pose", "1,2,3"), "--pose"),
+        (("--pose", "0,0,0,0,0,0,0"), "--pose"),
+        (("--free-axis", "0,0,0"), "free_axis"),
+    ):
+        assert words in refused(*asked, *given)

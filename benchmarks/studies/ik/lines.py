@@ -1,0 +1,158 @@
+"""Straight lines of the tool, from every branch and from one.
+
+A line goes 0.1 to 0.3 m from the pose of a random configuration, half of them with a turn besides. The one branch is
+followed as others interpolate in Cartesian space: poses every 5 mm, damped least squares from the configuration
+before, and no joint may move by more than 0.5 rad between two. It shares no code with ``line_branches``.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from benchmarks.harness.kept import NONE, Kept
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, spread, table_of
+from planner_service import Pose, Robot, load_robot
+from planner_service.geometry.arrays import FloatArray
+from planner_service.kinematics import ToolLine, line_branches
+from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS, interpolate, rotation_distance
+
+__all__ = ["run"]
+
+ARMS = {"WidowX AI": "wxai", "UR5": "ur5", "Jaco 2": "kinova", "Panda": "panda"}
+
+LINES = 250
+"""Of each arm unless asked otherwise."""
+
+STEP, RATE = 0.005, 100.0
+"""Metres between poses of the one branch, and radians that a joint may move per metre."""
+
+ARRIVED = 1e-6
+
+
+def run(queries: int | None = None, seed: int = 0, robot: str | None = None, kept: Kept = NONE) -> Report:
+    """``queries`` lines of each arm."""
+    names = [name for name in ARMS if robot in (None, name)]
+    count = LINES if queries is None else queries
+    rows = [
+        kept.rows(f"lines {name} {seed} {k}", partial(_rows, name, [seed, k]))[0]
+        for name in names
+        for k in range(count)
+    ]
+    lines = [_line(name, [row for row in rows if row["robot"] == name]) for name in names]
+    caption = (
+        "Lines of the tool that are possible to the end; collisions are not looked at. One branch: from the "
+        "configuration that the line was made of. Proven: that no motion within the limits keeps the tool within 1 mm "
+        "and 5 mrad along it. Lost: possible from one, but not found. Jumps: pieces in which the tool leaves the "
+        "line. CPU ms: p50 / p95."
+    )
+    return Report("ik", tuple(rows), (table_of("Lines from every branch", lines, caption=caption),), _promises(rows))
+
+
+def _rows(name: str, seed: list[int]) -> list[Row]:
+    rng, robot = np.random.default_rng([*seed, len(name)]), load_robot(ARMS[name])
+    low, high = np.maximum(robot.limits.lower, -2 * math.pi), np.minimum(robot.limits.upper, 2 * math.pi)
+    q = rng.uniform(low, high)
+    way = rng.normal(size=3)
+    x, y, z = (way * rng.uniform(0.1, 0.3) / math.sqrt(float(way @ way))).tolist()
+    begin = Pose.from_matrix(robot.tool_pose(q))
+    turn = rng.normal(size=3) * (0.5 / 3.0) * rng.integers(2)
+    px, py, pz = begin.position
+    turned = Pose.from_rpy((0.0, 0.0, 0.0), tuple(turn.tolist())) @ Pose((0.0, 0.0, 0.0), begin.quaternion)
+    end = Pose((px + x, py + y, pz + z), turned.quaternion)
+    ms, found = cpu_ms(lambda: line_branches(robot, begin, end, still=q, max_joint_rate=RATE))
+    one = _one_branch(robot, q, begin, end)
+    row = {
+        "robot": name,
+        "branches": len(found.lines),
+        "complete": found.complete,
+        "whole": found.whole is not None,
+        "one": one,
+        "proven": found.proven,
+        "contradicted": found.ends is not None and one > found.ends + 1e-9,
+        "jumps": sum(_jumps(robot, line, begin, end) for line in found.lines if line.stopped is None),
+        "ms": ms,
+    }
+    return [row]
+
+
+def _one_branch(robot: Robot, q: FloatArray, begin: Pose, end: Pose) -> float:
+    """The share of the line that small steps from q have."""
+    length = max(math.dist(begin.position, end.position), 0.1 * rotation_distance(begin, end))
+    steps = math.ceil(length / STEP)
+    low, high = robot.limits.lower, robot.limits.upper
+    for k in range(1, steps + 1):
+        wanted, before = interpolate(begin, end, k / steps), q
+        for _ in range(30):
+            error = _error(robot, q, wanted)
+            if float(np.abs(error).max()) < ARRIVED:
+                break
+            J = robot.tool_jacobian(q)
+            damping = 1e-3 * float(error @ error) + 1e-12
+            q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error), low, high)
+        off = float(np.abs(_error(robot, q, wanted)).max())
+        if off > ARRIVED or float(np.abs(q - before).max()) > RATE * length / steps:
+            return (k - 1) / steps
+    return 1.0
+
+
+def _error(robot: Robot, q: FloatArray, wanted: Pose) -> FloatArray:
+    T = robot.tool_pose(q)
+    R = wanted.rotation @ T[:3, :3].T
+    spin = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
+    return np.concatenate([np.array(wanted.position) - T[:3, 3], spin])
+
+
+def _jumps(robot: Robot, line: ToolLine, begin: Pose, end: Pose) -> int:
+    """Pieces between waypoints in whose middle the tool is off the line."""
+    count = 0
+    for k in range(len(line.waypoints) - 1):
+        for share in (0.25, 0.5, 0.75):
+            q = (1.0 - share) * line.waypoints[k] + share * line.waypoints[k + 1]
+            at = float((1.0 - share) * line.fractions[k] + share * line.fractions[k + 1])
+            here = Pose.from_matrix(robot.tool_pose(q))
+            wanted = interpolate(begin, end, at)
+            nearest = _nearest(begin, end, here, at)
+            off = math.dist(here.position, nearest.position) > LINE_METRES
+            if off or rotation_distance(here, wanted) > 2.0 * LINE_RADIANS:
+                count += 1
+                break
+    return count
+
+
+def _nearest(begin: Pose, end: Pose, here: Pose, at: float) -> Pose:
+    """The place of the line that is nearest to a position."""
+    a, b = np.array(begin.position), np.array(end.position)
+    way = b - a
+    square = float(way @ way)
+    share = at if square == 0.0 else float((np.array(here.position) - a) @ way) / square
+    return interpolate(begin, end, min(1.0, max(0.0, share)))
+
+
+def _line(name: str, rows: list[Row]) -> Row:
+    count = len(rows)
+    return {
+        "arm": name,
+        "lines": count,
+        "branches": f"{sum(row['branches'] for row in rows) / count:.1f}",
+        "one branch": f"{100 * sum(row['one'] == 1.0 for row in rows) / count:.1f} %",
+        "every branch": f"{100 * sum(row['whole'] for row in rows) / count:.1f} %",
+        "none, proven": f"{100 * sum(row['proven'] for row in rows) / count:.1f} %",
+        "neither": f"{100 * sum(not row['whole'] and not row['proven'] for row in rows) / count:.1f} %",
+        "contradictions": sum(row["contradicted"] for row in rows),
+        "lost": sum(row["one"] == 1.0 and not row["whole"] for row in rows),
+        "jumps": sum(row["jumps"] for row in rows),
+        "ms": spread([row["ms"] for row in rows], 0),
+    }
+
+
+def _promises(rows: list[Row]) -> tuple[Promise, ...]:
+    every, one = (sum(bool(row[key] == 1.0) for row in rows) for key in ("whole", "one"))
+    jumps, wrong = sum(row["jumps"] for row in rows), sum(row["contradicted"] for row in rows)
+    return (
+        Promise("every branch has at least as many lines as one", f"{every}, {one}", every >= one),
+        Promise("0 jumps", str(jumps), jumps == 0),
+        Promise("nothing goes beyond where a line is proven to end", str(wrong), wrong == 0),
+    )
