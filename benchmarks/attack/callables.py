@@ -534,11 +534,9 @@ def _maps(folder: Path) -> Calls:
     found = reachability(arm, scene, grid, [any_turn], halvings=0)
     about = {"robot": arm, "scene": scene}
     save_map(found, folder / "map.npz")
-    region, there = (
-        BaseRegion((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1)),
-        ps.Pose.from_matrix(arm.tool_pose([0.5, 0.5])),
-    )
-    placed = place_base(arm, [ps.PoseGoal(there, 0.2, math.pi)], region, most_bases=1)
+    region = BaseRegion((-0.1, 0.0, 0.0), (0.1, 0.0, 0.0), (-0.1, 0.1))
+    there = ps.Pose.from_matrix(arm.tool_pose([0.5, 0.5]))
+    placed = place_base(arm, [there], region, most_bases=1)
     yield from (
         _again(grid),
         _again(ToolOrientation((0.5, 0.5, 0.5, 0.5), 0.1, (0.0, 0.0, 1.0))),

@@ -67,7 +67,8 @@ def place(
             from planner_service.view.still.maps import draw_base
 
             draw_base(arm, world, found.bases[0], png)
-    title = f"{'placed' if found.bases else 'no base'}: {robot} in {scene}, {len(goals)} {'pose' if len(goals) == 1 else 'poses'}"
+    count = "1 pose" if len(goals) == 1 else f"{len(goals)} poses"
+    title = f"{'placed' if found.bases else 'no base'}: {robot} in {scene}, {count}"
     rows = [("base", _said(base)) for base in found.bases]
     rows += [] if found.bases else [("region", str(found))]
     rows += [("time", f"{seconds:.1f} s")]
