@@ -53,6 +53,7 @@ from planner_service.records.visits import load_visits, save_visits
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene import load_scene, read_moveit_scene, read_sdf_scene, read_urdf_scene
+from planner_service.scheduling import PickJob
 from planner_service.search import SearchGraph
 from planner_service.tasks import (
     Alternatives,
@@ -290,6 +291,7 @@ def _values(folder: Path) -> Calls:
         _again(request),
         _again(ps.Handling("a", 0.005, 0.05, request, ps.Trapezoidal(), ps.CancelToken())),
         _again(Streaming(speed=0.5)),
+        _again(PickJob("a", pose, "b", ("left",))),
         _again(ToolRegion(pose, (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 0.3, 0.2, pose, "tip", "base", "region")),
         _again(JointRange("shoulder", -1.0, 1.0)),
         _call(engine_named, name="processes", workers=1),

@@ -159,7 +159,6 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
                 "streaming": Streaming(settle=0.0),
             },
         ),
-        "PickJob": Call(PickJob, {"object": "block", "place": Pose(), "support": None, "arms": ("one",)}),
         "schedule_picks": Call(
             schedule_picks,
             {"cell": blocked, "jobs": [PickJob("block", Pose((0.3, 0.0, 0.1)))], "starts": {"one": arm.home}}
