@@ -302,15 +302,22 @@ class Prover:
         return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
 
     def tubes(
-        self, starts: FloatArray, ends: FloatArray, room: FloatArray, enough: float, nearer: float, parts: int
+        self,
+        starts: FloatArray,
+        ends: FloatArray,
+        room: FloatArray,
+        enough: float,
+        nearer: float,
+        parts: int,
+        each: int,
     ) -> Tubes:
         """How many edges from ``starts`` to ``ends`` are free with ``room``, (k, n) each, before the first that is not.
 
         Every pair is proven more than ``enough`` metres apart at whatever is off the edge by no more than its room in
         each joint. An edge itself on which a pair is nearer than ``nearer`` collides. ``parts`` of rooms may be looked
-        at, for all edges together, where the whole of one is too much.
+        at, for all edges together, where the whole of one is too much, and ``each`` for one pair on one edge.
         """
-        return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer, parts))
+        return Tubes(*self._prover.tubes(starts, ends, room, enough, nearer, parts, each))
 
     def diagram(self, first: Moving, second: Moving, still: FloatArray, enough: float) -> Diagram:
         """What is proven of two motions on clocks of their own: every pair more than ``enough`` metres apart."""
@@ -576,7 +583,14 @@ class Certifier:
         return EdgeProof(judged.verdict, judged.s, *names)
 
     def certify_tubes(
-        self, starts: ArrayLike, ends: ArrayLike, room: ArrayLike, *, padding: float = 0.0, parts: int = 64
+        self,
+        starts: ArrayLike,
+        ends: ArrayLike,
+        room: ArrayLike,
+        *,
+        padding: float = 0.0,
+        parts: int = 64,
+        parts_each: int | None = None,
     ) -> TubeProof:
         """The proof that straight edges are free with room: at all that is off an edge by so much in each joint.
 
@@ -589,6 +603,8 @@ class Certifier:
             padding: Metres that every pair is to keep.
             parts: Where a room is too much as a whole it is halved in one joint after the other; so many parts are
                 looked at for all edges together, at most 10,000. With 0 less is proven, in less time.
+            parts_each: The same for one pair on one edge; ``parts`` if None. A part that asks many bounds counts as
+                several of either.
 
         Raises:
             InvalidRequest: other shapes, numbers that are not finite, configurations outside the joint limits, room
@@ -596,8 +612,9 @@ class Certifier:
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         parts = whole("parts", parts, 0, 10_000)
+        each = parts if parts_each is None else whole("parts_each", parts_each, 0, 10_000)
         first, last, off = self._tubes(starts, ends, room)
-        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN, parts)
+        found = self.prover.tubes(first, last, off, padding + MARGIN, padding - MARGIN, parts, each)
         if found.free == len(first):
             return TubeProof(found.free, int(found.bounds))
         line = np.array([first[found.free], last[found.free]])

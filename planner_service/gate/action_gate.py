@@ -48,9 +48,12 @@ UNKNOWN = "where the arm is is not known before its first check"
 TRIES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675)
 """How many targets are taken back, one after the other, until what brakes the arm after the rest is free."""
 
-PARTS = 4
-"""Of rooms that are too much as a whole: so many are looked at of a chunk, and of what brakes the arm after it. With 12
-a chunk takes up to twice as long, and no fewer chunks are refused."""
+PARTS, PARTS_EACH = 192, 8
+"""Of rooms that are too much as a whole: so many are looked at of a chunk, and of what brakes the arm after it; and so
+many for one pair on the way to one target."""
+
+SAME_WAY = 0.5
+"""Of the room that the arm may need: a stop that comes so near to where another one could touch is not looked at."""
 
 SPEED = 0.8
 """Part of the limits of velocity that plans use: the room that a late target costs needs some."""
@@ -438,12 +441,14 @@ class ActionGate:
         for back in (*(each for each in TRIES if each < passing), passing):
             start = course.at(passing - back)
             rows = self.limits.braking(start)
+            if rows is not None and back < passing and blocked is not None and self._comes_by(start, rows, blocked):
+                continue
             found = None if rows is None else self._stop_proof(start, rows, by, 0 if back else PARTS)
             bounds += 0 if found is None else found.distances
             if rows is not None and found is not None and found.pair is None:
                 refused = self._no_stop(passing - back, refused, blocked) if back else refused
                 return Verdict(read_only(targets[: passing - back]), read_only(rows), refused, speed, bounds=bounds)
-            blocked = found
+            blocked = found or blocked
         refused = self._no_stop(0, refused, blocked)
         last = now.place if self._target is None else self._target
         for rows in (self._pending, last[None].copy()):
@@ -499,9 +504,14 @@ class ActionGate:
     def _proof(self, course: Course, targets: FloatArray, by: Certifier, parts: int = PARTS) -> TubeProof:
         """How many of the ways to targets (k, n) are free, from the first on, with what may be beside them."""
         k = len(targets)
-        return by.certify_tubes(
-            course.places[:k], targets, course.radii[:k] + self._error, padding=self.padding, parts=parts
-        )
+        starts, rooms = course.places[:k], course.radii[:k] + self._error
+        return by.certify_tubes(starts, targets, rooms, padding=self.padding, parts=parts, parts_each=PARTS_EACH)
+
+    def _comes_by(self, now: Setpoint, rows: FloatArray, blocked: TubeProof) -> bool:
+        """Whether the way to rows (k, n) comes close to where another one could touch: so will it, most likely."""
+        course = self._course(now, rows)
+        starts, rooms = course.places[:-1], SAME_WAY * (course.radii[:-1] + self._error)
+        return Whereabouts(starts, rows, rooms).holds(np.array(blocked.at))
 
     def _contact(self, proof: TubeProof) -> Refused:
         assert proof.pair is not None

@@ -103,10 +103,11 @@ class CommandLimits:
         """Whether the setpoint keeps the limits of velocity on its way to targets (k, n)."""
         return bool((self.fastest(course, targets) <= self.velocity * (1.0 + ROUNDING)).all())
 
-    def may_stop(self, now: Setpoint) -> bool:
-        """Whether there are targets that brake a setpoint within the limits of velocity, wherever it can be."""
-        rows = self.braking(now)
-        return rows is not None and self.slow_enough(now.course(rows, self._shares, self._goal_time), rows)
+    def may_brake(self, now: Setpoint) -> bool:
+        """Whether the first target of those that brake a setpoint keeps the limits of velocity, wherever it can be."""
+        left = float((np.abs(now.speed) * self._rate / self.acceleration).max())
+        way = now.due - now.place + max(0.0, 1.0 - 1.0 / max(left, 1.0)) * self._goal_time * now.speed
+        return bool((np.abs(way) + now.radius <= self._goal_time * self.velocity * (1.0 + ROUNDING)).all())
 
     def beyond(self, targets: FloatArray) -> Refused | None:
         """The first target outside the joint limits, or that is no number."""

@@ -88,7 +88,7 @@ class Pace:
     def _kept(self, now: Setpoint, targets: FloatArray) -> bool:
         """Whether targets keep the limits, and what brakes the arm after them, too."""
         course = now.course(targets, self._shares, self._goal_time)
-        return self._limits.objection(course, targets) is None and self._limits.may_stop(course.at(len(targets)))
+        return self._limits.objection(course, targets) is None and self._limits.may_brake(course.at(len(targets)))
 
     def _needed(self, steps: FloatArray) -> float:
         """In how many periods an arm at rest may get as fast as steps (k, n) are."""

@@ -170,12 +170,11 @@ class Setpoint:
 
 def _faded(first: FloatArray, share: float, added: FloatArray) -> FloatArray:
     """Rows x (k + 1, n): the first, and after each row ``share`` of it and what is added (k, n)."""
-    out = np.empty((len(added) + 1, *first.shape))
-    out[0] = first
-    rows = list(out)
-    for before, after, more in zip(rows, rows[1:], added, strict=False):
-        np.multiply(before, share, out=after)
-        after += more
+    out = np.concatenate([first[None], added])
+    back = 1
+    while back < len(out) and share > 0.0:  # each row has what the ``back`` rows up to it add to it by now
+        out[back:] += share * out[:-back]
+        back, share = 2 * back, share * share
     return out
 
 

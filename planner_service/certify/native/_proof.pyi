@@ -86,6 +86,7 @@ class Prover:
         enough: float,
         nearer: float,
         parts: int,
+        each: int,
         /,
     ) -> tuple[int, float, int, float, bool]: ...
     def each(

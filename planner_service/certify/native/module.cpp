@@ -216,10 +216,11 @@ class Prover {
 
     // Straight edges between rows, with room for each joint, until one is not free: how many are, the bounds that were asked, and of
     // the next one pair, s and whether it collides.
-    nb::tuple tubes(const Rows& starts, const Rows& ends, const Rows& room, double enough, double nearer, int parts) const {
+    nb::tuple tubes(const Rows& starts, const Rows& ends, const Rows& room, double enough, double nearer, int parts,
+                    int each) const {
         require_alike(starts, ends, room);
         const std::size_t count = starts.shape(0);
-        Tubes tubes(model_, *variant_, count, starts.data(), ends.data(), room.data(), enough, nearer, parts);
+        Tubes tubes(model_, *variant_, count, starts.data(), ends.data(), room.data(), enough, nearer, parts, each);
         std::size_t free = 0;
         {
             nb::gil_scoped_release release;
@@ -250,7 +251,7 @@ class Prover {
         require_alike(starts, ends, room);
         require(starts.shape(0) > 0 && out.shape(0) <= model_.riding && out.shape(1) == 6, "a box for each piece");
         nb::gil_scoped_release release;
-        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), 0.0, 0.0, 0);
+        Tubes tubes(model_, *variant_, starts.shape(0), starts.data(), ends.data(), room.data(), 0.0, 0.0, 0, 0);
         tubes.boxes(out.shape(0), out.data());
     }
 

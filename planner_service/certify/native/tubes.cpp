@@ -7,6 +7,9 @@ namespace proof {
 
 namespace {
 
+// Bounds that a part of a room may take: one that takes more counts as more parts.
+constexpr double kBoundsOfPart = 8.0;
+
 struct Part {
     std::vector<double> start, end, room, moves;
 };
@@ -14,7 +17,7 @@ struct Part {
 }  // namespace
 
 Tubes::Tubes(const Model& model, const Variant& variant, std::size_t count, const double* starts, const double* ends,
-             const double* room, double enough, double nearer, int parts)
+             const double* room, double enough, double nearer, int parts, int each)
     : model_(model),
       variant_(variant),
       n_(static_cast<std::size_t>(model.dof)),
@@ -25,6 +28,7 @@ Tubes::Tubes(const Model& model, const Variant& variant, std::size_t count, cons
       enough_(enough),
       nearer_(nearer),
       parts_(parts),
+      each_(each),
       places_(model, variant),
       middle_(n_),
       reach_(n_),
@@ -166,9 +170,8 @@ bool Tubes::apart_by_parts(std::size_t k, const Lost& lost) {
     for (const Body& body : model_.bodies)  // no edge leaves what limits of slides say of distances from axes
         if (body.column >= 0 && body.slides) whole.moves[static_cast<std::size_t>(body.column)] = 0.0;
     std::vector<Part> open{std::move(whole)};
-    while (!open.empty()) {
-        if (parts_ <= 0) return false;
-        parts_ -= 2;
+    for (int left = each_; !open.empty();) {
+        if (parts_ <= 0 || left <= 0) return false;
         Part part = std::move(open.back());
         open.pop_back();
         const auto j = static_cast<std::size_t>(std::max_element(part.moves.begin(), part.moves.end()) - part.moves.begin());
@@ -183,6 +186,8 @@ bool Tubes::apart_by_parts(std::size_t k, const Lost& lost) {
             const auto judged = judge_line(model_, variant_, beside.start.data(), beside.end.data(), enough_, nearer_,
                                            beside.room.data(), {lost.pair});
             asked_ += judged.asked;
+            const int cost = 1 + static_cast<int>(judged.asked / kBoundsOfPart);
+            parts_ -= cost, left -= cost;
             if (!judged.taken || !judged.whole || judged.result.verdict == Verdict::colliding) return false;
             if (judged.result.verdict == Verdict::undecided) open.push_back(std::move(beside));
         }

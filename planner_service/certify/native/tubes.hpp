@@ -12,9 +12,9 @@ namespace proof {
 class Tubes {
   public:
     // ``starts``, ``ends`` and ``room`` (the caller's): of so many edges, a row of numbers each. ``parts``: of rooms that are too much as
-    // a whole, so many may be looked at, for all edges together.
+    // a whole, so many may be looked at, for all edges together, and ``each`` of one pair on one of them.
     Tubes(const Model& model, const Variant& variant, std::size_t count, const double* starts, const double* ends,
-          const double* room, double enough, double nearer, int parts);
+          const double* room, double enough, double nearer, int parts, int each);
 
     // How many edges are free before the first that is not.
     std::size_t run(const std::vector<int>& roots);
@@ -31,7 +31,7 @@ class Tubes {
     std::size_t n_, count_;
     const double *starts_, *ends_, *room_;
     double enough_, nearer_;
-    int parts_;
+    int parts_, each_;
     EdgeResult found_;
     double asked_ = 0.0;
     Places places_;

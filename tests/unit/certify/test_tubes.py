@@ -180,6 +180,7 @@ def test_room_of_which_only_parts_can_be_proven_is_free() -> None:
     """A bent elbow brings an outstretched arm no nearer, however far it bends."""
     assert tube(ball_beyond(0.02), SWEEP, [0.0, 0.6]).free == 1
     assert tube(ball_beyond(0.02), SWEEP, [0.0, 0.6], parts=0).free == 0
+    assert tube(ball_beyond(0.02), SWEEP, [0.0, 0.6], parts_each=0).free == 0
     assert tube(ball_beyond(0.02), SWEEP, [0.0, 0.6], padding=0.021).free == 0
 
 
