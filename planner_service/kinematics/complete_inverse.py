@@ -284,8 +284,9 @@ def complete_solutions(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_B
     excess = robot.n - most_joints(goal)
     if excess > 0:
         expected = f"an arm of at most {most_joints(goal)} joints for this goal: {robot.name!r} has {robot.n}"
+        other = ", or ask inverse_arcs" if excess == 1 else ""
         raise InvalidRequest(
-            "complete", True, f"{expected}, hence infinitely many solutions; lock {excess} (robot.locked)"
+            "complete", True, f"{expected}, hence infinitely many solutions; lock {excess} (robot.locked){other}"
         )
     loop, circles, asked = _asked(robot, goal)
     found, left, boxes, near = loop.solve(*asked, most_boxes)
