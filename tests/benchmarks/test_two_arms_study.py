@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks.harness.audit import Auditor
 from benchmarks.studies import two_arms
 from benchmarks.studies.two_arms import picks
 from benchmarks.worlds.placed import table_of_arms
-from planner_service import Pose, load_robot
+from planner_service import InvalidRequest, Pose, load_robot
 from planner_service.cell import Arm, Cell
 
 
@@ -38,3 +40,19 @@ def test_robots_at_places_are_the_same_to_coal(tmp_path: Path) -> None:
     mine = [cell.service.checker.state_is_free(q) for q in states]
     assert [auditor.judge(q[None])["verdict"] == "free" for q in states] == mine
     assert 0 < sum(mine) < 100
+
+
+def test_peers_get_the_same_queries_and_one_judge() -> None:
+    report = two_arms.run(part="peers", queries=1, seed=4)
+    assert all(promise.kept for promise in report.promises)
+    planners = {row["planner"] for row in report.rows}
+    assert len(planners) == 2, "SRMP needs a Python of its own"
+    for row in report.rows:
+        assert row["audit"] in ("free", "none")
+        assert row["off"] < 1e-6
+        assert row["speed"] < 1.01
+
+
+def test_a_python_without_srmp_is_named() -> None:
+    with pytest.raises(InvalidRequest, match="srmp"):
+        two_arms.run(part="peers", queries=1, against=Path(sys.executable))

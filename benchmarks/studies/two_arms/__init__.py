@@ -6,18 +6,25 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.harness.report import Report, merged
-from benchmarks.studies.two_arms import picks, plans, stops
+from benchmarks.studies.two_arms import peers, picks, plans, stops
 
 __all__ = ["run"]
 
-PARTS: dict[str, Callable[[int | None, int, Path | None], Report]] = {
-    "plans": plans.run,
-    "stops": lambda queries, seed, _: stops.run(queries, seed),
-    "picks": lambda schedules, seed, _: picks.run(schedules, seed),
+PARTS: dict[str, Callable[[int | None, int, Path | None, Path | None], Report]] = {
+    "plans": lambda queries, seed, problems, _: plans.run(queries, seed, problems),
+    "stops": lambda queries, seed, _, __: stops.run(queries, seed),
+    "picks": lambda schedules, seed, _, __: picks.run(schedules, seed),
+    "peers": lambda queries, seed, _, python: peers.run(queries, seed, python),
 }
 
 
-def run(part: str | None = None, queries: int | None = None, seed: int = 0, problems: Path | None = None) -> Report:
+def run(
+    part: str | None = None,
+    queries: int | None = None,
+    seed: int = 0,
+    problems: Path | None = None,
+    against: Path | None = None,
+) -> Report:
     """Take a part, or all.
 
     Args:
@@ -25,5 +32,6 @@ def run(part: str | None = None, queries: int | None = None, seed: int = 0, prob
         queries: Plans of each scene, executions, or schedules of picks; as many as show what a part promises if None.
         seed: Of what is drawn.
         problems: The folder of published problems, for Baxter.
+        against: The Python of an environment with SRMP, for ``peers``.
     """
-    return merged("two-arms", [PARTS[name](queries, seed, problems) for name in PARTS if part in (None, name)])
+    return merged("two-arms", [PARTS[name](queries, seed, problems, against) for name in PARTS if part in (None, name)])
