@@ -40,6 +40,8 @@ def verify(document: Json) -> Iterator[str]:
     check_file(document)
     require(document["version"] == 1, "a file of another version")
     robot, n = document["robot"], len(document["joints"])
+    parents = [body["parent"] for body in robot["bodies"]]
+    require(all(0 <= parent < k for k, parent in enumerate(parents) if k), "bodies before what carries them")
     links = list(reversed(chain(robot["bodies"], robot["tool_body"])))
     columns = sorted({robot["bodies"][index]["q_index"] for index in links})
     require([robot["joint_names"][k] for k in columns] == document["joints"], "other joints than move the tool")
@@ -78,6 +80,7 @@ def verify(document: Json) -> Iterator[str]:
 def _wanted(goal: Json) -> Wanted:
     room = goal["room"] or {"position_tolerance": 0.0, "orientation_tolerance": 0.0, "free_axis": None}
     shift, turn = room["position_tolerance"], room["orientation_tolerance"]
+    require(1 <= room.get("candidates", 1) <= 1000, "candidates that no goal has")
     require(0.0 <= shift <= 1.0 and 0.0 <= turn <= math.pi, "a tolerance that no goal has")
     require(abs(float(np.linalg.norm(goal["pose"]["quaternion_wxyz"])) - 1.0) <= 1e-3, "a quaternion that is no unit")
     axis = None if room["free_axis"] is None else np.array(room["free_axis"], float)

@@ -137,14 +137,30 @@ def tolerate_more_than_a_half_turn(document: Document) -> None:
     document["goal"]["room"]["orientation_tolerance"] = 4.0
 
 
+def carry_a_body_by_nothing(document: Document) -> None:
+    document["robot"]["bodies"][1]["parent"] = -1
+
+
+def try_fewer_than_none(document: Document) -> None:
+    document["goal"]["room"]["candidates"] = -16
+
+
 @pytest.mark.parametrize(
     "spoil",
-    [bend_a_frame, bend_the_tool, mirror_the_tool, stretch_the_orientation, tolerate_more_than_a_half_turn],
+    [
+        carry_a_body_by_nothing,
+        try_fewer_than_none,
+        bend_a_frame,
+        bend_the_tool,
+        mirror_the_tool,
+        stretch_the_orientation,
+        tolerate_more_than_a_half_turn,
+    ],
     ids=lambda spoil: str(spoil.__name__),
 )
 def test_what_is_no_robot_or_no_goal_is_refused(spoil: Callable[[Document], None]) -> None:
     robot = load_robot("wxai").locked({"joint_3": 0.4, "joint_4": 0.1, "joint_5": 0.3})
     document = written(robot, PoseGoal(drawn(robot, 2), orientation_tolerance=np.pi))
     spoil(document)
-    with pytest.raises(Invalid, match=r"last row|oddly|no unit|no goal has"):
+    with pytest.raises(Invalid, match=r"last row|oddly|no unit|no goal has|what carries"):
         list(judged(document))
