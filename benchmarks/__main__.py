@@ -51,7 +51,7 @@ STUDIES = {
     "serve": "a server under load, over its capacity, cancelled, killed and attacked",
     "gate": "no target that passes the gate touches, by Coal, whatever is asked of it and however the driver follows",
     "cells": "five work cells for three robots: what can be done is done, proven, and carried out without a contact",
-    "ik": "complete inverse kinematics misses no solution that a thousand starts find, and is seldom in doubt",
+    "ik": "complete inverse kinematics misses no solution; its proofs, maps and lines are not contradicted",
     "two-arms": "two arms, each with its own clock, do not touch, by Coal, however late they are",
     "differential": "the kernel says what FCL says pair by pair, with every instruction set, and how fast",
 }

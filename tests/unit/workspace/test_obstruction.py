@@ -152,7 +152,8 @@ def beside_collisions(
 def where_searched(tree: VoxelTree, q: FloatArray) -> FloatArray:
     """q with joints that go round turned by whole turns to where boxes are."""
     low, high = tree.whole(np.zeros((1, 3))).joints[0]
-    turns = np.where(high - low >= 2.0 * math.pi, np.floor((q - low) / (2.0 * math.pi)), 0.0)
+    rounds = np.abs(high - low - 2.0 * math.pi) < 1e-6
+    turns = np.where(rounds, np.floor((q - low) / (2.0 * math.pi)), 0.0)
     return np.asarray(q - 2.0 * math.pi * turns)
 
 
