@@ -31,7 +31,7 @@ def points_of(item: LinkShape) -> FloatArray:
 @pytest.mark.parametrize("name", ["wxai", "panda", "kinova_gripper"])
 def test_the_room_of_a_gripper_has_its_fingers_in_it_at_every_width(name: str) -> None:
     gripper = gripper_of(name)
-    for width in np.linspace(gripper.lower, gripper.upper, 33).tolist():
+    for width in np.linspace(gripper.lower, gripper.upper, 17).tolist():
         for item, room in zip(gripper.shapes(width), gripper.room(), strict=True):
             assert (item.link, item.body) == (room.link, room.body)
             assert float(room.shape.distance(points_of(item)).max()) <= ROUNDING
