@@ -25,8 +25,8 @@ from auditor.__main__ import judged
 from auditor.sampling_cell import cell_objections
 from auditor.schema import Invalid
 from auditor.trails import digest, unpacked
-from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
-from benchmarks.studies.evidence.forgeries import change_field, field, leaves
+from benchmarks.harness.report import Promise, Report, Row, table_of
+from benchmarks.studies.evidence.forgeries import change_field, field, leaves, table_of_forgeries
 from planner_service.cell import Arm, Cell, CellPlan, OwnClock
 from planner_service.records.cells import with_cell_evidence
 from planner_service.records.evidence import packed
@@ -379,21 +379,10 @@ def meaning(document: Document) -> Any:
 
 
 def _table(rows: Sequence[Row], note: str) -> Table:
-    lines = [
-        {
-            "forgery": kind.replace("_", " "),
-            "files": f"{len(group):,}",
-            "refused": f"{sum(bool(row['why']) for row in group):,}",
-            "accepted, unchanged": f"{sum(not row['why'] and not row['changed'] for row in group):,}",
-            "accepted, true": f"{sum(not row['why'] and row['changed'] and not row['false'] for row in group):,}",
-            "accepted, refuted": f"{sum(bool(row['false']) for row in group):,}",
-        }
-        for kind, group in grouped(rows, "kind").items()
-    ]
     caption = (
         f"{note}, such as a slower motion, a thinner robot whose digest is printed, or a number that is not verified"
     )
-    return table_of("Forged plans of cells", lines, caption=caption)
+    return table_of_forgeries("Forged plans of cells", rows, caption)
 
 
 REASONS = {

@@ -31,7 +31,7 @@ from planner_service.records.evidence import packed
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import SceneRecord
 
-__all__ = ["Forger", "forged", "meaning", "objections_of", "run"]
+__all__ = ["Forger", "forged", "meaning", "objections_of", "run", "table_of_forgeries"]
 
 FORGERIES = 20_000
 SAMPLES = 80
@@ -630,7 +630,16 @@ def objections_of(document: Document) -> list[str]:
         return [f"cannot be judged: {type(error).__name__}, {error}"]
 
 
-def _table(rows: tuple[Row, ...]) -> Table:
+def _table(rows: Sequence[Row]) -> Table:
+    caption = (
+        "true: Pinocchio and Coal find nothing false in what the changed file says, such as a plan in a world with one "
+        "obstacle less, or another number in a report that is named as not verified"
+    )
+    return table_of_forgeries("Forged files", rows, caption)
+
+
+def table_of_forgeries(title: str, rows: Sequence[Row], caption: str) -> Table:
+    """Of each kind of forgery how many files were refused, and what is so of those that were accepted."""
     lines = [
         {
             "forgery": kind.replace("_", " "),
@@ -642,11 +651,7 @@ def _table(rows: tuple[Row, ...]) -> Table:
         }
         for kind, group in grouped(rows, "kind").items()
     ]
-    caption = (
-        "true: Pinocchio and Coal find nothing false in what the changed file says, such as a plan in a world with one "
-        "obstacle less, or another number in a report that is named as not verified"
-    )
-    return table_of("Forged files", lines, caption=caption)
+    return table_of(title, lines, caption=caption)
 
 
 def _odd(rows: Sequence[Row]) -> Table:

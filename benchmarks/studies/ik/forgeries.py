@@ -24,8 +24,8 @@ from auditor.__main__ import judged
 from auditor.schema import Invalid, parsed
 from auditor.trails import unpacked
 from benchmarks.harness.kept import NONE, Kept
-from benchmarks.harness.report import Promise, Report, Row, grouped, table_of
-from benchmarks.studies.evidence.forgeries import change_field, field, leaves
+from benchmarks.harness.report import Promise, Report, Row, table_of
+from benchmarks.studies.evidence.forgeries import change_field, field, leaves, table_of_forgeries
 from benchmarks.studies.ik.poses import seeded
 from planner_service import InvalidRequest, Pose, PoseGoal, Robot, load_robot
 from planner_service.geometry.arrays import FloatArray
@@ -477,21 +477,10 @@ def _away(robot: Robot, goal: PoseGoal, q: FloatArray) -> tuple[float, float]:
 
 
 def _by_kind(rows: Sequence[Row]) -> Table:
-    lines = [
-        {
-            "forgery": kind.replace("_", " "),
-            "files": f"{len(group):,}",
-            "refused": f"{sum(bool(row['why']) for row in group):,}",
-            "accepted, unchanged": f"{sum(not row['why'] and not row['changed'] for row in group):,}",
-            "accepted, true": f"{sum(not row['why'] and row['changed'] and not row['false'] for row in group):,}",
-            "accepted, refuted": f"{sum(bool(row['false']) for row in group):,}",
-        }
-        for kind, group in grouped(rows, "kind").items()
-    ]
     caption = (
         "Accepted and true: another name of the arm, a step that is not needed, a number that may be a little off."
     )
-    return table_of("Forged proofs of inverse kinematics", lines, caption=caption)
+    return table_of_forgeries("Forged proofs of inverse kinematics", rows, caption)
 
 
 def _odd(rows: Sequence[Row]) -> Table:

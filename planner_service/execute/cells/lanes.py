@@ -103,12 +103,8 @@ def _lanes(
         robot = cell.arm(name).robot
         at = cell.of_arm(name, begin)
         require_near(f"start of {name}", arm.positions(at), at, robot, how.start_tolerance)
-        if (
-            robot.gripper is not None
-            and abs((width := arm.gripper_width()) - robot.gripper_width) > how.gripper_tolerance
-        ):
-            expected = f"{robot.gripper_width:.4f} within {how.gripper_tolerance:g} (gripper_tolerance)"
-            raise refusal(f"gripper of {name}", f"{width:.4f}", expected)
+        if robot.gripper is not None:
+            _require_open(name, arm, robot.gripper_width, how.gripper_tolerance)
         if name not in moving:
             continue
         clock = moving[name]
