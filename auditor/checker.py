@@ -14,6 +14,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -197,13 +198,26 @@ class IndependentChecker:
             found[pair] = min(found.get(pair, math.inf), distance)
         return found
 
-    def place(self, q: ArrayLike) -> None:
-        """Stand at q (n,): ``gap_of`` speaks of it from now on."""
-        pin.updateGeometryPlacements(self.model, self._data, self.geometry, self._placed, self._whole(q))
+    def gaps_at(self, samples: ArrayLike, numbers: Sequence[Iterable[int]]) -> FloatArray:
+        """Coal's signed distances at configurations (m, n), of the pairs of these numbers in ``pairs`` at each.
 
-    def gap_of(self, number: int) -> float:
-        """Coal's signed distance of the two of ``pairs[number]`` where the robot was placed last."""
-        return float(pin.computeDistance(self.geometry, self._placed, number).min_distance)
+        One after the other, as many as all of them are.
+        """
+        found = list[float]()
+        for x, some in zip(self._whole(samples), numbers, strict=True):
+            pin.updateGeometryPlacements(self.model, self._data, self.geometry, self._placed, x)
+            found.extend(pin.computeDistance(self.geometry, self._placed, int(k)).min_distance for k in some)
+        return np.array(found)
+
+    def moved(self, name: str, position: ArrayLike, quaternion_wxyz: ArrayLike) -> IndependentChecker:
+        """The same with an obstacle elsewhere, which is one shape."""
+        other = copy(self)
+        other.geometry = self.geometry.copy()
+        pose = _pose({"position": position, "quaternion_wxyz": quaternion_wxyz})
+        other.geometry.geometryObjects[self.owners.index(name)].placement = pose
+        other._geometry_data, other._manager = other._within(NEAR)
+        other._placed, other._nearer = other.geometry.createData(), {}
+        return other
 
     def pair_reaches(self) -> FloatArray:
         """How far a point of a pair can be from the axes that move it against the other one, (pairs, n).

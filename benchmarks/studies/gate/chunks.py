@@ -166,10 +166,7 @@ def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) ->
         ),
         Promise("no driver within what is assumed is said to be astray", *_none(total.refused.get("tracking", 0))),
     )
-    caption = (
-        "Nearest: a gap that everything judged keeps at least, from the steps of the judge; below 0 where between two"
-        " looks, 0.2 mm apart, no more is known."
-    )
+    caption = "Nearest: the smallest gap that Coal told of. It is asked wherever one of the ways might touch."
     return Report("gate", tuple(rows), (table_of("Chunks", lines, caption=caption),), promises)
 
 

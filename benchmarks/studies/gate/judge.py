@@ -1,23 +1,25 @@
-"""Whether an arm that is moved along a polyline touches anything, by Coal, looking every 0.2 mm or closer.
+"""Whether an arm that is moved along straight ways touches anything, by Coal, looking every 0.2 mm or closer.
 
 Each pair of shapes is looked at for itself: where Coal says how far the two are apart, no look is needed until their
-joints have moved them so far, by the auditor's own bound of that pair's motion. So fewer looks tell as much. What is
-known of a place is kept for ways that begin near it.
+joints have moved them so far, by the auditor's own bound of that pair's motion. So fewer looks tell as much, and ways
+beside each other share them.
 """
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from auditor.checker import IndependentChecker
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["LOOK", "Judge", "Walked"]
+__all__ = ["LOOK", "Corners", "Hit", "Judge"]
 
 LOOK = 0.0002
-"""Metres that a point of the robot moves, at most, from one look to the next where something is near."""
+"""Metres that a pair moves, at most, on a line of which one look in the middle is enough, whatever it says."""
 
 TRUSTED = 0.9
 """Of a distance that Coal states, the share on which a longer step relies."""
@@ -28,105 +30,189 @@ SLOPE = 1e-4
 SWEEPS = 4
 """Over all joints, in the search for the corner of a room that is nearest to contact."""
 
-ROUNDING, STILL = 1e-12, 1e-9
-"""Metres that are none, and on a whole piece."""
+STRIDES = (16, 4, 1)
+"""Corners of a way of which the middle one is looked at first."""
+
+
+@dataclass(frozen=True)
+class Hit:
+    """Where something touches.
+
+    Attributes:
+        what: The pair, as ``a x b``.
+        at: The configuration.
+        line: The number of the line that it is on; -1 at a corner.
+    """
+
+    what: str
+    at: tuple[float, ...]
+    line: int
 
 
 @dataclass(frozen=True, eq=False)
-class Walked:
-    """A polyline of m pieces that was looked at.
+class Corners:
+    """Places on a way, and what is known of them.
 
     Attributes:
-        touch: What touches where, as ``a x b``; None if nothing does.
-        at: The configuration of that touch, (n,); empty without one.
-        gaps: A gap that each pair has at least on each piece, metres, (m, pairs); only where nothing touches.
+        places: Configurations (m, n).
+        room: Metres that each pair may move from there before it may touch, as far as was looked, (m, pairs); below 0
+            where nothing is known.
     """
 
-    touch: str | None
-    at: FloatArray
-    gaps: FloatArray
-
-    @property
-    def least(self) -> FloatArray:
-        """The smallest of them on each piece, (m,)."""
-        return np.asarray(self.gaps.min(axis=1, initial=np.inf))
+    places: FloatArray
+    room: FloatArray
 
 
 class Judge:
     """Looks at ways of one robot in one scene.
 
+    Two looks at a pair, with gaps g and h, at the ends of a line on which it moves less than g + h by the auditor's
+    bound are enough: whatever is on the line is nearer to one of its ends than that end's gap. The bound is the sum of
+    what each joint moves the pair at most, so it holds between any two configurations, on a line or beside it, and a
+    look at one way tells of others. Nine tenths of a gap are relied on.
+
     Attributes:
         looks: Gaps that Coal was asked for.
+        nearest: The smallest of them since it was set to infinity, and where that was, (n,).
     """
 
     def __init__(self, checker: IndependentChecker) -> None:
         self._checker = checker
         self.reach, self.reaches = checker.reach, checker.pair_reaches()
         self.looks = 0
-        self._known: tuple[FloatArray, FloatArray] | None = None  # a place, and a gap that each pair has there at least
+        self.nearest: tuple[float, FloatArray] = (np.inf, np.empty(0))
+        self._place, self._room = np.zeros(len(checker.joints)), np.full(len(self.reaches), -np.inf)  # known there
+
+    def moved(self, name: str, position: ArrayLike, quaternion: ArrayLike) -> Judge:
+        """The judge of the same scene with an obstacle elsewhere; see ``IndependentChecker.moved``."""
+        other = copy(self)
+        other._checker = self._checker.moved(name, position, quaternion)
+        other._room = np.full(len(self.reaches), -np.inf)
+        return other
 
     def gap(self, q: FloatArray) -> float:
         """The smallest of Coal's distances at q (n,), metres."""
         return float(self._gaps(q, np.arange(len(self.reaches))).min())
 
-    def walked(self, points: FloatArray) -> Walked:
-        """A look at a polyline (m + 1, n), from one end to the other."""
-        gaps, spare = np.zeros(len(self.reaches)), np.zeros(len(self.reaches))
-        if self._known is not None:
-            gaps = self._known[1] - self.reaches @ np.abs(points[0] - self._known[0])
-            spare = TRUSTED * gaps
-        m, pairs = len(points) - 1, np.arange(len(gaps))
-        least, known, moved = np.empty((m, len(gaps))), np.empty((m + 1, len(gaps))), np.empty((m, len(gaps)))
-        for k in range(m):
-            place = None if k else points[0]
-            known[k] = gaps
-            touch, at = self._piece(points[k], points[k + 1], pairs, gaps, spare, least[k], place)
-            if touch is not None:
-                return Walked(touch, at, least[:k])
-            moved[k] = self.reaches @ np.abs(points[k + 1] - points[k])
-        known[m] = gaps
-        for k in range(m - 1, -1, -1):  # what is known of the end of a piece bounds it as well
-            back = known[k + 1] - moved[k]
-            np.maximum(least[k], back, out=least[k])
-            np.maximum(known[k], back, out=known[k])
-        return Walked(None, np.empty(0), least)
+    def walked(self, points: FloatArray) -> Hit | None:
+        """What touches on a polyline (m + 1, n)."""
+        ends = np.arange(len(points))
+        return self.touched(points[:-1], points[1:], self.corners(points), np.stack([ends[:-1], ends[1:]], axis=1))
 
-    def beside(
-        self, points: FloatArray, off: FloatArray, ends: FloatArray, off_ends: FloatArray, gaps: FloatArray
-    ) -> tuple[str | None, FloatArray]:
-        """What touches on a polyline, or straight on from its corners, and where, if all around it is known already.
+    def corners(self, places: FloatArray) -> Corners:
+        """Places (m, n) of a way with what is known of them by now."""
+        return Corners(places, self._room - np.abs(places - self._place) @ self.reaches.T)
+
+    def touched(self, a: FloatArray, b: FloatArray, corners: Corners, near: IntArray) -> Hit | None:
+        """What touches on straight lines, or at corners that were looked at.
 
         Args:
-            points: Configurations (m + 1, n).
-            off: How far each joint is on each piece from where it is known, at most, (m, n).
-            ends: Where another way leads from the end of each of the first pieces, (k, n).
-            off_ends: How far each joint is on that, at most, from where the piece before it is known to end, (k, n).
-            gaps: The gap of each pair on each piece, as it is known, (m, pairs).
+            a: Where they begin, (s, n).
+            b: Where they end, (s, n).
+            corners: Places near them, each on one of the ways; what is learnt of them is kept there.
+            near: The numbers of the corners near the beginning and the end of each line, (s, 2).
         """
-        room, free = off.max(axis=0, initial=0.0), TRUSTED * gaps.min(axis=0, initial=np.inf)
-        some = (self.reaches @ np.maximum(room, off_ends.max(axis=0, initial=0.0)) >= free).nonzero()[0]
-        if not len(some):
-            return None, np.empty(0)
-        reaches, free = self.reaches[some].T, TRUSTED * gaps[:, some]
-        corner = np.maximum(free[: len(ends)], free[1 : len(ends) + 1])  # both pieces tell of it
-        near, near_end = off @ reaches >= free, off_ends @ reaches >= corner
-        now, spare, walked = np.zeros(len(some)), np.zeros(len(some)), np.full(len(some), -2)
-        any_end = near_end.any(axis=1).tolist()
-        for k, any_near in enumerate(near.any(axis=1).tolist()):
-            if any_near:
-                pairs = near[k].nonzero()[0]
-                here, left = now[pairs], np.where(walked[pairs] == k - 1, spare[pairs], 0.0)
-                touch, at = self._piece(points[k], points[k + 1], some[pairs], here, left, np.empty(len(pairs)), None)
-                if touch is not None:
-                    return touch, at
-                now[pairs], spare[pairs], walked[pairs] = here, left, k
-            if k < len(ends) and any_end[k]:
-                pairs = near_end[k].nonzero()[0]
-                here, left = now[pairs], np.where(walked[pairs] == k, spare[pairs], 0.0)
-                touch, at = self._piece(points[k + 1], ends[k], some[pairs], here, left, np.empty(len(pairs)), None)
-                if touch is not None:
-                    return touch, at
-        return None, np.empty(0)
+        first, last = near.T
+        offs = np.abs(a - corners.places[first]), np.abs(b - corners.places[last])
+        some = self._any(a, b, corners)
+        R = self.reaches[some].T
+        off_a, off_b, rate = offs[0] @ R, offs[1] @ R, np.abs(b - a) @ R
+        count = len(corners.places)
+        for stride in STRIDES:
+            room = corners.room[:, some]
+            spare_a, spare_b = room[first] - off_a, room[last] - off_b
+            unclear = _unclear(spare_a, spare_b, rate)
+            lines = np.flatnonzero(unclear.any(axis=1))
+            if not len(lines):
+                return None
+            wanted = np.zeros((count, len(some)), dtype=bool)
+            for column in (first, last):
+                np.logical_or.at(wanted, column[lines], unclear[lines])
+            begins = np.arange(0, count, stride)
+            asked = np.logical_or.reduceat(wanted, begins)
+            middles = np.minimum(begins + stride // 2, count - 1)
+            blocks = np.flatnonzero(asked.any(axis=1))
+            hit, found = self._looked(corners.places[middles[blocks]], asked[blocks], some, np.full(len(blocks), -1))
+            if hit is not None:
+                return hit
+            for block, gaps in zip(blocks.tolist(), found, strict=True):
+                part = slice(block * stride, min(block * stride + stride, count))
+                moved = np.abs(corners.places[part] - corners.places[middles[block]]) @ R
+                corners.room[part, some] = np.maximum(corners.room[part, some], gaps - moved)
+        room = corners.room[:, some]
+        spare_a, spare_b = room[first] - off_a, room[last] - off_b
+        unclear = _unclear(spare_a, spare_b, rate)
+        lines = np.flatnonzero(unclear.any(axis=1))
+        return self._halved(a[lines], b[lines], some, unclear[lines], spare_a[lines], spare_b[lines], lines)
+
+    def _any(self, a: FloatArray, b: FloatArray, corners: Corners) -> IntArray:
+        """The pairs that may touch on any of some lines, by what is known of one place."""
+        left = self._reached(a, b, np.arange(len(self.reaches)))
+        if not len(left):
+            return left
+        middle = corners.places[len(corners.places) // 2]
+        self._room -= self.reaches @ np.abs(middle - self._place)
+        self._place = middle
+        self._room[left] = TRUSTED * self._gaps(middle, left)
+        np.maximum(corners.room, self.corners(corners.places).room, out=corners.room)
+        return self._reached(a, b, left)
+
+    def _reached(self, a: FloatArray, b: FloatArray, pairs: IntArray) -> IntArray:
+        off = np.maximum(np.abs(a - self._place), np.abs(b - self._place)).max(axis=0, initial=0.0)
+        left: IntArray = pairs[self.reaches[pairs] @ off >= self._room[pairs]]
+        return left
+
+    def _halved(
+        self,
+        a: FloatArray,
+        b: FloatArray,
+        some: IntArray,
+        unclear: BoolArray,
+        spare_a: FloatArray,
+        spare_b: FloatArray,
+        lines: IntArray,
+    ) -> Hit | None:
+        """What touches on lines that are halved until each half is known, or as short as a look.
+
+        Args:
+            some: Numbers of pairs.
+            unclear: Of which lines more is to be known, (s, pairs).
+            spare_a: Metres that a pair may move from where a line begins, (s, pairs).
+            spare_b: From where it ends.
+            lines: Their numbers, (s,).
+        """
+        R = self.reaches[some].T
+        while len(lines):
+            middle = 0.5 * (a + b)
+            hit, spare = self._looked(middle, unclear, some, lines)
+            if hit is not None:
+                return hit
+            half = 0.5 * np.abs(b - a) @ R
+            unclear &= 2.0 * half > LOOK
+            halves = (a, middle, spare_a, spare), (middle, b, spare, spare_b)
+            unclear = np.concatenate([unclear & _unclear(x, y, half) for _, _, x, y in halves])
+            left = unclear.any(axis=1)
+            a, b, spare_a, spare_b = (np.concatenate(both)[left] for both in zip(*halves, strict=True))
+            unclear, lines = unclear[left], np.concatenate([lines, lines])[left]
+        return None
+
+    def _looked(
+        self, places: FloatArray, asked: BoolArray, some: IntArray, lines: IntArray
+    ) -> tuple[Hit | None, FloatArray]:
+        """What touches at places (m, n) of the pairs asked for, (m, pairs), and how far each may move from there."""
+        rows, columns = asked.nonzero()
+        numbers = np.split(some[columns], np.cumsum(asked.sum(axis=1))[:-1])
+        found = self._checker.gaps_at(places, numbers)
+        self.looks += len(rows)
+        room = np.full(asked.shape, -np.inf)
+        room[rows, columns] = found
+        k = int(found.argmin())
+        if found[k] < self.nearest[0]:
+            self.nearest = float(found[k]), places[rows[k]]
+        if found[k] > 0.0:
+            return None, TRUSTED * room
+        names, row = self._checker.pairs[int(some[columns[k]])], int(rows[k])
+        return Hit(f"{names[0]} x {names[1]}", tuple(places[row].tolist()), int(lines[row])), room
 
     def slope(self, q: FloatArray) -> FloatArray:
         """By how much the smallest gap grows with each joint, metres a radian (or metre), (n,)."""
@@ -169,52 +255,16 @@ class Judge:
 
     def _gaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
         """Coal's distances of some pairs at q (n,)."""
-        self._checker.place(q)
         self.looks += len(pairs)
-        return np.array([self._checker.gap_of(pair) for pair in pairs.tolist()])
+        return self._checker.gaps_at(q[None], [pairs])
 
     def touch(self, q: FloatArray) -> str | None:
         """What touches at q (n,), as ``a x b``; limits aside."""
         names = min(self._checker.touching(q), default=None)
         return None if names is None else f"{names[0]} x {names[1]}"
 
-    def _piece(
-        self,
-        a: FloatArray,
-        b: FloatArray,
-        pairs: IntArray,
-        gaps: FloatArray,
-        spare: FloatArray,
-        least: FloatArray,
-        place: FloatArray | None,
-    ) -> tuple[str | None, FloatArray]:
-        """What of some pairs touches between two configurations, and where.
 
-        Args:
-            gaps: What each of them is apart at least, metres; changed to what it is at the end.
-            spare: Metres that each may still move before the next look; changed likewise.
-            least: To be what each is apart at least on the way.
-            place: What is known there is kept for the next way; None to keep nothing.
-        """
-        rates = self.reaches[pairs] @ np.abs(b - a)
-        slowly = np.maximum(rates, STILL)
-        at = 0.0
-        least[:] = np.inf
-        while True:
-            due = (spare <= ROUNDING).nonzero()[0]
-            if len(due):
-                q = a + (b - a) * at
-                gaps[due] = found = self._gaps(q, pairs[due])
-                spare[due] = np.maximum(LOOK, TRUSTED * found)
-                if found.min() <= 0.0:
-                    names = self._checker.pairs[int(pairs[due[found.argmin()]])]
-                    return f"{names[0]} x {names[1]}", q
-            if place is not None:
-                self._known, place = (place, gaps.copy()), None
-            if at >= 1.0:
-                return None, np.empty(0)
-            step = min(1.0 - at, float((spare / slowly).min(initial=np.inf)))
-            at = 1.0 if step >= 1.0 - at else at + step
-            spare -= rates * step
-            gaps -= rates * step
-            np.minimum(least, gaps, out=least)
+def _unclear(a: FloatArray, b: FloatArray, moved: FloatArray) -> BoolArray:
+    """Where a pair that may move ``a`` from one end of a line and ``b`` from the other moves farther than both."""
+    unclear: BoolArray = np.asarray(np.maximum(a, 0.0) + np.maximum(b, 0.0) <= moved)
+    return unclear

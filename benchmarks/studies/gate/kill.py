@@ -139,7 +139,8 @@ def _turn(kind: str, seed: int, number: int, robot: str) -> Row:
 def _touch(place: World, way: FloatArray) -> str | None:
     judge: Judge = place.judge
     moved = np.abs(np.diff(way, axis=0)).max(axis=1) > 0.0
-    return judge.walked(way[np.append(True, moved)]).touch if moved.any() else judge.touch(way[0])
+    hit = judge.walked(way[np.append(True, moved)]) if moved.any() else None
+    return judge.touch(way[0]) if hit is None else hit.what
 
 
 def _driver(caller: Connection, told: Connection, robot: str, seed: int, number: int) -> None:

@@ -7,13 +7,14 @@ the arm at a corner of its error, and at the corner that is nearest to contact.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from benchmarks.studies.gate.driver import HABITS, Driver, Habit
+from benchmarks.studies.gate.judge import Corners
 from benchmarks.studies.gate.worlds import World
 from planner_service.gate import ActionGate, Verdict
 from planner_service.geometry.arrays import FloatArray
@@ -25,6 +26,9 @@ LATE_CHECKS = 0.3
 
 TRAIL = 400
 """Places of the setpoint that are kept."""
+
+NEARBY = 3.0
+"""Times what the error moves any point: where contact is nearer, the corner of the error towards it is tried."""
 
 SPEED_SLACK = 1e-9
 """Rounding of a speed."""
@@ -161,38 +165,34 @@ class Session:
 
     def _judge(self, verdict: Verdict) -> None:
         """Follow a verdict with every driver; what touches goes into the tally."""
-        rows, judge, tally = verdict.rows, self.world.judge, self.tally
-        base = _Way(self.driver, rows, HABITS[0], self.rng)
-        walked = judge.walked(base.points)
-        tally.ways += 1
-        robot = self.world.service.robot
-        outside = np.maximum(verdict.targets - robot.limits.upper, robot.limits.lower - verdict.targets)
-        tally.outside += bool((outside > 0.0).any())
-        if walked.touch is not None:
-            tally.touched.append(Touched(walked.touch, HABITS[0].name, tuple(walked.at.tolist())))
-            return
-        tally.least = min(tally.least, float(walked.least.min()))
-        for name, way in self._others(rows, base, walked.least):
-            tally.ways += 1
-            tally.fast += way.too_fast(robot.limits.velocity)
-            off = np.abs(way.points - base.points)
-            silent = np.abs(way.silent - base.points[1:-1])
-            off_ends = np.maximum(off[1:-1], silent)
-            touch, at = judge.beside(way.points, np.maximum(off[:-1], off[1:]), way.silent, off_ends, walked.gaps)
-            if touch is not None:
-                tally.touched.append(Touched(touch, name, tuple(at.tolist())))
-                return
+        rows, judge, tally, driver = verdict.rows, self.world.judge, self.tally, self.driver
+        limits = self.world.service.robot.limits
+        tally.outside += bool(((verdict.targets > limits.upper) | (verdict.targets < limits.lower)).any())
+        ways = [_Way(driver, rows, habit, self.rng) for habit in HABITS]
+        corners, judge.nearest = judge.corners(ways[0].points), (np.inf, np.empty(0))
+        hit = self._first(ways, corners)
+        if hit is None and judge.nearest[0] <= NEARBY * float(judge.reach @ driver.error):
+            towards = -np.sign(judge.slope(judge.nearest[1])) * driver.error
+            habits = (Habit("early, towards contact", -1.0, 0.0), Habit("late, towards contact", 1.0, 0.0))
+            more = [_Way(driver, rows, habit, self.rng, towards) for habit in habits]
+            ways, hit = [*ways, *more], self._first(more, corners)
+        tally.ways += len(ways)
+        tally.fast += sum(way.too_fast(limits.velocity) for way in ways)
+        tally.least = min(tally.least, judge.nearest[0])
+        if hit is not None:
+            tally.touched.append(hit)
 
-    def _others(self, rows: FloatArray, base: _Way, least: FloatArray) -> Iterator[tuple[str, _Way]]:
-        for habit in HABITS:
-            yield habit.name, base if habit is HABITS[0] else _Way(self.driver, rows, habit, self.rng)
-        judge = self.world.judge
-        near = int(least.argmin())
-        if least[near] > 3.0 * float(judge.reach @ self.driver.error):
-            return
-        towards = -np.sign(judge.slope(base.points[near])) * self.driver.error
-        for late in (-1.0, 1.0):
-            yield "towards contact", _Way(self.driver, rows, Habit("", late, 0.0), self.rng, towards)
+    def _first(self, ways: Sequence[_Way], corners: Corners) -> Touched | None:
+        """What touches on some ways beside one."""
+        m = len(corners.places) - 1
+        near = np.stack([np.arange(m), np.arange(m) + 1], axis=1)
+        ends = np.repeat(np.arange(1, m), 2).reshape(m - 1, 2)
+        a = np.concatenate([part for way in ways for part in (way.points[:-1], way.points[1:-1])])
+        b = np.concatenate([part for way in ways for part in (way.points[1:], way.silent)])
+        hit = self.world.judge.touched(a, b, corners, np.tile(np.concatenate([near, ends]), (len(ways), 1)))
+        if hit is None:
+            return None
+        return Touched(hit.what, HABITS[0].name if hit.line < 0 else ways[hit.line // (2 * m - 1)].name, hit.at)
 
 
 class _Way:
@@ -206,6 +206,7 @@ class _Way:
         rng: np.random.Generator,
         towards: FloatArray | None = None,
     ) -> None:
+        self.name = habit.name
         places, _ = driver.followed(rows, driver.intervals(len(rows), habit.late, rng))
         sides = driver.sides(len(rows) + 2, habit.side, rng)
         if towards is not None:

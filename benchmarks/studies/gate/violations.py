@@ -99,4 +99,4 @@ def _session(place: World, real: Driver, rng: np.random.Generator) -> tuple[bool
         if verdict.refused is not None and verdict.refused.kind is Kind.TRACKING:
             noticed = True
             break
-    return noticed, place.judge.walked(np.array(way)).touch is not None
+    return noticed, place.judge.walked(np.array(way)) is not None

@@ -40,7 +40,7 @@ LAGS = (0.0, 0.1)
 MAX_CHECKS = 20_000
 """Of a plan to be followed; where that is not enough, an attack takes its place."""
 
-NEARNESS, BESIDE, HALVINGS = (0.8, 2.0), 0.01, 12
+NEARNESS, BESIDE, STRIDE = (0.8, 2.0), 0.01, 1 / 256
 """How far from contact an attack begins: times what the error moves any point, and metres beside; and its search."""
 
 SHIFT = 0.03
@@ -90,13 +90,10 @@ class World:
     def near_contact(self, rng: np.random.Generator) -> World:
         """The same, the arm on its straight way to the goal about as near to contact as it may be."""
         wanted = float(rng.uniform(*NEARNESS)) * float(self.judge.reach @ self.error) + float(rng.uniform(0.0, BESIDE))
-        near, far = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = 0.5 * (near + far)
-            if self.judge.walked(np.array([self._between(near), self._between(middle)])).least[:1].sum() > wanted:
-                near = middle
-            else:
-                far = middle
+        rate = float(self.judge.reach @ np.abs(self.goal - self.start))
+        near = at = 0.0
+        while at < 1.0 and (gap := self.judge.gap(self._between(at))) > wanted:
+            near, at = at, at + max((gap - wanted) / rate, STRIDE)
         there = replace(self, start=self._between(near))
         vars(there)["judge"] = self.judge  # of the same scene
         return there
@@ -110,7 +107,9 @@ class World:
         moved = scene.obstacles[int(rng.integers(len(scene.obstacles)))]
         x, y, z = np.asarray(moved.pose.position) + rng.uniform(-SHIFT, SHIFT, 3)
         pose = ps.Pose((x, y, z), moved.pose.quaternion)
-        return replace(self, service=self.service.with_scene(scene.moved(moved.name, pose)))
+        there = replace(self, service=self.service.with_scene(scene.moved(moved.name, pose)))
+        vars(there)["judge"] = self.judge.moved(moved.name, pose.position, pose.quaternion)
+        return there
 
     @cached_property
     def plan(self) -> ps.Trajectory | None:
