@@ -23,16 +23,18 @@ def gripper_of(name: str) -> Gripper:
 
 
 def points_of(item: LinkShape) -> FloatArray:
-    """Points of a shape, (200, 3), farthest in as many directions, in the frame of its body."""
+    """Points of a shape, (at most 200, 3), farthest in as many directions, in the frame of its body."""
     directions = np.random.default_rng(0).normal(size=(200, 3))
-    return item.shape.support(directions @ item.pose.rotation) @ item.pose.rotation.T + item.pose.position
+    farthest = np.unique(item.shape.support(directions @ item.pose.rotation), axis=0)
+    return farthest @ item.pose.rotation.T + item.pose.position
 
 
 @pytest.mark.parametrize("name", ["wxai", "panda", "kinova_gripper"])
 def test_the_room_of_a_gripper_has_its_fingers_in_it_at_every_width(name: str) -> None:
     gripper = gripper_of(name)
+    rooms = gripper.room()
     for width in np.linspace(gripper.lower, gripper.upper, 17).tolist():
-        for item, room in zip(gripper.shapes(width), gripper.room(), strict=True):
+        for item, room in zip(gripper.shapes(width), rooms, strict=True):
             assert (item.link, item.body) == (room.link, room.body)
             assert float(room.shape.distance(points_of(item)).max()) <= ROUNDING
 

@@ -26,14 +26,16 @@ def test_a_plan_is_tried_out_on_a_page_that_loads_nothing_from_elsewhere(tmp_pat
     with served(tmp_path, *options) as url, headless() as browser:
         asked: list[str] = []
         wrong: list[str] = []
+        page = new_window(browser, viewport={"width": 1440, "height": 900})
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.goto(f"{url}/docs")
+        page.locator(f"{PLANS} .opblock-summary-control").click()
+        page.locator(f"{PLANS} .execute").wait_for()
         for width in (1440, 900, 390):
-            page = new_window(browser, viewport={"width": width, "height": 900})
-            page.on("request", lambda request: asked.append(request.url))
-            page.on("pageerror", lambda error: wrong.append(str(error)))
-            page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
-            page.goto(f"{url}/docs")
-            page.locator(f"{PLANS} .opblock-summary-control").click()
-            page.locator(f"{PLANS} .execute").wait_for()
+            page.set_viewport_size({"width": width, "height": 900})
+            page.wait_for_function(f"innerWidth === {width}")
             assert page.evaluate("document.documentElement.scrollWidth") == width
         assert wrong == []
         page.locator(".auth-wrapper .authorize").click()
