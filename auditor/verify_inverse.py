@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from auditor.closed_loop import Equation, Loop, Wanted, at_boxes, equation_of, own_equations, parts_of
-from auditor.intervals import Interval, cosine_and_sine, exactly, stacked
+from auditor.intervals import Interval, cosine_and_sine, exactly, stacked, upper_norm
 from auditor.schema import check_file, require
 from auditor.trails import chain, digest, frame, unpacked
 
@@ -67,7 +67,9 @@ def verify(document: Json) -> Iterator[str]:
         _alone(loop, wanted, one, rows)
     _nothing_else(loop, wanted, document, domain, found)
     listed = [np.array(document[key], float).reshape(-1, n) for key in ("q", "lower", "upper")]
-    _all_listed(found, np.stack(listed, axis=1), (lower, upper), rounds, endless)
+    listed_rows = np.stack(listed, axis=1)
+    at_goal = _at_goal(loop, wanted, listed_rows[:, 0])
+    _all_listed(found, listed_rows, at_goal, (lower, upper), rounds, endless)
     yield f"robot {digest(robot)}"
     what = {"pose": "a pose", "axis": "a pose with a free axis", "position": "a place"}[wanted.kind]
     at = np.array2string(wanted.pose[:3, 3], precision=6)
@@ -130,8 +132,24 @@ def _alone(loop: Loop, wanted: Wanted, one: Array, rows: int) -> None:
     require(inner[1] <= outer[1], "a box beyond where the solution is alone")
 
 
-def _all_listed(found: Array, listed: Array, limits: tuple[Array, Array], rounds: Array, endless: Array) -> None:
-    """Raise Invalid unless the listed solutions are those found, at each whole turn within the limits."""
+def _at_goal(loop: Loop, wanted: Wanted, Q: Array) -> Array:
+    """At which configurations (k, n) the tool is within the tolerances of the goal, turned by less than 90 degrees."""
+    value, _, agreement, _ = own_equations(loop, wanted, Q)
+    off, turned = (np.sqrt((part**2).sum(axis=1)) for part in (value.size[:, :3], value.size[:, 3:]))
+    angle, model = np.arcsin(np.minimum(turned, 1.0)), LEAST * (1.0 + loop.longest)
+    far = float(upper_norm(loop.end(wanted) - loop.tool[:3, 3])) if wanted.kind == "pose" else 0.0
+    near = (off + far * turned <= wanted.shift + model) & ((agreement.low > 1.0) | (wanted.kind == "position"))
+    return np.asarray(near & ((angle <= wanted.turn + model) | (wanted.kind == "position")))
+
+
+def _all_listed(
+    found: Array, listed: Array, at_goal: Array, limits: tuple[Array, Array], rounds: Array, endless: Array
+) -> None:
+    """Raise Invalid unless the listed solutions are those found, at each whole turn within the limits.
+
+    A box that exceeds a limit by more than rounding does may only be listed with a configuration within the limits
+    whose tool is at the goal.
+    """
     lower, upper = limits
     middle = (lower + upper) / 2.0
     low = np.where(endless, middle - math.pi, lower)
@@ -151,7 +169,6 @@ def _all_listed(found: Array, listed: Array, limits: tuple[Array, Array], rounds
             outside = ~endless & ((box[1] < low) | (box[0] > high))
             if np.any(outside):
                 continue
-            require(inside, "a solution on a limit")
             loose = one[3:5] + TURN * turns - np.stack([-slack, slack])
             same = [
                 j
@@ -164,6 +181,10 @@ def _all_listed(found: Array, listed: Array, limits: tuple[Array, Array], rounds
                 and np.all(a <= q)
                 and np.all(q <= b)
             ]
+            if not np.all(inside):
+                q = listed[:, 0]
+                within = at_goal & np.all(endless | ((lower <= q) & (q <= upper)), axis=1)
+                same = [j for j in same if within[j]]
             require(len(same) > 0, "a solution that is not listed")
             free[same[0]] = False
     require(not any(free), "a configuration that is no solution, or stands twice")

@@ -57,6 +57,9 @@ TURN_ROUNDING = 1e-14
 LIMIT_SLACK = 1e-9
 """A joint value at most this far outside its limits (rad or m) is rounding, to the checkers, too."""
 
+STEPS = 20
+"""Of Gauss-Newton; where two solutions meet, each halves the error in q only."""
+
 SEAM = 0.7123
 """Where a circle is cut open (rad from the lower limit): not at an angle that people choose."""
 
@@ -74,7 +77,8 @@ class InverseSolutions:
     Every configuration whose tool is within the goal's tolerances (at least 1e-11 m and rad) is in a solution's box or
     in an unresolved one. Each solution's box holds exactly one configuration for each pose within these tolerances,
     or, of an arm with fewer joints than the goal has equations, at most one. Boxes are within the limits, but for the
-    1e-9 that count as rounding everywhere.
+    1e-9 that count as rounding everywhere; where the arm is nearly singular at a limit, a box that is less sharp may
+    exceed it by more. Its q is within the limits, with the tool within the tolerances.
 
     Attributes:
         q: Shape (k, n), sorted, within the limits. Of continuous joints, values within half a turn of the middle of
@@ -87,6 +91,9 @@ class InverseSolutions:
         boxes: Boxes that the search looked at.
         witnesses: Configurations (w, n) in unresolved boxes, within the limits, whose tool is within the tolerances. It
             is not known how many others are beside them.
+        resolution: Every configuration within the limits whose tool is within the tolerances is at most this far from
+            one of q or witnesses in each joint (rad or m), up to whole turns of joints that can make one. Infinite if
+            there are unresolved boxes and no witness.
     """
 
     q: FloatArray
@@ -95,6 +102,7 @@ class InverseSolutions:
     unresolved: FloatArray
     boxes: int
     witnesses: FloatArray
+    resolution: float
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -291,7 +299,7 @@ def complete_solutions(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_B
     loop, circles, asked = _asked(robot, goal)
     found, left, boxes, near = loop.solve(*asked, most_boxes)
     _require_reached(robot, goal, found[:, 0])
-    return _within_limits(robot, circles, found, left, boxes, _witnesses(robot, goal, circles, near))
+    return _within_limits(robot, goal, circles, found, left, boxes, near)
 
 
 def complete_arcs(robot: Robot, goal: PoseGoal, *, most_boxes: int = MOST_BOXES) -> InverseArcs:
@@ -317,7 +325,7 @@ def shown_solutions(robot: Robot, goal: PoseGoal) -> tuple[InverseSolutions, Inv
     _require_reached(robot, goal, found[:, 0])
     lines, _, domain = _lines(robot)
     trail = InverseTrail(lines[:, 6:], domain, found, *shown)
-    return _within_limits(robot, circles, found, left, boxes, _witnesses(robot, goal, circles, near)), trail
+    return _within_limits(robot, goal, circles, found, left, boxes, near), trail
 
 
 def _asked(
@@ -336,11 +344,12 @@ def _asked(
 
 
 def _within_limits(
-    robot: Robot, circles: BoolArray, found: FloatArray, left: FloatArray, boxes: int, witnesses: FloatArray
+    robot: Robot, goal: PoseGoal, circles: BoolArray, found: FloatArray, left: FloatArray, boxes: int, near: FloatArray
 ) -> InverseSolutions:
     """What of the solutions and boxes in doubt is within the limits, at each whole turn of the joints that go round.
 
-    A solution's box counts as within a limit that it exceeds by no more than ``LIMIT_SLACK``, if some of it is within.
+    A solution's box counts as within a limit that it exceeds by no more than ``LIMIT_SLACK``, if some of it is within,
+    or if a configuration in it is within the limits and brings the tool to the goal.
     """
     n, (lower, upper, endless) = robot.n, _ranges(robot)
     middle = (lower + upper) / 2
@@ -359,10 +368,61 @@ def _within_limits(
     low, high = moved[:, 1], moved[:, 2]
     touching = np.all(((lower <= high) & (low <= upper)) | endless, axis=1)
     inside = np.all(((lower - LIMIT_SLACK <= low) & (high <= upper + LIMIT_SLACK)) | endless, axis=1) & touching
+    for k in np.flatnonzero(touching & ~inside).tolist():
+        room = np.where(endless, moved[k, 1:], np.clip(moved[k, 1:], lower, upper))
+        one = _nearest_in(robot, goal, moved[k, 0], room)
+        if one is not None:
+            moved[k, 0], inside[k] = one, True
     solutions, doubtful = moved[inside], moved[touching & ~inside, 1:]
     solutions = solutions[np.lexsort(solutions[:, 0].T[::-1])]
     q = np.where(endless, solutions[:, 0], np.clip(solutions[:, 0], lower, upper))
-    return InverseSolutions(q, solutions[:, 1], solutions[:, 2], np.concatenate([left, doubtful]), boxes, witnesses)
+    left, witnesses = np.concatenate([left, doubtful]), _witnesses(robot, goal, circles, near)
+    for box in left:  # where two solutions all but meet, the search may have found neither
+        if _around_witnesses(box, witnesses, circles) > 2.0 * np.ptp(box, axis=0).max():
+            room = np.where(endless, box, np.clip(box, lower, upper))
+            one = _nearest_in(robot, goal, room.mean(axis=0), room)
+            witnesses = witnesses if one is None else np.concatenate([witnesses, one[None]])
+    widths = [np.ptp(solutions[:, 1:], axis=1).ravel(), [_around_witnesses(box, witnesses, circles) for box in left]]
+    resolution = float(np.concatenate(widths).max(initial=0.0))
+    return InverseSolutions(q, solutions[:, 1], solutions[:, 2], left, boxes, witnesses, resolution)
+
+
+def _around_witnesses(box: FloatArray, witnesses: FloatArray, circles: BoolArray) -> float:
+    """How far anything in a box (2, n) is from a witness, in each joint, up to whole turns; infinite without any."""
+    off = witnesses - box.mean(axis=0)
+    off = np.abs(np.where(circles, off - TURN * np.round(off / TURN), off))
+    return float((off + np.ptp(box, axis=0) / 2).max(axis=1).min(initial=math.inf))
+
+
+def _nearest_in(robot: Robot, goal: PoseGoal, q: FloatArray, room: FloatArray) -> FloatArray | None:
+    """A configuration in a box (2, n) whose tool is at the goal, by Gauss-Newton from q; None if none is found."""
+    for _ in range(STEPS):
+        q = np.clip(q, room[0], room[1])
+        shifts, turns = _off(robot, goal, q[None])
+        if shifts[0] <= max(goal.position_tolerance, POSE_ERROR) and turns[0] <= _turn_room(goal):
+            return q
+        error, slopes = _residual(robot, goal, q)
+        step = np.linalg.lstsq(slopes, -error, rcond=None)[0]
+        held = ((q <= room[0]) & (step < 0.0)) | ((q >= room[1]) & (step > 0.0))
+        step = np.zeros(robot.n)
+        step[~held] = np.linalg.lstsq(slopes[:, ~held], -error, rcond=None)[0]
+        q = q + step
+    return None
+
+
+def _residual(robot: Robot, goal: PoseGoal, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far the tool is from a goal, in metres and for small turns in radians, and the derivatives by q."""
+    T, J = robot.tool_pose(q), robot.tool_jacobian(q)
+    shift = T[:3, 3] - np.array(goal.pose.position)
+    if goal.orientation_tolerance >= math.pi:
+        return shift, J[:3]
+    if goal.free_axis is not None:
+        wanted, axis = (R @ np.array(goal.free_axis) for R in (goal.pose.rotation, T[:3, :3]))
+        slopes = np.stack([cross(wanted, cross(turn, axis)) for turn in J[3:].T], axis=1)
+        return np.concatenate([shift, cross(wanted, axis)]), np.concatenate([J[:3], slopes])
+    turned = T[:3, :3] @ goal.pose.rotation.T
+    skew = turned - turned.T
+    return np.concatenate([shift, [skew[2, 1] / 2, skew[0, 2] / 2, skew[1, 0] / 2]]), J
 
 
 def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -394,9 +454,12 @@ def _witnesses(robot: Robot, goal: PoseGoal, circles: BoolArray, near: FloatArra
     lower, upper, _ = _ranges(robot)
     q = np.where(circles & (near > upper), near - TURN, near)
     shifts, turns = _off(robot, goal, q)
-    limits = goal.position_tolerance, goal.orientation_tolerance
-    within = (shifts <= max(limits[0], POSE_ERROR)) & (turns <= max(limits[1], POSE_ERROR))
+    within = (shifts <= max(goal.position_tolerance, POSE_ERROR)) & (turns <= _turn_room(goal))
     return np.asarray(q[within & np.all((lower <= q) & (q <= upper), axis=1)])
+
+
+def _turn_room(goal: PoseGoal) -> float:
+    return max(goal.orientation_tolerance, POSE_ERROR)
 
 
 def _require_reached(robot: Robot, goal: PoseGoal, Q: FloatArray) -> None:

@@ -185,7 +185,7 @@ def _of_whole(chain: ToolChain, found: InverseSolutions) -> InverseSolutions:
         return found
     whole_boxes = np.stack([chain.whole(found.unresolved[:, k]) for k in (0, 1)], axis=1)
     q, lower, upper, witnesses = map(chain.whole, (found.q, found.lower, found.upper, found.witnesses))
-    return InverseSolutions(q, lower, upper, whole_boxes, found.boxes, witnesses)
+    return InverseSolutions(q, lower, upper, whole_boxes, found.boxes, witnesses, found.resolution)
 
 
 def inverse_arcs(robot: Robot, pose: Pose | PoseGoal, *, still: ArrayLike | None = None) -> InverseArcs:
@@ -244,7 +244,7 @@ def solutions_known(robot: Robot, goal: Pose | PoseGoal, *, still: FloatArray) -
         arcs = complete_arcs(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE)
         none = np.zeros((0, robot.n))
         known = arcs.complete and not len(arcs)
-        return InverseSolutions(none, none, none, np.zeros((0, 2, robot.n)), arcs.boxes, none) if known else None
+        return InverseSolutions(none, none, none, np.zeros((0, 2, robot.n)), arcs.boxes, none, 0.0) if known else None
     if excess > 0:
         return None
     return _of_whole(chain, complete_solutions(chain.robot, goal, most_boxes=BOXES_OF_A_FAILURE))

@@ -82,6 +82,21 @@ def test_a_proof_about_a_configuration_at_a_limit_is_accepted_and_none_beyond_ro
         list(judged(document))
 
 
+def test_a_box_that_a_limit_cuts_needs_a_configuration_within_it_and_the_tolerances() -> None:
+    robot = load_robot("wxai")
+    q = np.array([0.3, 1.2, 1.0, 0.2, 0.4, robot.bounds[1][5]])
+    goal = PoseGoal(Pose.from_matrix(robot.tool_pose(q)), position_tolerance=1e-5, orientation_tolerance=1e-5)
+    document = written(robot, goal)
+    assert list(judged(document))
+    (listed,) = (k for k, row in enumerate(document["q"]) if np.abs(np.array(row) - q).max() < 1e-3)
+    for joint, away in ((5, 1e-6), (0, 2e-5)):  # beyond the limit; in the box, with the tool elsewhere
+        forged = deepcopy(document)
+        forged["q"][listed][joint] += away
+        assert forged["lower"][listed][joint] < forged["q"][listed][joint] < forged["upper"][listed][joint]
+        with pytest.raises(Invalid, match="not listed"):
+            list(judged(forged))
+
+
 def test_a_file_is_written_whole_and_what_is_in_doubt_is_refused(tmp_path: Path) -> None:
     robot = load_robot("wxai")
     save_inverse(robot, drawn(robot, 0), tmp_path / "inverse.json")

@@ -238,18 +238,25 @@ def test_configurations_at_limits_are_solutions_within_them(name: str) -> None:
         assert np.all(((lower <= found.q) & (found.q <= upper))[:, ends])
         assert np.all((found.lower <= found.q) & (found.q <= found.upper))
         beyond = np.maximum(lower - found.lower, found.upper - upper)[:, ends]
-        assert not len(found) or beyond.max() <= 1e-9
+        for solution in found.q[np.any(beyond > 1e-9, axis=1)]:
+            assert max(tool_error(robot, solution.tolist(), tool(robot, q))) <= 1.001e-11
     assert proven >= 5  # where a limit is a singularity, such as a straight elbow, some are in doubt
 
 
-def test_a_limit_that_cuts_the_box_of_a_goal_with_tolerances_leaves_it_in_doubt(wxai: Robot) -> None:
+def test_a_limit_that_cuts_the_box_of_a_goal_with_tolerances_leaves_a_solution_within_it(wxai: Robot) -> None:
     q = np.array([0.3, 1.2, 1.0, 0.2, 0.4, -0.5])
     limits = replace(wxai.limits, upper=np.array([0.3, *wxai.limits.upper[1:]]))
     robot = replace(wxai, limits=limits, inverse="numeric")
     goal = PoseGoal(tool(wxai, q), position_tolerance=1e-5, orientation_tolerance=1e-5)
     found = inverse_kinematics(robot, goal, complete=True)
-    assert not found.complete
-    assert in_doubt(found, q)
+    assert found.complete
+    assert boxes_with(found, q) == 1
+    assert 1e-9 < found.upper[:, 0].max() - 0.3 < found.resolution
+    for solution in found.q:
+        assert solution[0] <= 0.3
+        assert max(tool_error(robot, solution.tolist(), goal.pose)) <= 1.001e-5
+    beyond = PoseGoal(tool(wxai, q + 1e-4 * np.eye(6)[0]), 1e-5, 1e-5)
+    assert inverse_kinematics(robot, beyond, complete=True).reachable is not True
 
 
 @pytest.mark.parametrize(
@@ -269,6 +276,9 @@ def test_at_a_singularity_what_is_not_proven_is_bounded_and_has_a_witness(
         assert in_doubt(found, q)
         assert found.reachable in (True, None)
         seen += len(found.witnesses) > 0
+        known = np.concatenate([found.q, found.witnesses]).reshape(-1, robot.n)
+        off = np.abs(q - known - 2 * math.pi * np.round((q - known) / (2 * math.pi)))
+        assert off.max(axis=1).min(initial=math.inf) <= found.resolution
         for witness in found.witnesses:
             off, turned = tool_error(robot, witness.tolist(), pose)
             assert off <= 1.001e-11
