@@ -7,6 +7,10 @@ as it is proven apart from everything that the other arms do as far as that is d
 
 So nothing is decided without a proven way to the end: each decided chain brings its arm back to where it stood at
 first, and all arms stand apart there. No arm ever waits for something that does not come.
+
+What is decided is not taken back. If no chain can be added, all is decided once more with the jobs that were left
+before all others, as long as jobs are left that were not left before, and ``ATTEMPTS`` times at most. While such a job
+has no start, since another arm stands in its way, that arm goes on, and those that can do the job wait for it.
 """
 
 from __future__ import annotations
@@ -47,6 +51,9 @@ FROM_ABOVE = GraspKinds((GraspKind.TOP,))
 
 LOOKED_AT = 4
 """Jobs of which the one is taken that ends first."""
+
+ATTEMPTS = 4
+"""Times at most that all is decided."""
 
 
 def schedule_picks(
@@ -162,28 +169,53 @@ class _Scheduling:
         self._request, self._gripper_seconds, self._cancel = request, gripper_seconds, cancel
         self._starts = starts
         self._padding = 0.0 if request is None else request.padding
-        self._lines = Lines(cell, starts, delay, self._padding)
-        robots = {name: cell.arm(name).robot for name in cell.arms}
-        self._arms = {name: _Arm(robot, starts[name], starts[name]) for name, robot in robots.items()}
+        self._counts, self._rectangles, self._bounds = CheckCounts(), 0, 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Nothing is decided."""
+        self._lines = Lines(self._cell, self._starts, self._delay, self._padding)
+        robots = {name: self._cell.arm(name).robot for name in self._cell.arms}
+        self._arms = {name: _Arm(robot, self._starts[name], self._starts[name]) for name, robot in robots.items()}
         self._chains = list[Chain]()
         self._held = dict[str, tuple[str, float]]()  # by an object, the arm that takes it, and from when on
-        self._counts = CheckCounts()
         self._refused = dict[tuple[str, str], str]()
 
     def run(self) -> Schedule:
-        """All chains, or those that were decided before none could be added."""
+        """All chains, or as many as were decided before none could be added."""
         trouble = self._start_trouble()
         if trouble:
             return self._result(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, trouble))
-        left = list(self._jobs)
         estimates = self._estimates()
+        best, before = None, list[PickJob]()
+        for _ in range(ATTEMPTS):
+            left = self._decided(before, estimates)
+            made = self._result(self._stuck(left) if left else None)
+            if best is None or len(made.chains) > len(best.chains):
+                best = made
+            new = [job for job in left if job not in before]
+            if not new:
+                break
+            before = [*new, *before]
+            self._begin()
+        assert best is not None
+        return replace(best, rectangles=self._rectangles, distances=self._bounds, counts=self._counts)
+
+    def _decided(self, before: Sequence[PickJob], estimates: Mapping[tuple[str, str], float]) -> list[PickJob]:
+        """Decide chains, of some jobs before all others; the jobs that are left when none can be added."""
+        left = list(self._jobs)
         while left:
-            offer = self._next(left, estimates)
+            ahead = [job for job in left if job in before]
+            able = [name for name in self._arms if any(estimates[name, job.object] < math.inf for job in ahead)]
+            others = [name for name in self._arms if name not in able]
+            offer = self._next(ahead, estimates, able) or self._next(left, estimates, others)
+            offer = offer or self._next(left, estimates, able)
             if offer is None:
-                return self._result(self._stuck(left))
+                break
             self._decide(offer)
             left.remove(offer.chain.job)
-        return self._result(None)
+        self._rectangles, self._bounds = self._rectangles + self._lines.rectangles, self._bounds + self._lines.bounds
+        return left
 
     def _start_trouble(self) -> str:
         """What touches where arms stand at first, with everything where it is and where it goes."""
@@ -207,13 +239,15 @@ class _Scheduling:
                 out[name, job.object] = math.inf if task is None else task.duration
         return out
 
-    def _next(self, left: Sequence[PickJob], estimates: Mapping[tuple[str, str], float]) -> _Offer | None:
-        """The chain that is decided next: of the arm that is free first, or if it has none, of another.
+    def _next(
+        self, left: Sequence[PickJob], estimates: Mapping[tuple[str, str], float], names: Sequence[str]
+    ) -> _Offer | None:
+        """The chain that some arms do next: that of the one that is free first, or if it has none, of another.
 
         Jobs that an arm could not do from above at first, and grasps from elsewhere, are tried if there is none.
         """
         for grasps in (FROM_ABOVE, None):
-            for name in sorted(self._arms, key=lambda name: self._arms[name].free):
+            for name in sorted(names, key=lambda name: self._arms[name].free):
                 mine = [job for job in left if not job.arms or name in job.arms]
                 if grasps is not None:
                     mine = [job for job in mine if estimates[name, job.object] < math.inf]

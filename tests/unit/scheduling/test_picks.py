@@ -170,6 +170,16 @@ def test_a_pick_that_another_object_is_in_the_way_of_comes_once_that_is_gone() -
     assert found(schedule, 1, schedule.tolerates) == 0
 
 
+def test_a_pick_that_another_arm_is_in_the_way_of_comes_while_that_one_is_away() -> None:
+    cell = cell_with({"x": (0.3, 0.02), "y": (0.24, 0.2), "z": (0.25, -0.2)})
+    jobs = [job("x", 0.25, -0.15, "left"), job("y", 0.3, 0.35, "left"), job("z", 0.3, -0.35, "right")]
+    schedule = schedule_picks(cell, jobs)
+    assert schedule.failure is None, "left first with y, and right as soon as it can, leave no start for x"
+    assert [chain.job.object for chain in schedule.chains] == ["z", "x", "y"]
+    assert prove_schedule(schedule).certified
+    assert found(schedule, 1, schedule.tolerates) == 0
+
+
 def test_one_arm_alone_has_no_delay_to_keep() -> None:
     cell = cell_with({"a": (0.3, 0.1), "b": (0.24, 0.15)})
     alone = Cell({"left": cell.layout.arms["left"]}, cell.scene)
