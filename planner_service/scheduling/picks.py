@@ -169,7 +169,7 @@ class _Scheduling:
         self._request, self._gripper_seconds, self._cancel = request, gripper_seconds, cancel
         self._starts = starts
         self._padding = 0.0 if request is None else request.padding
-        self._counts, self._rectangles, self._bounds = CheckCounts(), 0, 0
+        self._counts = CheckCounts()
         self._begin()
 
     def _begin(self) -> None:
@@ -187,10 +187,11 @@ class _Scheduling:
         if trouble:
             return self._result(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, trouble))
         estimates = self._estimates()
-        best, before = None, list[PickJob]()
+        best, before, rectangles, bounds = None, list[PickJob](), 0, 0
         for _ in range(ATTEMPTS):
             left = self._decided(before, estimates)
             made = self._result(self._stuck(left) if left else None)
+            rectangles, bounds = rectangles + made.rectangles, bounds + made.distances
             if best is None or len(made.chains) > len(best.chains):
                 best = made
             new = [job for job in left if job not in before]
@@ -199,7 +200,7 @@ class _Scheduling:
             before = [*new, *before]
             self._begin()
         assert best is not None
-        return replace(best, rectangles=self._rectangles, distances=self._bounds, counts=self._counts)
+        return replace(best, rectangles=rectangles, distances=bounds, counts=self._counts)
 
     def _decided(self, before: Sequence[PickJob], estimates: Mapping[tuple[str, str], float]) -> list[PickJob]:
         """Decide chains, of some jobs before all others; the jobs that are left when none can be added."""
@@ -214,7 +215,6 @@ class _Scheduling:
                 break
             self._decide(offer)
             left.remove(offer.chain.job)
-        self._rectangles, self._bounds = self._rectangles + self._lines.rectangles, self._bounds + self._lines.bounds
         return left
 
     def _start_trouble(self) -> str:
