@@ -45,6 +45,8 @@ def verify(document: Json) -> Iterator[str]:
     links = list(reversed(chain(robot["bodies"], robot["tool_body"])))
     columns = sorted({robot["bodies"][index]["q_index"] for index in links})
     require([robot["joint_names"][k] for k in columns] == document["joints"], "other joints than move the tool")
+    own = {body["q_index"] for body in robot["bodies"] if body.get("multiplier", 1.0) == 1.0}
+    require(own.issuperset(columns), "a joint that moves no body by itself, only by mimics")
     require(0 < n <= MOST_JOINTS and len(links) <= 16, "more joints than are read")
     wanted = _wanted(document["goal"])
     domain, points = unpacked(document["domain"], "<f8", n), unpacked(document["points"], "<f8", 3)

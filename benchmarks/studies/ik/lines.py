@@ -48,7 +48,9 @@ def run(queries: int | None = None, seed: int = 0, robot: str | None = None, kep
         "and 5 mrad along it. Lost: possible from one, but not found. Jumps: pieces in which the tool leaves the "
         "line. CPU ms: p50 / p95."
     )
-    return Report("ik", tuple(rows), (table_of("Lines from every branch", lines, caption=caption),), _promises(rows))
+    return Report(
+        "ik lines", tuple(rows), (table_of("Lines from every branch", lines, caption=caption),), _promises(rows)
+    )
 
 
 def _rows(name: str, seed: list[int]) -> list[Row]:

@@ -1,20 +1,23 @@
-"""Inverse kinematics that is complete, held against a thousand starts of another solver for each pose.
+"""Inverse kinematics that is complete, held against a thousand starts of another solver, and against closed forms.
 
 That solver knows the chain of bodies, numpy and nothing else. What it finds within 1e-11 m and rad of a pose and within
-the limits must be in a box of the answer, and so must the configuration that a pose was made of.
+the limits must be in a box of the answer, and so must the configuration that a pose was made of, and what ssik finds if
+it is installed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from benchmarks.harness.kept import NONE, Kept
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, p50, spread, table_of
+from benchmarks.studies.ik import closed_forms
+from benchmarks.studies.ik.closed_forms import ClosedForm
 from planner_service import Pose, PoseGoal, Robot, inverse_kinematics, load_robot
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
@@ -25,6 +28,9 @@ from planner_service.robot.kinematic_tree import chain_to_base, joint_motion
 __all__ = ["run", "seeded"]
 
 QUERIES, STARTS, STEPS = 60, 1000, 40
+
+STARTED = 60
+"""Poses of each arm, the first ones, that are solved by random starts, too."""
 
 ARMS = {
     "WidowX AI": "wxai",
@@ -37,6 +43,9 @@ ARMS = {
 """Of an arm with seven joints the third is locked, at one of ``LOCKS`` shares of its range."""
 
 LOCKS = (0.2, 0.45, 0.55, 0.9)
+NOT_IN_CLOSED_FORM = ("xArm 7",)
+"""With its third joint locked, ssik has not solved one pose within minutes."""
+
 FREE = "SO-101, tool free about its axis"
 
 SAME = 1e-11
@@ -73,14 +82,22 @@ def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) ->
     rows = [row for name in names if robot in (None, name) for row in _rows(name, count, seed, kept)]
     lines = [_line(name, [row for row in rows if row["robot"] == name]) for name in names if robot in (None, name)]
     caption = (
-        f"Each pose also by {STARTS:,} starts of damped least squares. Solutions: those that differ by whole turns are "
-        f"one. Missed: poses of which these starts found fewer. Coarser: poses in doubt of which some "
-        f"configuration may be farther than {FINE:g} rad from all that are returned. CPU ms of poses with "
-        "solutions and of those proven to have none, and boxes: p50 / p95."
+        "Solutions: those that differ by whole turns are one. Contradictions: configurations that others know, or that "
+        f"a pose was made of, in no box. Started: also solved by {STARTS:,} starts of damped least squares; missed: "
+        f"those of which they found fewer solutions. Coarser: some configuration may be farther than {FINE:g} rad from "
+        "all that are returned. CPU ms of poses with solutions and of those proven to have none, and boxes: p50 / p95."
     )
-    return Report(
-        "ik poses", tuple(rows), (table_of("Complete inverse kinematics", lines, caption=caption),), _promises(rows)
-    )
+    tables = [table_of("Complete inverse kinematics", lines, caption=caption)]
+    if beside := [_beside(name, rows) for name in names if any(_asked(row, name) for row in rows)]:
+        caption = (
+            "ssik, from the same axes, without generated code. Its solutions: within the limits. Inexact: those from "
+            f"which Newton's method leads to no configuration within {SAME:.0e}. Fewer, more: poses of which it found "
+            "fewer or more solutions, those in doubt left out. CPU ms: p50 / p95."
+        )
+        tables.append(table_of("Beside closed forms", beside, caption=caption))
+    elif not closed_forms.installed():
+        tables[0] = replace(tables[0], caption=f"{caption} Closed forms were not asked: {closed_forms.INSTALL}.")
+    return Report("ik poses", tuple(rows), tuple(tables), _promises(rows))
 
 
 def _rows(name: str, queries: int, seed: int, kept: Kept) -> Iterator[Row]:
@@ -88,28 +105,32 @@ def _rows(name: str, queries: int, seed: int, kept: Kept) -> Iterator[Row]:
     arm = ToolChain.of(whole, whole.home).robot
     lower, upper = arm.limits.lower, arm.limits.upper
     locked = [arm.locked({arm.joint_names[2]: float(lower[2] + x * (upper - lower)[2])}) for x in LOCKS]
+    robots = locked if arm.n > 6 else [arm]
+    asked = closed_forms.installed() and name not in NOT_IN_CLOSED_FORM and all(map(ClosedForm.suits, robots))
+    forms = [ClosedForm(robot) if asked else None for robot in robots]
     for k in range(queries):
-        robot = locked[k % len(LOCKS)] if arm.n > 6 else arm
-        yield kept.rows(f"poses {name} {seed} {k}", partial(_row, name, robot, k % 10, [seed, k]))[0]
+        which = k % len(robots)
+        yield kept.rows(f"poses {name} {seed} {k}", partial(_row, name, robots[which], forms[which], [seed, k]))[0]
 
 
-def _row(name: str, robot: Robot, turn: int, seed: list[int]) -> list[Row]:
+def _row(name: str, robot: Robot, form: ClosedForm | None, seed: list[int]) -> list[Row]:
     rng = np.random.default_rng(seed)
-    case = _case(robot, turn, rng)
+    case = _case(robot, seed[-1] % 10, rng)
     goal = PoseGoal(case.pose)
     if name == FREE:
         turned = case.pose @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(rng.uniform(-3.0, 3.0))))
         goal = PoseGoal(turned, free_axis=(0.0, 0.0, 1.0))
     ms, found = cpu_ms(partial(_all, robot, goal))
-    known = list(seeded(robot, goal, rng))
-    seen = [found.q[index] for q in known if (index := _box_of(found, q)) is not None]
+    known = [*seeded(robot, goal, rng)] if seed[-1] < STARTED else []
+    closed_ms, closed, inexact = (math.nan, list[FloatArray](), 0) if form is None else _closed(form, robot, goal)
     own = [] if case.q is None else [case.q]
-    contradictions = [q.tolist() for q in (*known, *own) if _box_of(found, q) is None and not _in_doubt(found, q)]
-    row = {
+    every = (*known, *closed, *own)
+    contradictions = [q.tolist() for q in every if _box_of(found, q) is None and not _in_doubt(found, q)]
+    row: Row = {
         "robot": name,
         "kind": case.kind,
         "solutions": len(_but_for_turns(found.q, robot)),
-        "seeded": len(_but_for_turns(np.array(seen).reshape(-1, robot.n), robot)),
+        "seeded": _seen(found, known, robot) if seed[-1] < STARTED else None,
         "complete": found.complete,
         "resolution": found.resolution,
         "reachable": found.reachable,
@@ -117,7 +138,33 @@ def _row(name: str, robot: Robot, turn: int, seed: list[int]) -> list[Row]:
         "boxes": found.boxes,
         "ms": ms,
     }
+    if form is not None:
+        beyond = sum(_box_of(found, q) is None for q in closed)
+        row["closed"] = {"ms": closed_ms, "all": len(closed), "seen": _seen(found, closed, robot)}
+        row["closed"] |= {"inexact": inexact, "beyond": beyond}
     return [row]
+
+
+def _closed(form: ClosedForm, robot: Robot, goal: PoseGoal) -> tuple[float, list[FloatArray], int]:
+    """CPU ms; the configurations within the limits that ssik leads to; and how many of its solutions lead to none."""
+    ms, rough = cpu_ms(partial(form.solve, goal.pose))
+    if not len(rough):
+        return ms, [], 0
+    q = _within_a_turn(robot, rough)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    q = q[np.all((lower - SAME <= q) & (q <= upper + SAME), axis=1)]
+    if not len(q):
+        return ms, [], 0
+    far = ~_arrived(robot, goal, q)
+    q[far] = _settled(robot, goal, q[far], 8) if far.any() else q[far]
+    arrived = _arrived(robot, goal, q)
+    return ms, [each for each in q[arrived] if np.all((lower <= each) & (each <= upper))], int((~arrived).sum())
+
+
+def _seen(found: InverseSolutions, known: list[FloatArray], robot: Robot) -> int:
+    """How many of the solutions, but for whole turns, are known."""
+    seen = [found.q[index] for q in known if (index := _box_of(found, q)) is not None]
+    return len(_but_for_turns(np.array(seen).reshape(-1, robot.n), robot))
 
 
 def _all(robot: Robot, goal: PoseGoal) -> InverseSolutions:
@@ -179,19 +226,32 @@ def _in_doubt(found: InverseSolutions, q: FloatArray) -> bool:
 
 def seeded(robot: Robot, goal: PoseGoal, rng: np.random.Generator, starts: int = STARTS) -> Iterator[FloatArray]:
     """Where random starts arrive at the goal, within the limits."""
-    q = rng.uniform(robot.limits.lower, robot.limits.upper, (starts, robot.n))
-    for step in range(STEPS):
+    q = _settled(robot, goal, rng.uniform(robot.limits.lower, robot.limits.upper, (starts, robot.n)))
+    for place in q[_arrived(robot, goal, q)]:
+        if np.all((robot.limits.lower <= place) & (place <= robot.limits.upper)):
+            yield place
+
+
+def _settled(robot: Robot, goal: PoseGoal, q: FloatArray, steps: int = STEPS) -> FloatArray:
+    """Where damped steps lead, the last five of which are Newton's."""
+    for step in range(steps):
         error, jacobian = _errors(robot, goal, q)
-        damping = 0.0 if step >= STEPS - 5 else 1e-3 * (error**2).sum(axis=1)[:, None, None] + 1e-12
+        damping = 0.0 if step >= steps - 5 else 1e-3 * (error**2).sum(axis=1)[:, None, None] + 1e-12
         square = jacobian.transpose(0, 2, 1) @ jacobian + (damping + 1e-13) * np.eye(robot.n)
         move = np.linalg.solve(square, jacobian.transpose(0, 2, 1) @ error[:, :, None])[:, :, 0]
         q = q - move * np.minimum(1.0, 1.0 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-300))
-    q = q - TURN * np.round((q - robot.limits.lower) / TURN - 0.5) * _turns(robot)
+    return _within_a_turn(robot, q)
+
+
+def _within_a_turn(robot: Robot, q: FloatArray) -> FloatArray:
+    """The same places, angles less than a turn above their lower limits."""
+    return np.asarray(q - TURN * np.round((q - robot.limits.lower) / TURN - 0.5) * _turns(robot))
+
+
+def _arrived(robot: Robot, goal: PoseGoal, q: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Whether each row brings the tool to the goal."""
     error, _ = _errors(robot, goal, q)
-    arrived = np.maximum(_sizes(error[:, :3]), _sizes(error[:, 3:])) < SAME / 2
-    for place in q[arrived]:
-        if np.all((robot.limits.lower <= place) & (place <= robot.limits.upper)):
-            yield place
+    return np.asarray(np.maximum(_sizes(error[:, :3]), _sizes(error[:, 3:])) < SAME / 2)
 
 
 def _turns(robot: Robot) -> FloatArray:
@@ -249,18 +309,39 @@ def _errors(robot: Robot, goal: PoseGoal, q: FloatArray) -> tuple[FloatArray, Fl
 def _line(name: str, rows: list[Row]) -> Row:
     some = [row["ms"] for row in rows if row["solutions"]] or [math.nan]
     none = [row["ms"] for row in rows if not row["solutions"] and row["complete"]] or [math.nan]
+    started = [row for row in rows if row["seeded"] is not None]
     return {
         "arm": name,
         "poses": len(rows),
         "solutions": sum(row["solutions"] for row in rows),
-        "missed": sum(row["seeded"] < row["solutions"] for row in rows),
         "contradictions": sum(len(row["contradictions"]) for row in rows),
         "in doubt": sum(not row["complete"] for row in rows),
         "coarser": sum(row["resolution"] > FINE for row in rows),
         "none, proven": sum(not row["solutions"] and row["complete"] for row in rows),
+        "started": len(started),
+        "missed": sum(row["seeded"] < row["solutions"] for row in started),
         "ms": spread(some, 2),
         "ms of none": spread(none, 2),
         "boxes": spread([row["boxes"] for row in rows]),
+    }
+
+
+def _asked(row: Row, name: str) -> bool:
+    return row["robot"] == name and "closed" in row
+
+
+def _beside(name: str, rows: list[Row]) -> Row:
+    asked = [row for row in rows if _asked(row, name)]
+    sure = [row for row in asked if row["complete"]]
+    return {
+        "arm": name,
+        "poses": len(asked),
+        "its solutions": sum(row["closed"]["all"] for row in asked),
+        "inexact": sum(row["closed"]["inexact"] for row in asked),
+        "fewer": sum(row["closed"]["seen"] < row["solutions"] for row in sure),
+        "more": sum(row["closed"]["beyond"] > 0 for row in sure),
+        "its ms": spread([row["closed"]["ms"] for row in asked], 2),
+        "ms": spread([row["ms"] for row in asked], 2),
     }
 
 

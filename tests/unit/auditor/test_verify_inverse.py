@@ -156,6 +156,10 @@ def carry_a_body_by_nothing(document: Document) -> None:
     document["robot"]["bodies"][1]["parent"] = -1
 
 
+def move_by_mimics_only(document: Document) -> None:
+    document["robot"]["bodies"][1]["multiplier"] = 0.5
+
+
 def try_fewer_than_none(document: Document) -> None:
     document["goal"]["room"]["candidates"] = -16
 
@@ -164,6 +168,7 @@ def try_fewer_than_none(document: Document) -> None:
     "spoil",
     [
         carry_a_body_by_nothing,
+        move_by_mimics_only,
         try_fewer_than_none,
         bend_a_frame,
         bend_the_tool,
@@ -177,5 +182,5 @@ def test_what_is_no_robot_or_no_goal_is_refused(spoil: Callable[[Document], None
     robot = load_robot("wxai").locked({"joint_3": 0.4, "joint_4": 0.1, "joint_5": 0.3})
     document = written(robot, PoseGoal(drawn(robot, 2), orientation_tolerance=np.pi))
     spoil(document)
-    with pytest.raises(Invalid, match=r"last row|oddly|no unit|no goal has|what carries"):
+    with pytest.raises(Invalid, match=r"last row|oddly|no unit|no goal has|what carries|by mimics"):
         list(judged(document))
