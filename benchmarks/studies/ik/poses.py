@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from benchmarks.studies.ik import closed_forms
 from benchmarks.studies.ik.closed_forms import ClosedForm
 from planner_service import Pose, PoseGoal, Robot, inverse_kinematics, load_robot
 from planner_service.errors import UnknownName
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.kinematics import InverseSolutions
 from planner_service.kinematics.inverse import ToolChain
 from planner_service.robot.kinematic_tree import chain_to_base, joint_motion
@@ -87,6 +87,8 @@ def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) ->
         f"those of which they found fewer solutions. Coarser: some configuration may be farther than {FINE:g} rad from "
         "all that are returned. CPU ms of poses with solutions and of those proven to have none, and boxes: p50 / p95."
     )
+    if not closed_forms.installed():
+        caption += f" Closed forms were not asked: {closed_forms.INSTALL}."
     tables = [table_of("Complete inverse kinematics", lines, caption=caption)]
     if beside := [_beside(name, rows) for name in names if any(_asked(row, name) for row in rows)]:
         caption = (
@@ -95,8 +97,6 @@ def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) ->
             "fewer or more solutions, those in doubt left out. CPU ms: p50 / p95."
         )
         tables.append(table_of("Beside closed forms", beside, caption=caption))
-    elif not closed_forms.installed():
-        tables[0] = replace(tables[0], caption=f"{caption} Closed forms were not asked: {closed_forms.INSTALL}.")
     return Report("ik poses", tuple(rows), tuple(tables), _promises(rows))
 
 
@@ -248,7 +248,7 @@ def _within_a_turn(robot: Robot, q: FloatArray) -> FloatArray:
     return np.asarray(q - TURN * np.round((q - robot.limits.lower) / TURN - 0.5) * _turns(robot))
 
 
-def _arrived(robot: Robot, goal: PoseGoal, q: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _arrived(robot: Robot, goal: PoseGoal, q: FloatArray) -> BoolArray:
     """Whether each row brings the tool to the goal."""
     error, _ = _errors(robot, goal, q)
     return np.asarray(np.maximum(_sizes(error[:, :3]), _sizes(error[:, 3:])) < SAME / 2)
