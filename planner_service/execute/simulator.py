@@ -109,6 +109,7 @@ class SimulatedArm(contextlib.AbstractContextManager["SimulatedArm"]):
         self._folder = tempfile.TemporaryDirectory(prefix="planner-service-")
         self._errors = Path(self._folder.name) / "errors.txt"
         self._said: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._asking = threading.Lock()
         self._contacts: list[dict[str, Any]] = []
         self._process: subprocess.Popen[str] | None = None
         try:
@@ -126,6 +127,10 @@ class SimulatedArm(contextlib.AbstractContextManager["SimulatedArm"]):
     def connect(self) -> TrossenDriver:
         """The vendor's driver, connected; one at a time."""
         return TrossenDriver(self.host, simulated=True, lag=SIMULATED_LAG)
+
+    def time(self) -> float:
+        """Seconds of simulation so far, which stand still while the machine gives it no time."""
+        return float(self._ask()["time"])
 
     def contacts(self) -> tuple[ArmContact, ...]:
         """All contacts so far, in the order in which they began: of the robot or of what lies loose with anything."""
@@ -235,12 +240,13 @@ class SimulatedArm(contextlib.AbstractContextManager["SimulatedArm"]):
         """The state of the simulation; what it had reported before is then known, too."""
         if self._process is None or self._process.stdin is None:
             raise InvalidRequest("arm", "closed", "a simulated arm that runs")
-        try:
-            self._process.stdin.write("?\n")
-            self._process.stdin.flush()
-        except OSError as error:
-            raise BrokenInvariant(f"the simulated arm ended by itself: {error}") from None
-        return self._next()
+        with self._asking:
+            try:
+                self._process.stdin.write("?\n")
+                self._process.stdin.flush()
+            except OSError as error:
+                raise BrokenInvariant(f"the simulated arm ended by itself: {error}") from None
+            return self._next()
 
     def _next(self) -> dict[str, Any]:
         try:

@@ -443,6 +443,8 @@ class ActionGate:
             rows = self.limits.braking(start)
             if rows is not None and back < passing and blocked is not None and self._comes_by(start, rows, blocked):
                 continue
+            if rows is not None and not self.limits.strong_enough(self._course(start, rows), rows):
+                rows = None
             found = None if rows is None else self._stop_proof(start, rows, by, 0 if back else PARTS)
             bounds += 0 if found is None else found.distances
             if rows is not None and found is not None and found.pair is None:
@@ -532,7 +534,7 @@ class ActionGate:
             return refused
         stop = Refused(Kind.STOP, index, "", index / self.rate)
         if blocked is None or blocked.pair is None:
-            return replace(stop, detail="after it the arm could not stop within the limits of its joints and speeds")
+            return replace(stop, detail="after it the arm could not stop within the limits of its joints")
         touched = self._contact(blocked)
         detail = f"after it the arm could not stop: {touched.detail}"
         return replace(stop, detail=detail, pair=touched.pair, at=touched.at, depth=touched.depth)

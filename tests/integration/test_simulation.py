@@ -129,6 +129,7 @@ def test_the_arm_stands_where_it_is_to_begin_and_is_the_robot(robot: ps.Robot) -
         assert limits.lower == pytest.approx(robot.limits.lower, abs=1e-4)
         assert limits.upper == pytest.approx(robot.limits.upper, abs=1e-4)
         assert arm.contacts() == ()
+        assert arm.time() > 0.0
         assert driver.simulated
 
 

@@ -118,8 +118,9 @@ class World:
         return result.trajectory
 
 
-AT_REST = 0.9
-"""Of the slowest joint's speed: as fast as an arm may be from where it is held to where it is measured."""
+AT_REST = 0.45
+"""Of the slowest joint's speed: as fast as an arm may be from where it is held to where it is measured, which is as far
+again beyond a joint limit."""
 
 
 def world(name: str, seed: int, number: int) -> World:

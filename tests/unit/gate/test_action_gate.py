@@ -321,6 +321,36 @@ def test_torques_are_judged_with_what_a_changed_scene_has_in_the_gripper() -> No
     assert verdict.refused.kind is Kind.TORQUE
 
 
+def test_a_stop_takes_no_more_torque_than_targets_may() -> None:
+    """Where braking as hard as the acceleration allows would, fewer targets pass, as none that goes fast can stop."""
+    service, start = PlannerService("wxai", Scene()), np.array([0.0, 0.5, 0.9, 0.0, 0.0, 0.0])
+    rows = ramp(20, start, np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0]))
+
+    def passed(scale: float) -> tuple[int, float, float]:
+        """How many targets, and the largest share of the efforts that they take, and that the stop takes."""
+        gate = ActionGate(service, rate=RATE, tracking=TRACKING, torque_scale=scale)
+        gate.reset(start)
+        verdict, torques = gate.check(start, rows), gate.limits.torques
+        assert verdict.proven
+        assert torques is not None
+        place, before, taken = start, np.zeros(6), [0.0]
+        for target in verdict.rows:
+            speed = (target - place) / TRACKING.goal_time
+            found = torques.torques(place[None], speed[None], (speed - before)[None] * RATE)[0]
+            taken.append(float(np.abs(scale * found / torques.limit).max()))
+            place, before = place + speed / RATE, speed
+        k = verdict.accepted
+        return k, max(taken[: k + 1]), max(taken[k + 1 :], default=0.0)
+
+    many, of_targets, of_stop = passed(1.0)
+    assert many == len(rows)
+    assert of_targets < of_stop
+    scale = 0.5 * (of_targets + of_stop)
+    few, _, least = passed(scale)
+    assert few < many
+    assert least <= scale
+
+
 def test_what_is_carried_with_constraints_is_refused_since_they_would_not_be_kept() -> None:
     cup = Attached("cup", Sphere(0.01), Pose((0.1, 0.0, 0.0)), constraints=(KeepUpright((0.0, 0.0, 1.0), 0.1),))
     upright, free = Scene((), (cup,)), Scene((), (replace(cup, constraints=()),))
