@@ -44,7 +44,7 @@ ARMS = {
 
 LOCKS = (0.2, 0.45, 0.55, 0.9)
 NOT_IN_CLOSED_FORM = ("xArm 7",)
-"""With its third joint locked, ssik has not solved one pose within minutes."""
+"""Not asked: ssik prepares for minutes, once, for each value at which its third joint is locked."""
 
 FREE = "SO-101, tool free about its axis"
 
