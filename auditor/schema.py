@@ -153,6 +153,13 @@ def check_file(document: Json) -> None:
     form, files = str(isinstance(document, dict) and document.get("format")), [name for name in SHAPES if "/" in name]
     require(form in files, f"format: got {form:.60}; expected one of {', '.join(files)}")
     check(document, form, "")
+    for robot in [document["robot"]] if "robot" in document else document["robots"]:
+        for k, name in enumerate(robot["joint_names"]):
+            moved = [body for body in robot["bodies"] if body["q_index"] == k]
+            own = [
+                one for one in moved if one.get("multiplier", 1.0) == 1.0 and (len(moved) == 1 or one["name"] == name)
+            ]
+            require(len(own) == 1, f"joint {name}: expected one body that it moves by itself, not only by mimics")
     if "sections" in document:
         has = isinstance(document["sections"], dict) and "evidence" in document["sections"]
         require(has, "sections: no evidence; planner-service certify FILE --evidence OUT adds it")

@@ -45,8 +45,6 @@ def verify(document: Json) -> Iterator[str]:
     links = list(reversed(chain(robot["bodies"], robot["tool_body"])))
     columns = sorted({robot["bodies"][index]["q_index"] for index in links})
     require([robot["joint_names"][k] for k in columns] == document["joints"], "other joints than move the tool")
-    own = {body["q_index"] for body in robot["bodies"] if body.get("multiplier", 1.0) == 1.0}
-    require(own.issuperset(columns), "a joint that moves no body by itself, only by mimics")
     require(0 < n <= MOST_JOINTS and len(links) <= 16, "more joints than are read")
     wanted = _wanted(document["goal"])
     domain, points = unpacked(document["domain"], "<f8", n), unpacked(document["points"], "<f8", 3)
@@ -69,9 +67,7 @@ def verify(document: Json) -> Iterator[str]:
         _alone(loop, wanted, one, rows)
     _nothing_else(loop, wanted, document, domain, found)
     listed = [np.array(document[key], float).reshape(-1, n) for key in ("q", "lower", "upper")]
-    listed_rows = np.stack(listed, axis=1)
-    at_goal = _at_goal(loop, wanted, listed_rows[:, 0])
-    _all_listed(found, listed_rows, at_goal, (lower, upper), rounds, endless)
+    _all_listed(found, np.stack(listed, axis=1), _at_goal(loop, wanted, listed[0]), (lower, upper), rounds, endless)
     yield f"robot {digest(robot)}"
     what = {"pose": "a pose", "axis": "a pose with a free axis", "position": "a place"}[wanted.kind]
     at = np.array2string(wanted.pose[:3, 3], precision=6)

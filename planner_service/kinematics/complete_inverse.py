@@ -57,9 +57,6 @@ TURN_ROUNDING = 1e-14
 LIMIT_SLACK = 1e-9
 """A joint value at most this far outside its limits (rad or m) is rounding, to the checkers, too."""
 
-STEPS = 20
-"""Of Gauss-Newton; where two solutions meet, each halves the error in q only."""
-
 SEAM = 0.7123
 """Where a circle is cut open (rad from the lower limit): not at an angle that people choose."""
 
@@ -370,18 +367,14 @@ def _within_limits(
     inside = np.all(((lower - LIMIT_SLACK <= low) & (high <= upper + LIMIT_SLACK)) | endless, axis=1) & touching
     for k in np.flatnonzero(touching & ~inside).tolist():
         room = np.where(endless, moved[k, 1:], np.clip(moved[k, 1:], lower, upper))
-        one = _nearest_in(robot, goal, moved[k, 0], room)
-        if one is not None:
-            moved[k, 0], inside[k] = one, True
+        loop, _, asked = _asked(robot, goal)
+        one = loop.reached_in(*asked, room)
+        if _at_goal(robot, goal, one).any():
+            moved[k, 0], inside[k] = one[0], True
     solutions, doubtful = moved[inside], moved[touching & ~inside, 1:]
     solutions = solutions[np.lexsort(solutions[:, 0].T[::-1])]
     q = np.where(endless, solutions[:, 0], np.clip(solutions[:, 0], lower, upper))
     left, witnesses = np.concatenate([left, doubtful]), _witnesses(robot, goal, circles, near)
-    for box in left:  # where two solutions all but meet, the search may have found neither
-        if _around_witnesses(box, witnesses, circles) > 2.0 * np.ptp(box, axis=0).max():
-            room = np.where(endless, box, np.clip(box, lower, upper))
-            one = _nearest_in(robot, goal, room.mean(axis=0), room)
-            witnesses = witnesses if one is None else np.concatenate([witnesses, one[None]])
     widths = [np.ptp(solutions[:, 1:], axis=1).ravel(), [_around_witnesses(box, witnesses, circles) for box in left]]
     resolution = float(np.concatenate(widths).max(initial=0.0))
     return InverseSolutions(q, solutions[:, 1], solutions[:, 2], left, boxes, witnesses, resolution)
@@ -392,37 +385,6 @@ def _around_witnesses(box: FloatArray, witnesses: FloatArray, circles: BoolArray
     off = witnesses - box.mean(axis=0)
     off = np.abs(np.where(circles, off - TURN * np.round(off / TURN), off))
     return float((off + np.ptp(box, axis=0) / 2).max(axis=1).min(initial=math.inf))
-
-
-def _nearest_in(robot: Robot, goal: PoseGoal, q: FloatArray, room: FloatArray) -> FloatArray | None:
-    """A configuration in a box (2, n) whose tool is at the goal, by Gauss-Newton from q; None if none is found."""
-    for _ in range(STEPS):
-        q = np.clip(q, room[0], room[1])
-        shifts, turns = _off(robot, goal, q[None])
-        if shifts[0] <= max(goal.position_tolerance, POSE_ERROR) and turns[0] <= _turn_room(goal):
-            return q
-        error, slopes = _residual(robot, goal, q)
-        step = np.linalg.lstsq(slopes, -error, rcond=None)[0]
-        held = ((q <= room[0]) & (step < 0.0)) | ((q >= room[1]) & (step > 0.0))
-        step = np.zeros(robot.n)
-        step[~held] = np.linalg.lstsq(slopes[:, ~held], -error, rcond=None)[0]
-        q = q + step
-    return None
-
-
-def _residual(robot: Robot, goal: PoseGoal, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far the tool is from a goal, in metres and for small turns in radians, and the derivatives by q."""
-    T, J = robot.tool_pose(q), robot.tool_jacobian(q)
-    shift = T[:3, 3] - np.array(goal.pose.position)
-    if goal.orientation_tolerance >= math.pi:
-        return shift, J[:3]
-    if goal.free_axis is not None:
-        wanted, axis = (R @ np.array(goal.free_axis) for R in (goal.pose.rotation, T[:3, :3]))
-        slopes = np.stack([cross(wanted, cross(turn, axis)) for turn in J[3:].T], axis=1)
-        return np.concatenate([shift, cross(wanted, axis)]), np.concatenate([J[:3], slopes])
-    turned = T[:3, :3] @ goal.pose.rotation.T
-    skew = turned - turned.T
-    return np.concatenate([shift, [skew[2, 1] / 2, skew[0, 2] / 2, skew[1, 0] / 2]]), J
 
 
 def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -453,13 +415,14 @@ def _witnesses(robot: Robot, goal: PoseGoal, circles: BoolArray, near: FloatArra
         return near
     lower, upper, _ = _ranges(robot)
     q = np.where(circles & (near > upper), near - TURN, near)
-    shifts, turns = _off(robot, goal, q)
-    within = (shifts <= max(goal.position_tolerance, POSE_ERROR)) & (turns <= _turn_room(goal))
-    return np.asarray(q[within & np.all((lower <= q) & (q <= upper), axis=1)])
+    return np.asarray(q[_at_goal(robot, goal, q) & np.all((lower <= q) & (q <= upper), axis=1)])
 
 
-def _turn_room(goal: PoseGoal) -> float:
-    return max(goal.orientation_tolerance, POSE_ERROR)
+def _at_goal(robot: Robot, goal: PoseGoal, Q: FloatArray) -> BoolArray:
+    """At which configurations (k, n) the tool is within the tolerances of the goal, by forward kinematics."""
+    shifts, turns = _off(robot, goal, Q)
+    room = max(goal.position_tolerance, POSE_ERROR), max(goal.orientation_tolerance, POSE_ERROR)
+    return np.asarray((shifts <= room[0]) & (turns <= room[1]))
 
 
 def _require_reached(robot: Robot, goal: PoseGoal, Q: FloatArray) -> None:

@@ -431,6 +431,17 @@ class ClosedLoop:
     ]:
         """``solve``, and what shows it: steps (s, 6), sums (t, 14), equations (e, 6) and what they follow (f, 5)."""
 
+    def reached_in(
+        self,
+        rows: NDArray[np.float64],
+        axis: Sequence[float],
+        wanted: int,
+        position_error: float,
+        turn_error: float,
+        box: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """A configuration (1, n) of a box (2, n) whose tool is at the target, by steps from its middle; or (0, n)."""
+
     def cover(
         self,
         centres: NDArray[np.float64],

@@ -187,26 +187,26 @@ class _Scheduling:
         if trouble:
             return self._result(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, trouble))
         estimates = self._estimates()
-        best, before, rectangles, bounds = None, list[PickJob](), 0, 0
+        best, first, rectangles, bounds = None, list[PickJob](), 0, 0
         for _ in range(ATTEMPTS):
-            left = self._decided(before, estimates)
+            left = self._decided(first, estimates)
             made = self._result(self._stuck(left) if left else None)
             rectangles, bounds = rectangles + made.rectangles, bounds + made.distances
             if best is None or len(made.chains) > len(best.chains):
                 best = made
-            new = [job for job in left if job not in before]
+            new = [job for job in left if job not in first]
             if not new:
                 break
-            before = [*new, *before]
+            first = [*new, *first]
             self._begin()
         assert best is not None
         return replace(best, rectangles=rectangles, distances=bounds, counts=self._counts)
 
-    def _decided(self, before: Sequence[PickJob], estimates: Mapping[tuple[str, str], float]) -> list[PickJob]:
+    def _decided(self, first: Sequence[PickJob], estimates: Mapping[tuple[str, str], float]) -> list[PickJob]:
         """Decide chains, of some jobs before all others; the jobs that are left when none can be added."""
         left = list(self._jobs)
         while left:
-            ahead = [job for job in left if job in before]
+            ahead = [job for job in left if job in first]
             able = [name for name in self._arms if any(estimates[name, job.object] < math.inf for job in ahead)]
             others = [name for name in self._arms if name not in able]
             offer = self._next(ahead, estimates, able) or self._next(left, estimates, others)

@@ -166,7 +166,7 @@ def run(queries: int | None, seed: int, robot: str | None, kept: Kept = NONE) ->
         ),
         Promise("no driver within what is assumed is said to be astray", *_none(total.refused.get("tracking", 0))),
     )
-    caption = "Nearest: the smallest gap that Coal told of. It is asked wherever one of the ways might touch."
+    caption = "Nearest: the smallest distance that Coal measured, at all places where a way might touch."
     return Report("gate", tuple(rows), (table_of("Chunks", lines, caption=caption),), promises)
 
 

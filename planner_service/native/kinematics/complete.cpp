@@ -15,7 +15,7 @@ constexpr double least_width = 1e-6;       // of a box that is split once more
 constexpr double blocked_width = 1.0;      // of a box that is asked whether all of it collides
 constexpr double lone_width = 0.2;         // of a box in whose middle a solution is looked for
 constexpr double tube_width = 0.02;        // of a box through which solutions run on without end, and that is left as it is
-constexpr int few_boxes = 2000;             // before which no box is asked whether they do
+constexpr int few_boxes = 2000;            // before which no box is asked whether they do
 constexpr double least_damping = 1e-12;    // of the steps to them, which at singularities are many
 constexpr int most_steps = 40;
 constexpr std::size_t most_near = 64;      // configurations at the target that are kept of boxes in doubt
@@ -607,10 +607,15 @@ class Search {
         }
         for (const Box& box : out.unresolved) {
             if (box.size() > proof_.rows() || out.near.size() >= most_near) break;
-            if (std::optional<std::vector<double>> found = near_.towards(middle_of(box), domain_, least_damping, most_steps)) out.near.push_back(std::move(*found));
+            std::optional<std::vector<double>> found = reached_in(box);
+            if (!found) found = near_.towards(middle_of(box), domain_, least_damping, most_steps);
+            if (found) out.near.push_back(std::move(*found));
         }
         return out;
     }
+
+    // A configuration of a box whose tool is at the target, if steps from its middle lead to one.
+    std::optional<std::vector<double>> reached_in(const Box& box) const { return near_.towards(middle_of(box), box, least_damping, most_steps); }
 
     Cover cover(const std::vector<Box>& from, const Obstruction* obstruction, const CoverLimits& limits) {
         Cover out;
@@ -1094,6 +1099,10 @@ class Search {
 
 Complete solve_complete(const Loop& loop, const Target& target, const Box& domain, int most_boxes, Trail* trail) {
     return Search(loop, target, domain, trail).run(most_boxes);
+}
+
+std::optional<std::vector<double>> reached_in(const Loop& loop, const Target& target, const Box& domain, const Box& box) {
+    return Search(loop, target, domain, nullptr).reached_in(box);
 }
 
 Cover cover(const Loop& loop, const Target& target, const Box& domain, const std::vector<Box>& from, const Obstruction* obstruction,

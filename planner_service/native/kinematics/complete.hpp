@@ -1,6 +1,7 @@
 // Every configuration of an arm for a pose of its tool, each in a box proven to hold exactly one, or the boxes left in doubt.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "enclosure.hpp"
@@ -56,6 +57,9 @@ constexpr double slide_room = 0.05;
 
 // All within ``domain``, and maybe some beyond; gives up after so many boxes.
 Complete solve_complete(const Loop& loop, const Target& target, const Box& domain, int most_boxes, Trail* trail = nullptr);
+
+// A configuration of a box whose tool is at the target, if steps from its middle lead to one.
+std::optional<std::vector<double>> reached_in(const Loop& loop, const Target& target, const Box& domain, const Box& box);
 
 // What of a domain may bring the tool to the target.
 struct CoverLimits {

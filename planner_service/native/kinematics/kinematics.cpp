@@ -298,6 +298,18 @@ class ClosedLoop {
         return solve_with(rows, axis, wanted, position_error, turn_error, most_boxes, nullptr);
     }
 
+    // A configuration (1, n) of a box of joint ranges (2, n) whose tool is at the target, or none (0, n).
+    nb::object reached_in(const Row& rows, const std::vector<double>& axis, int wanted, double position_error, double turn_error,
+                          const Rows& box) const {
+        require(box.shape(0) == 2 && box.shape(1) == loop_.n, "a box of the joints");
+        Box room(loop_.n);
+        for (std::size_t j = 0; j < loop_.n; ++j) room[j] = {box.data()[j], box.data()[loop_.n + j]};
+        const Target target = target_of(rows, axis, wanted, position_error, turn_error);
+        std::optional<std::vector<double>> found = kinematics::reached_in(loop_, target, domain_, room);
+        const std::size_t count = found ? 1 : 0;
+        return array_of<double>(found ? std::move(*found) : std::vector<double>{}, {count, loop_.n});
+    }
+
     // ``cover`` for many boxes of tool positions: their centres (k, 3), half their sides, rows of the orientation that is wanted;
     // of each the boxes of joint ranges (b, 2, n) that its configurations are in, ``from`` offset to offset. By how many threads
     // that is done changes nothing.
@@ -310,9 +322,7 @@ class ClosedLoop {
         int most_near, int threads) const;
 
   private:
-    std::tuple<nb::object, nb::object, int, nb::object> solve_with(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
-                                                       double turn_error, int most_boxes, Trail* trail,
-                                                       std::vector<Arc>* arcs = nullptr) const {
+    static Target target_of(const Row& rows, const std::vector<double>& axis, int wanted, double position_error, double turn_error) {
         require(rows.shape(0) == 12 && axis.size() == 3 && wanted >= 0 && wanted <= 2, "a target");
         Target target;
         target.wanted = static_cast<Wanted>(wanted);
@@ -320,6 +330,13 @@ class ClosedLoop {
         target.axis = {axis[0], axis[1], axis[2]};
         target.position_error = position_error;
         target.turn_error = turn_error;
+        return target;
+    }
+
+    std::tuple<nb::object, nb::object, int, nb::object> solve_with(const Row& rows, const std::vector<double>& axis, int wanted, double position_error,
+                                                       double turn_error, int most_boxes, Trail* trail,
+                                                       std::vector<Arc>* arcs = nullptr) const {
+        const Target target = target_of(rows, axis, wanted, position_error, turn_error);
         std::vector<double> solutions, unresolved;
         Complete found;
         {
@@ -427,6 +444,7 @@ void bind(nb::module_& m) {
         .def("solve", &ClosedLoop::solve)
         .def("arcs", &ClosedLoop::arcs)
         .def("shown", &ClosedLoop::shown)
+        .def("reached_in", &ClosedLoop::reached_in)
         .def("cover", &ClosedLoop::cover, nb::arg("centres"), nb::arg("half"), nb::arg("rows"), nb::arg("axis"), nb::arg("wanted"), nb::arg("errors"),
              nb::arg("offsets"), nb::arg("boxes"), nb::arg("obstructed").none(), nb::arg("width"), nb::arg("most"), nb::arg("most_near"),
              nb::arg("threads"));

@@ -135,3 +135,10 @@ def test_a_file_is_a_plan_or_a_task_and_not_both(plan: Document, task: Document)
         for other_format in formats:
             with pytest.raises(Invalid, match=r"format|missing or unknown"):
                 list(judged({**deepcopy(one), "format": other_format}))
+
+
+def test_a_joint_that_moves_bodies_only_by_mimics_is_refused(plan: Document) -> None:
+    forged = deepcopy(plan)
+    forged["robot"]["bodies"][1]["multiplier"] = 0.5
+    with pytest.raises(Invalid, match=f"joint {plan['robot']['joint_names'][0]}: expected one body"):
+        list(judged(forged))
