@@ -354,7 +354,14 @@ def _methods() -> Calls:
     yield _call(inverse_arcs, robot=wxai, pose=far, still=wxai.home)
     at = ps.Pose.from_matrix(wxai.tool_pose(wxai.home))
     yield _call(
-        line_branches, robot=wxai, begin=at, to=(0.0, 0.0, 0.05), still=wxai.home, points=5, max_joint_rate=90.0
+        line_branches,
+        robot=wxai,
+        begin=at,
+        to=(0.0, 0.0, 0.05),
+        still=wxai.home,
+        points=5,
+        max_joint_rate=90.0,
+        free_axis=(1.0, 0.0, 0.0),
     )
     yield _again(line_branches(wxai, at, (0.0, 0.0, 0.05)))
     yield _call(scene.without_attached, name="b")
@@ -501,7 +508,7 @@ def _tasks(folder: Path) -> Calls:
         _call(standing_on, scene=scene, name="blue_block"),
         _call(ps.move_linear, **moving, goal=(0.0, 0.0, 0.01), points=5, pace=pace, cancel=ps.CancelToken()),
         _call(ps.move_linear, service=service, start=ps.Pose.from_matrix(robot.tool_pose(robot.home)), goal=two),
-        _call(ps.move_linear, **moving, goal=two, zone=0.002, max_joint_rate=50.0, partial=True),
+        _call(ps.move_linear, **moving, goal=two, zone=0.002, max_joint_rate=50.0, partial=True, free_axis=(0, 0, 1)),
         _call(move_circular, **moving, via=(0.0, 0.01, 0.01), goal=(0.0, 0.02, 0.0), max_joint_rate=50.0, partial=True),
         _call(ps.pick, service=service, q=robot.home, target="blue_block", grasps=grasp, handling=handling),
         _call(ps.place, service=carrying, q=robot.home, carried="held", poses=[tray.pose], handling=handling),

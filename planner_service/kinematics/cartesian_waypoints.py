@@ -8,11 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, Vector
 from planner_service.geometry.shapes import Pose, Sphere
 from planner_service.kinematics.tool_arm import tool_arm
 from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS
 from planner_service.kinematics.tool_path import ToolPath
+from planner_service.kinematics.turning_tool import with_turns
 from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
@@ -43,6 +44,8 @@ WIDEST = 1.0
 PROBE = 1e-3
 """Metres along a path over which its tangent is measured; the nearest place is looked for within ten times that."""
 
+NO_TURNS: FloatArray = np.zeros(0)
+
 _FRACTIONS = tuple(k / 8 for k in range(1, 8))
 
 
@@ -60,7 +63,14 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
     return waypoints[arm.thinned(np.ascontiguousarray(waypoints, dtype=np.float64), stops)]
 
 
-def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: ToolPath) -> tuple[FloatArray, FloatArray]:
+def thinned_along(
+    robot: Robot,
+    waypoints: FloatArray,
+    at: FloatArray,
+    path: ToolPath,
+    turns: FloatArray = NO_TURNS,
+    free_axis: Vector | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """A polyline (K, n) that keeps the tool on a path, and how wide its corners may be blended (rad), (K,).
 
     However widely they are blended, a pose of the path is within 1 mm and 5 mrad of the tool everywhere. Blended as
@@ -70,9 +80,11 @@ def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: Too
     Args:
         waypoints: Configurations (N, n). Each piece between two is within that tolerance.
         at: Metres travelled along the path up to each, (N,).
+        turns: As in ``ToolLine``, with the tool's ``free_axis`` if it has one.
     """
     stops = stop_rows(at, path)
-    kept = _kept_along(robot, waypoints, at, path, sorted({*stops, len(at) - 1} - {0}))
+    arm, rows = with_turns(robot, waypoints, turns, free_axis)
+    kept = _kept_along(arm, rows, at, path, sorted({*stops, len(at) - 1} - {0}))
     free = np.array([row not in stops and row != len(at) - 1 for row in kept])
     points = waypoints[kept]
     corners, widths = _moved_corners(robot, points, np.where(free, WIDEST, 0.0))

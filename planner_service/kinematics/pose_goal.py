@@ -10,7 +10,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number, whole
 
-__all__ = ["PoseGoal"]
+__all__ = ["PoseGoal", "turned_about", "unit_axis"]
 
 MAX_CANDIDATES = 1000
 """Each candidate is an inverse kinematics problem."""
@@ -51,7 +51,7 @@ class PoseGoal:
         number("position_tolerance", self.position_tolerance, "metres in [0, 1]", 0.0, 1.0)
         number("orientation_tolerance", self.orientation_tolerance, "radians in [0, pi]", 0.0, math.pi)
         if self.free_axis is not None:
-            object.__setattr__(self, "free_axis", _unit(self.free_axis))
+            object.__setattr__(self, "free_axis", unit_axis(self.free_axis))
         object.__setattr__(self, "candidates", whole("candidates", self.candidates, 1, MAX_CANDIDATES))
 
     def poses(self) -> tuple[Pose, ...]:
@@ -65,16 +65,21 @@ class PoseGoal:
         shift = _in_ball(k, PRIMES[:3], self.position_tolerance)
         turned = self.pose
         if self.free_axis is not None:
-            turned = turned @ _turn(self.free_axis, 2.0 * math.pi * ((k * GOLDEN) % 1.0))
+            turned = turned @ turned_about(self.free_axis, 2.0 * math.pi * ((k * GOLDEN) % 1.0))
         lean = _in_ball(k, PRIMES[3:], self.orientation_tolerance)
         angle = math.sqrt(math.fsum(x * x for x in lean))
         if angle > 0.0:
-            turned = turned @ _turn((lean[0] / angle, lean[1] / angle, lean[2] / angle), angle)
+            turned = turned @ turned_about((lean[0] / angle, lean[1] / angle, lean[2] / angle), angle)
         x, y, z = (p + s for p, s in zip(self.pose.position, shift, strict=True))
         return Pose((x, y, z), turned.quaternion)
 
 
-def _unit(axis: object) -> tuple[float, float, float]:
+def unit_axis(axis: object) -> tuple[float, float, float]:
+    """The direction of a free axis (x, y, z), of length 1.
+
+    Raises:
+        InvalidRequest: It is not three numbers, or has no length.
+    """
     expected = "three numbers that are not all 0"
     if not isinstance(axis, Sequence) or isinstance(axis, str) or len(axis) != 3:
         raise InvalidRequest("free_axis", axis, expected)
@@ -85,7 +90,8 @@ def _unit(axis: object) -> tuple[float, float, float]:
     return (x / length, y / length, z / length)
 
 
-def _turn(axis: tuple[float, float, float], angle: float) -> Pose:
+def turned_about(axis: tuple[float, float, float], angle: float) -> Pose:
+    """A turn by an angle (rad) about a unit vector."""
     x, y, z = axis
     s = math.sin(angle / 2.0)
     return Pose(quaternion=(math.cos(angle / 2.0), x * s, y * s, z * s))

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, Vector, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers, whole
 from planner_service.kinematics.complete_inverse import LIMIT_SLACK
 from planner_service.kinematics.inverse import ToolChain
+from planner_service.kinematics.pose_goal import unit_axis
 from planner_service.kinematics.tool_arm import descended, tool_arm
+from planner_service.kinematics.turning_tool import LEANS, least_turned, with_turns
 from planner_service.presentation.measures import range_text
 from planner_service.robot.model import Robot
 
@@ -44,6 +46,7 @@ __all__ = [
     "stop_at",
     "straight_tool_line",
     "travel",
+    "without_turns",
 ]
 
 LINE_METRES = 1e-3
@@ -84,6 +87,8 @@ class LineStopReason(Enum):
     """The next joint values are far from those reached."""
     JOINT_RATE = "joint rate"
     """A joint would have to move farther per metre of the tool than is allowed, as near a singularity."""
+    AXIS = "axis"
+    """An arm of fewer than six joints has none that turns the tool's axis as the line does."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,7 @@ class LineStop:
             LineStopReason.SINGULARITY: f"the arm is singular ({self.joint} would move most)",
             LineStopReason.BRANCH_JUMP: f"only a jump of {self.joint} leads on",
             LineStopReason.JOINT_RATE: f"{self.joint} would move more than max_joint_rate per metre of the tool",
+            LineStopReason.AXIS: "no joint turns the tool's axis as the line does",
         }[self.reason]
         return f"{self.name} ends after {100 * self.fraction:.1f} %: {what}"
 
@@ -113,15 +119,20 @@ class ToolLine:
         fraction: The share of the line that they cover, 0 to 1.
         stopped: Why they do not cover all of it; None if they do.
         fractions: The share of the line that lies behind each waypoint, (N,).
+        turns: How far the tool has turned about its free axis at each waypoint (rad), beside the shortest rotation of
+            that axis, (N,); empty without a free axis.
     """
 
     waypoints: FloatArray
     fraction: float
     stopped: LineStop | None = None
     fractions: FloatArray = field(default_factory=lambda: np.zeros(0))
+    turns: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        set_fields(self, waypoints=read_only(self.waypoints), fractions=read_only(self.fractions))
+        arrays = (self.waypoints, self.fractions, self.turns)
+        waypoints, fractions, turns = map(read_only, arrays)
+        set_fields(self, waypoints=waypoints, fractions=fractions, turns=turns)
 
 
 def rotation_distance(a: Pose, b: Pose) -> float:
@@ -155,6 +166,7 @@ def straight_tool_line(
     *,
     points: int = LINE_POINTS,
     max_joint_rate: float = math.inf,
+    free_axis: Vector | None = None,
 ) -> ToolLine:
     """Joint waypoints that move the tool straight from its pose at ``q_start`` to ``to``, as far as the arm can.
 
@@ -169,6 +181,8 @@ def straight_tool_line(
         points: Waypoints of a line without halved pieces; at least 2.
         max_joint_rate: The most that a joint may move between two waypoints per metre of the line, in rad/m (m/m for a
             prismatic joint). Where the tool turns by more than 10 rad per metre, each radian counts as 0.1 m.
+        free_axis: An axis (x, y, z) in the tool frame about which the tool may turn as it likes: this axis goes along
+            the line, and turns by the shortest rotation. The joints move as little as that allows. None for none.
 
     Raises:
         InvalidRequest: A wrong shape, a number that is not finite or out of range, or ``q_start`` outside the limits.
@@ -176,15 +190,28 @@ def straight_tool_line(
     instance("robot", robot, Robot, "a Robot")
     whole("points", points, 2, 10_000)
     require_joint_rate(max_joint_rate)
+    axis = None if free_axis is None else unit_axis(free_axis)
     q = finite_numbers("q_start", q_start, robot.n)
     robot = robot.around(q)
     require_within_limits("q_start", robot, q)
-    chain = ToolChain.of(robot, q)
-    begin = chain.of_whole(q)
+    arm, start = with_turns(robot, q[np.newaxis], np.zeros(1), axis)
+    chain = ToolChain.of(arm, start[0])
+    begin = chain.of_whole(start[0])
     pose = Pose.from_matrix(chain.robot.tool_pose(begin))
-    end = to if isinstance(to, Pose) else shifted(pose, to)
-    line = _within_rate(chain.robot, _walked(chain.robot, begin, pose, end, points), travel(pose, end), max_joint_rate)
-    return replace(line, waypoints=chain.whole(line.waypoints))
+    end = least_turned(pose, to if isinstance(to, Pose) else shifted(pose, to), axis)
+    line = _walked(chain.robot, begin, pose, end, points)
+    line = without_turns(replace(line, waypoints=chain.whole(line.waypoints)), robot.n)
+    return _within_rate(robot, line, travel(pose, end), max_joint_rate)
+
+
+def without_turns(line: ToolLine, joints: int) -> ToolLine:
+    """A line of an arm with further joints, the last of which turns its tool (``turning``), as one of the arm alone."""
+    if line.waypoints.shape[1] == joints:
+        return line
+    stop = line.stopped
+    if stop is not None and stop.joint in LEANS:
+        stop = replace(stop, reason=LineStopReason.AXIS)
+    return replace(line, waypoints=line.waypoints[:, :joints], turns=-line.waypoints[:, -1], stopped=stop)
 
 
 def require_within_limits(name: str, robot: Robot, q: FloatArray) -> None:
@@ -243,7 +270,7 @@ def _within_rate(robot: Robot, line: ToolLine, whole_travel: float, rate: float)
     k = int(too_far.argmax())
     fraction = float(line.fractions[k])
     stop = LineStop(LineStopReason.JOINT_RATE, robot.joint_names[int(moves[k].argmax())], fraction)
-    return ToolLine(line.waypoints[: k + 1], fraction, stop, line.fractions[: k + 1])
+    return ToolLine(line.waypoints[: k + 1], fraction, stop, line.fractions[: k + 1], line.turns[: k + 1])
 
 
 def shifted(pose: Pose, shift: Any, name: str = "to") -> Pose:

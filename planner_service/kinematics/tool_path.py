@@ -34,7 +34,9 @@ from planner_service.kinematics.tool_line import (
     rotation_distance,
     stop_at,
     travel,
+    without_turns,
 )
+from planner_service.kinematics.turning_tool import with_turns
 from planner_service.path.corner_blend import integral
 from planner_service.path.joint_path import MIN_FORWARD
 from planner_service.robot.model import Robot
@@ -213,7 +215,9 @@ def _corner(a: Pose, b: Pose, c: Pose, size: float) -> Iterator[Pose]:
         )
 
 
-def walk_tool_path(robot: Robot, q_start: FloatArray, path: ToolPath, *, max_joint_rate: float) -> ToolLine:
+def walk_tool_path(
+    robot: Robot, q_start: FloatArray, path: ToolPath, *, max_joint_rate: float, free_axis: Vector | None = None
+) -> ToolLine:
     """Joint waypoints that move the tool along ``path``, as far as the arm can.
 
     Each is found by inverse kinematics from the one before. Where a joint would turn by more than 0.2 rad, or by more
@@ -222,30 +226,33 @@ def walk_tool_path(robot: Robot, q_start: FloatArray, path: ToolPath, *, max_joi
 
     Args:
         q_start: Shape (n,), within the limits, with the tool at the first pose.
-        max_joint_rate: As in ``straight_tool_line``.
+        max_joint_rate: As in ``straight_tool_line``; so is ``free_axis``, a unit vector.
 
     Raises:
         InvalidRequest: ``q_start`` is outside the limits, or no joint moves the tool.
     """
     robot = robot.around(q_start)
     require_within_limits("q_start", robot, q_start)
-    chain = ToolChain.of(robot, q_start)
-    walk = _PathWalk(chain.robot, chain.of_whole(q_start), path, max_joint_rate)
+    arm, start = with_turns(robot, q_start[np.newaxis], np.zeros(1), free_axis)
+    chain = ToolChain.of(arm, start[0])
+    own = chain.robot.n - (arm.n - robot.n)
+    walk = _PathWalk(chain.robot, chain.of_whole(start[0]), path, max_joint_rate, own)
     stop = next((stop for at in path.knots[1:] if (stop := walk.to(at)) is not None), None)
     fractions = np.array(walk.at) / max(path.length, 1e-300)
-    return ToolLine(chain.whole(np.array(walk.waypoints)), 1.0 if stop is None else stop.fraction, stop, fractions)
+    waypoints = chain.whole(np.array(walk.waypoints))
+    return without_turns(ToolLine(waypoints, 1.0 if stop is None else stop.fraction, stop, fractions), robot.n)
 
 
 class _PathWalk:
-    """Follows a tool path, collecting waypoints.
+    """Follows a tool path, collecting waypoints; of the joints the first ``own`` have a limit on their rate.
 
     Attributes:
         waypoints: Configurations.
         at: Metres travelled up to each.
     """
 
-    def __init__(self, robot: Robot, q: FloatArray, path: ToolPath, rate: float) -> None:
-        self._robot, self._path, self._rate = robot, path, rate
+    def __init__(self, robot: Robot, q: FloatArray, path: ToolPath, rate: float, own: int) -> None:
+        self._robot, self._path, self._rate, self._own = robot, path, rate, own
         self.waypoints, self.at = [q], [0.0]
 
     def to(self, end: float) -> LineStop | None:
@@ -265,8 +272,8 @@ class _PathWalk:
 
     def _fits(self, q: FloatArray, at: float) -> bool:
         before = self.waypoints[-1]
-        most = float(np.abs(q - before).max())
-        if most > MAX_STEP or most > self._rate * (at - self.at[-1]) + RATE_SLACK:
+        moves = np.abs(q - before)
+        if moves.max() > MAX_STEP or moves[: self._own].max() > self._rate * (at - self.at[-1]) + RATE_SLACK:
             return False
         middle = ((before + q) / 2.0).tolist()
         metres, radians = tool_error(self._robot, middle, self._path.pose((self.at[-1] + at) / 2.0))

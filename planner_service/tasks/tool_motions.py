@@ -18,12 +18,13 @@ from planner_service.certify import prove_kept
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.constraints import Constraint
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, Vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, flag, instance, number
 from planner_service.kinematics.cartesian_waypoints import line_blends, stop_rows, thinned, thinned_along
 from planner_service.kinematics.constraint_set import constraint_set
 from planner_service.kinematics.line_branches import line_branches
+from planner_service.kinematics.pose_goal import unit_axis
 from planner_service.kinematics.tool_line import (
     LINE_POINTS,
     MAX_JOINT_RATE,
@@ -33,6 +34,7 @@ from planner_service.kinematics.tool_line import (
     straight_tool_line,
 )
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
+from planner_service.kinematics.turning_tool import least_turned, with_turns
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanAccounting
 from planner_service.planning.request import Pace, clamp_note, clamped
@@ -65,6 +67,7 @@ def move_linear(
     zone: float = 0.0,
     points: int = LINE_POINTS,
     max_joint_rate: float = MAX_JOINT_RATE,
+    free_axis: Vector | None = None,
     partial: bool = False,
     pace: Pace | None = None,
     padding: float = 0.0,
@@ -94,6 +97,9 @@ def move_linear(
         max_joint_rate: Radians that any joint may move per metre of the tool between two of these configurations
             (metres per metre for a prismatic joint). Where the tool turns by more than 10 rad/m, each radian of that
             counts as 0.1 m.
+        free_axis: An axis (x, y, z) in the tool frame about which the tool may turn as it likes, at the start, too, if
+            that is a pose: of a pen, a torch or a disc. The orientations of poses then count up to such turns, and the
+            tool's axis stays within 5 mrad of its path. None for none.
         partial: Return the part from the start that is possible, instead of a failure.
         pace: The law s(t) along the path; ``Pace(Trapezoidal())`` if not given.
         padding: Metres that pairs are to keep, as in ``PlannerService.follow``.
@@ -105,27 +111,29 @@ def move_linear(
         InvalidRequest: As ``PlannerService.follow`` and ``straight_tool_line``, or ``goal`` is an empty list, or
             ``zone`` is not in [0, 1].
     """
+    axis = None if free_axis is None else unit_axis(free_axis)
     settings: dict[str, Any] = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
     number("zone", zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE)
     if isinstance(start, Pose):
-        limits: dict[str, Any] = {"points": points, "max_joint_rate": max_joint_rate}
+        limits: dict[str, Any] = {"points": points, "max_joint_rate": max_joint_rate, "free_axis": axis}
         from_there = bound(move_linear, goal=goal, zone=zone, partial=partial, **limits, **settings)
         return _from_any(service, start, _targets(goal), limits, cancel, from_there, partial=flag("partial", partial))
     q, follow = _begun(service, start, settings, partial=partial)
     robot, targets = service.robot, _targets(goal)
     if len(targets) == 1:
-        line = straight_tool_line(robot, q, targets[0], points=points, max_joint_rate=max_joint_rate)
+        line = straight_tool_line(robot, q, targets[0], points=points, max_joint_rate=max_joint_rate, free_axis=axis)
 
         def kept(count: int, stride: int | None) -> tuple[FloatArray, FloatArray]:
-            rows = line.waypoints[:count]
-            waypoints = thinned(robot, rows) if stride is None else rows[_every(stride, count)]
+            arm, rows = with_turns(robot, line.waypoints[:count], line.turns, axis)
+            waypoints = thinned(arm, rows) if stride is None else rows[_every(stride, count)]
+            waypoints = waypoints[:, : robot.n]
             return waypoints, line_blends(robot, waypoints)
 
         return follow(line, kept, "the straight tool line")
     poses = [Pose.from_matrix(robot.tool_pose(q))]
     for k, target in enumerate(targets):
-        poses.append(_pose(f"goal[{k}]", target, poses[-1]))
-    return _along(service, q, rounded_lines(poses, zone), max_joint_rate, follow)
+        poses.append(least_turned(poses[-1], _pose(f"goal[{k}]", target, poses[-1]), axis))
+    return _along(service, q, rounded_lines(poses, zone), max_joint_rate, follow, axis)
 
 
 def move_circular(
@@ -261,13 +269,15 @@ def _along(
     path: ToolPath,
     max_joint_rate: float,
     follow: Follow,
+    free_axis: Vector | None = None,
 ) -> PlanResult:
-    line = walk_tool_path(service.robot, q, path, max_joint_rate=require_joint_rate(max_joint_rate))
+    rate = require_joint_rate(max_joint_rate)
+    line = walk_tool_path(service.robot, q, path, max_joint_rate=rate, free_axis=free_axis)
     at = line.fractions * path.length
 
     def kept(count: int, stride: int | None) -> tuple[FloatArray, FloatArray]:
         if stride is None:
-            return thinned_along(service.robot, line.waypoints[:count], at[:count], path)
+            return thinned_along(service.robot, line.waypoints[:count], at[:count], path, line.turns, free_axis)
         stops = stop_rows(at[:count], path)
         rows = sorted({*_every(stride, count), *stops})
         widths = line_blends(service.robot, line.waypoints[rows])
