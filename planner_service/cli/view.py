@@ -24,6 +24,7 @@ from planner_service.scene.loading import load_scene
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.view import HOST, PORT, open_viewer
+from planner_service.workspace import ReachabilityMap, load_map
 
 __all__ = ["opened", "view"]
 
@@ -37,6 +38,8 @@ def view(
     allow: options.Allow = None,
     keep: Annotated[bool, option("--keep", "Keep serving after the last window is closed.")] = False,
     folder: Annotated[str | None, option("DIR", "Where the page may load meshes and clouds, and save scenes.")] = None,
+    reach: Annotated[str | None, option("MAP", "A reachability map (reachability build) of robot and scene.")] = None,
+    trust: Annotated[bool, option("--trust", "You made MAP yourself: believe what it calls proven.")] = False,
     no_browser: Annotated[bool, option("--no-browser", "Only print the page's address.")] = False,
 ) -> None:
     """Show robot, scene and plan on a page in the browser, where you can move joints, plan, and build a cell.
@@ -45,7 +48,8 @@ def view(
     """
     with bad_input_exits():
         service, shown, notes = opened(file, robot, scene, allow, empty=folder is not None)
-        viewer = open_viewer(service, shown, host=host, port=port, keep=keep, folder=folder)
+        found = _map(reach, service, trust=trust)
+        viewer = open_viewer(service, shown, host=host, port=port, keep=keep, folder=folder, reach=found)
     with viewer:
         until = "Ctrl-C ends it" if keep else "close the page or press Ctrl-C to end"
         emit("".join(f"note: {note}\n" for note in notes) + f"view: {viewer.url} ({until})\n")
@@ -98,6 +102,12 @@ def _cell(
     proven = prove_cell(made).required()
     notes = ["all arms are shown as one robot; what is planned on the page has one clock"]
     return proven.cell.service, proven.plan, notes
+
+
+def _map(file: str | None, service: PlannerService, *, trust: bool) -> ReachabilityMap | None:
+    if file is None and trust:
+        raise InvalidRequest("--trust", trust, "only with --reach")
+    return None if file is None else load_map(file, service.robot, service.scene, trusted=trust)
 
 
 def _has_display() -> bool:

@@ -24,6 +24,7 @@ from planner_service.view.cell.folder import CellFolder
 from planner_service.view.cell.surfaces import Surfaces
 from planner_service.view.constraint_choices import CONSTRAINTS
 from planner_service.view.controls.cell_controls import CellControls, FileControls
+from planner_service.view.controls.map_layer import MapLayer
 from planner_service.view.controls.obstacle_drag import ObstacleDrag
 from planner_service.view.controls.planning_controls import PlanningActs, PlanningControls
 from planner_service.view.controls.plots import Plots
@@ -40,6 +41,7 @@ from planner_service.view.nodes.scene_nodes import SceneNodes
 from planner_service.view.state import Choice, ViewState
 from planner_service.view.still.composition import GOAL, TOUCHING
 from planner_service.view.updates import update
+from planner_service.workspace import ReachabilityMap
 
 __all__ = ["Page"]
 
@@ -73,10 +75,13 @@ class Page:
         server: A new ``viser.ViserServer``.
         state: What to show first.
         folder: The folder that obstacles are loaded from and scenes are saved to; None for none.
+        reach: A reachability map of the robot and the scene; None for none.
     """
 
-    def __init__(self, server: Any, state: ViewState, folder: CellFolder | None = None) -> None:
-        self._server, self._folder = server, folder
+    def __init__(
+        self, server: Any, state: ViewState, folder: CellFolder | None = None, reach: ReachabilityMap | None = None
+    ) -> None:
+        self._server, self._folder, self._reach = server, folder, reach
         self._lock = threading.RLock()
         self._playing = threading.Event()
         self._closed = threading.Event()
@@ -121,6 +126,8 @@ class Page:
             self._looks.move(robot, state.q)
             self._scene_nodes.show(state.service.scene, state.cell)
             self._regions.show(state.drawn, state.q)
+            if self._map is not None:
+                self._map.fit(state.cell.scene)
             update(self._show_regions, visible=self._regions.any)
             aimed = state.aim is not None
             self._draw_ghost(self._start, state.start, self._show_start, hidden_by=[state.q])
@@ -229,6 +236,8 @@ class Page:
             box.on_update(self._on_user_update(self._draw))
         self._show_regions = gui.add_checkbox("constraints (teal)", True, visible=False)
         self._show_regions.on_update(self._on_user_update(self._show_chosen_regions))
+        make, reach = self._on_user_update, self._reach
+        self._map = None if reach is None else MapLayer(gui, self._server.scene, reach, make)
         self._show_layers = {name: gui.add_checkbox(name, True) for name in LAYERS}
         for box in self._show_layers.values():
             box.on_update(self._on_user_update(lambda: self._paths.choose(self._chosen_layer)))

@@ -20,6 +20,8 @@ from planner_service.service import PlannerService
 from planner_service.view.cell.folder import CellFolder
 from planner_service.view.page import Page
 from planner_service.view.state import ViewState
+from planner_service.view.still.maps import require_map_of
+from planner_service.workspace import ReachabilityMap
 
 if TYPE_CHECKING:
     from planner_service.view.serving.server import PageServer
@@ -122,10 +124,16 @@ class Viewer(ServedPage):
 
 
 def show(
-    world: World, shown: Showable | None = None, *, host: str = HOST, port: int = PORT, block: bool | None = None
+    world: World,
+    shown: Showable | None = None,
+    *,
+    host: str = HOST,
+    port: int = PORT,
+    block: bool | None = None,
+    reach: ReachabilityMap | None = None,
 ) -> Viewer:
-    """Open a page and print its address; see ``PlannerService.view``."""
-    viewer = open_viewer(PlannerService.of(world), shown, host=host, port=port)
+    """Open a page and print its address; see ``PlannerService.view`` and, for a reachability map, ``open_viewer``."""
+    viewer = open_viewer(PlannerService.of(world), shown, host=host, port=port, reach=reach)
     print(f"view: {viewer.url}", flush=True)
     if not interactive() if block is None else block:
         viewer.wait()
@@ -140,6 +148,7 @@ def open_viewer(
     port: int = PORT,
     keep: bool = False,
     folder: str | os.PathLike[str] | None = None,
+    reach: ReachabilityMap | None = None,
 ) -> Viewer:
     """Open a page that shows a service's robot and scene, and a plan or a task.
 
@@ -149,14 +158,18 @@ def open_viewer(
         port: The first port to try; if it is taken, the next free one is used. 0 for any.
         keep: Go on serving after the last window was closed.
         folder: Where the page may read meshes, clouds and scenes, and write scenes; None for nowhere.
+        reach: A reachability map of the robot and the scene, of which the page shows slices; None for none.
 
     Raises:
-        InvalidRequest: ``port`` or ``host`` is invalid, ``folder`` is none, or ``shown`` cannot be shown.
+        InvalidRequest: ``port`` or ``host`` is invalid, ``folder`` is none, ``shown`` cannot be shown, or ``reach`` is
+            about another robot or scene.
         MissingDependency: viser is not installed.
     """
     state, files = ViewState.of(service, shown), None if folder is None else CellFolder(folder)
+    if reach is not None:
+        require_map_of(service.robot, service.scene, reach)
     server = served(host, port)
-    return Viewer(server, Page(server.viser, state, files), keep=keep)
+    return Viewer(server, Page(server.viser, state, files, reach), keep=keep)
 
 
 def served(host: str, port: int) -> PageServer:

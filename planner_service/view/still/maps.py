@@ -25,7 +25,7 @@ from planner_service.view.still.pictures import SIZE, write_png
 from planner_service.view.triangles import Colour, Solid
 from planner_service.workspace import PlacedBase, ReachabilityMap, VoxelVerdict, seen_from
 
-__all__ = ["draw_base", "draw_map"]
+__all__ = ["AXES", "COLOURS", "draw_base", "draw_map", "fullest_level", "layer_name", "require_map_of", "sheets_of"]
 
 COLOURS: dict[VoxelVerdict, tuple[Colour, str, float]] = {
     VoxelVerdict.REACHABLE: ((58, 168, 104), "reachable", 0.75),
@@ -60,34 +60,60 @@ def draw_map(
         InvalidFile: The file cannot be written.
     """
     file = as_path("file", file)
-    instance("found", found, ReachabilityMap, "a ReachabilityMap")
-    instance("robot", robot, Robot, "a Robot")
-    instance("scene", scene, Scene, "a Scene")
-    for name, said, digest in (("robot", found.robot, robot.hash), ("scene", found.scene, scene.hash)):
-        if said != digest:
-            raise InvalidRequest(name, digest, f"the {name} of the map, whose hash is {said}")
-    verdicts = found.verdicts[whole("orientation", orientation, 0, len(found.orientations) - 1)]
+    require_map_of(robot, scene, found)
+    orientation = whole("orientation", orientation, 0, len(found.orientations) - 1)
     if across is None:
-        axis, row = 2, int((verdicts == VoxelVerdict.REACHABLE).sum(axis=(0, 1)).argmax())
+        axis, row = 2, fullest_level(found, orientation)
     else:
         given = items("across", across, object, "an axis and the number of a voxel", 2)
         if len(given) != 2:
             raise InvalidRequest("across", across, "an axis and the number of a voxel")
         axis = whole("across[0]", given[0], 0, 2)
         row = whole("across[1]", given[1], 0, found.grid.counts[axis] - 1)
-    shown = verdicts.take(row, axis=axis)
-    kinds = [kind for kind in COLOURS if np.any(shown == kind)]
-    sheets = tuple(_sheet(found, axis, row, np.argwhere(shown == kind), kind) for kind in kinds)
-    low = found.grid.lower[axis] + 2.0 * float(found.grid.half[axis]) * row
+    sheets = sheets_of(found, orientation, axis, row)
     caption = Caption(
         f"{robot.name} in {scene.name or 'a scene'}: where its tool can be",
         (
-            f"voxels with {AXES[axis]} from {low:.3f} to {low + 2.0 * float(found.grid.half[axis]):.3f} m",
+            f"voxels with {layer_name(found, axis, row)}",
             str(found),
         ),
-        tuple(COLOURS[kind][:2] for kind in kinds),
+        tuple(COLOURS[kind][:2] for kind in sheets),
     )
-    write_png(file, picture(View(robot, scene, (Stand(robot.home),), sheets=sheets), caption, SIZE))
+    view = View(robot, scene, (Stand(robot.home),), sheets=tuple(sheets.values()))
+    write_png(file, picture(view, caption, SIZE))
+
+
+def require_map_of(robot: Robot, scene: Scene, found: ReachabilityMap) -> None:
+    """Refuse a map of something else.
+
+    Raises:
+        InvalidRequest: It is no map, or about another robot or scene.
+    """
+    instance("found", found, ReachabilityMap, "a ReachabilityMap")
+    instance("robot", robot, Robot, "a Robot")
+    instance("scene", scene, Scene, "a Scene")
+    for name, said, digest in (("robot", found.robot, robot.hash), ("scene", found.scene, scene.hash)):
+        if said != digest:
+            raise InvalidRequest(name, digest, f"the {name} of the map, whose hash is {said}")
+
+
+def fullest_level(found: ReachabilityMap, orientation: int) -> int:
+    """Which voxel along z has the most reachable ones at its height."""
+    return int((found.verdicts[orientation] == VoxelVerdict.REACHABLE).sum(axis=(0, 1)).argmax())
+
+
+def layer_name(found: ReachabilityMap, axis: int, row: int) -> str:
+    """Where a slice is, for people."""
+    width = 2.0 * float(found.grid.half[axis])
+    low = found.grid.lower[axis] + width * row
+    return f"{AXES[axis]} from {low:.3f} to {low + width:.3f} m"
+
+
+def sheets_of(found: ReachabilityMap, orientation: int, axis: int, row: int) -> dict[VoxelVerdict, Solid]:
+    """A slice of a map one voxel thick: the squares in the middle of the voxels of each verdict that there is."""
+    shown = found.verdicts[orientation].take(row, axis=axis)
+    kinds = [kind for kind in COLOURS if np.any(shown == kind)]
+    return {kind: _sheet(found, axis, row, np.argwhere(shown == kind), kind) for kind in kinds}
 
 
 def draw_base(robot: Robot, scene: Scene, base: PlacedBase, file: str | os.PathLike[str]) -> None:
