@@ -203,10 +203,10 @@ class IndependentChecker:
 
         One after the other, as many as all of them are.
         """
-        found = list[float]()
+        found, geometry, placed = list[float](), self.geometry, self._placed
         for x, some in zip(self._whole(samples), numbers, strict=True):
-            pin.updateGeometryPlacements(self.model, self._data, self.geometry, self._placed, x)
-            found.extend(pin.computeDistance(self.geometry, self._placed, int(k)).min_distance for k in some)
+            pin.updateGeometryPlacements(self.model, self._data, geometry, placed, x)
+            found.extend([pin.computeDistance(geometry, placed, k).min_distance for k in map(int, some)])
         return np.array(found)
 
     def moved(self, name: str, position: ArrayLike, quaternion_wxyz: ArrayLike) -> IndependentChecker:

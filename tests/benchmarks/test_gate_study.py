@@ -131,6 +131,8 @@ def test_the_judge_finds_what_dense_looks_find() -> None:
         )
         for _ in range(4):
             way = place.start + np.cumsum(rng.normal(0.0, 0.02, (6, place.n)), axis=0)
+            for q in way[[-1, 0]]:
+                assert judge.gap(q) == pytest.approx(min(checker.gaps(q).values()), abs=1e-6)
             hit, dense = judge.walked(way), checker.path_touch(way, 0.0005)
             found[hit is None] += 1
             if dense is not None and dense.b != "limit":

@@ -30,6 +30,9 @@ SLOPE = 1e-4
 SWEEPS = 4
 """Over all joints, in the search for the corner of a room that is nearest to contact."""
 
+MANY = 24
+"""Pairs; where more are asked for in one place, what is known is from there on."""
+
 STRIDES = (16, 4, 1)
 """Corners of a way of which the middle one is looked at first."""
 
@@ -81,7 +84,8 @@ class Judge:
         self.reach, self.reaches = checker.reach, checker.pair_reaches()
         self.looks = 0
         self.nearest: tuple[float, FloatArray] = (np.inf, np.empty(0))
-        self._place, self._room = np.zeros(len(checker.joints)), np.full(len(self.reaches), -np.inf)  # known there
+        self._place: FloatArray = np.zeros(len(checker.joints))
+        self._room: FloatArray = np.full(len(self.reaches), -np.inf)  # known there
 
     def moved(self, name: str, position: ArrayLike, quaternion: ArrayLike) -> Judge:
         """The judge of the same scene with an obstacle elsewhere; see ``IndependentChecker.moved``."""
@@ -92,7 +96,7 @@ class Judge:
 
     def gap(self, q: FloatArray) -> float:
         """The smallest of Coal's distances at q (n,), metres."""
-        return float(self._gaps(q, np.arange(len(self.reaches))).min())
+        return float(self._smallest(q, 0.0)[1].min())
 
     def walked(self, points: FloatArray) -> Hit | None:
         """What touches on a polyline (m + 1, n)."""
@@ -100,8 +104,8 @@ class Judge:
         return self.touched(points[:-1], points[1:], self.corners(points), np.stack([ends[:-1], ends[1:]], axis=1))
 
     def corners(self, places: FloatArray) -> Corners:
-        """Places (m, n) of a way with what is known of them by now."""
-        return Corners(places, self._room - np.abs(places - self._place) @ self.reaches.T)
+        """Places (m, n) of a way of which nothing is known yet."""
+        return Corners(places, np.full((len(places), len(self.reaches)), -np.inf))
 
     def touched(self, a: FloatArray, b: FloatArray, corners: Corners, near: IntArray) -> Hit | None:
         """What touches on straight lines, or at corners that were looked at.
@@ -112,22 +116,23 @@ class Judge:
             corners: Places near them, each on one of the ways; what is learnt of them is kept there.
             near: The numbers of the corners near the beginning and the end of each line, (s, 2).
         """
-        first, last = near.T
-        offs = np.abs(a - corners.places[first]), np.abs(b - corners.places[last])
-        some = self._any(a, b, corners)
-        R = self.reaches[some].T
-        off_a, off_b, rate = offs[0] @ R, offs[1] @ R, np.abs(b - a) @ R
-        count = len(corners.places)
-        for stride in STRIDES:
-            room = corners.room[:, some]
-            spare_a, spare_b = room[first] - off_a, room[last] - off_b
-            unclear = _unclear(spare_a, spare_b, rate)
-            lines = np.flatnonzero(unclear.any(axis=1))
+        count, some = len(corners.places), self._any(a, b, corners)
+        lines = np.flatnonzero(np.ones(len(a)))
+        for stride in (*STRIDES, 0):
+            first, last = near[lines].T
+            R, room = self.reaches[some].T, corners.room[:, some]
+            spare_a = room[first] - np.abs(a[lines] - corners.places[first]) @ R
+            spare_b = room[last] - np.abs(b[lines] - corners.places[last]) @ R
+            unclear = _unclear(spare_a, spare_b, np.abs(b[lines] - a[lines]) @ R)
+            rows, columns = unclear.any(axis=1), unclear.any(axis=0)
+            lines, some, R, unclear = lines[rows], some[columns], R[:, columns], unclear[np.ix_(rows, columns)]
             if not len(lines):
                 return None
+            if not stride:
+                break
             wanted = np.zeros((count, len(some)), dtype=bool)
-            for column in (first, last):
-                np.logical_or.at(wanted, column[lines], unclear[lines])
+            for column in (first[rows], last[rows]):
+                np.logical_or.at(wanted, column, unclear)
             begins = np.arange(0, count, stride)
             asked = np.logical_or.reduceat(wanted, begins)
             middles = np.minimum(begins + stride // 2, count - 1)
@@ -139,11 +144,8 @@ class Judge:
                 part = slice(block * stride, min(block * stride + stride, count))
                 moved = np.abs(corners.places[part] - corners.places[middles[block]]) @ R
                 corners.room[part, some] = np.maximum(corners.room[part, some], gaps - moved)
-        room = corners.room[:, some]
-        spare_a, spare_b = room[first] - off_a, room[last] - off_b
-        unclear = _unclear(spare_a, spare_b, rate)
-        lines = np.flatnonzero(unclear.any(axis=1))
-        return self._halved(a[lines], b[lines], some, unclear[lines], spare_a[lines], spare_b[lines], lines)
+        left = np.ix_(rows, columns)
+        return self._halved(a[lines], b[lines], some, unclear, spare_a[left], spare_b[left], lines)
 
     def _any(self, a: FloatArray, b: FloatArray, corners: Corners) -> IntArray:
         """The pairs that may touch on any of some lines, by what is known of one place."""
@@ -154,8 +156,10 @@ class Judge:
         self._room -= self.reaches @ np.abs(middle - self._place)
         self._place = middle
         self._room[left] = TRUSTED * self._gaps(middle, left)
-        np.maximum(corners.room, self.corners(corners.places).room, out=corners.room)
-        return self._reached(a, b, left)
+        left = self._reached(a, b, left)
+        known = self._room[left] - np.abs(corners.places - middle) @ self.reaches[left].T
+        corners.room[:, left] = np.maximum(corners.room[:, left], known)
+        return left
 
     def _reached(self, a: FloatArray, b: FloatArray, pairs: IntArray) -> IntArray:
         off = np.maximum(np.abs(a - self._place), np.abs(b - self._place)).max(axis=0, initial=0.0)
@@ -216,11 +220,9 @@ class Judge:
 
     def slope(self, q: FloatArray) -> FloatArray:
         """By how much the smallest gap grows with each joint, metres a radian (or metre), (n,)."""
-        gaps = self._gaps(q, np.arange(len(self.reaches)))
-        near = np.flatnonzero(gaps <= gaps.min() + 2.0 * SLOPE * self.reaches.max())  # what may be the smallest beside
-        steps = SLOPE * np.eye(len(q))
-        ends = ((self._gaps(q + step, near).min(), self._gaps(q - step, near).min()) for step in steps)
-        return np.array([(more - less) / (2.0 * SLOPE) for more, less in ends])
+        asked, gaps = self._smallest(q, 2.0 * SLOPE * float(self.reaches.max()))  # what may be the smallest beside
+        near = asked[gaps <= gaps.min() + 2.0 * SLOPE * self.reaches.max()]
+        return np.asarray(np.diff(self._beside(q, near).min(axis=2), axis=0)[0] / (2.0 * SLOPE))
 
     def lowest(self, q: FloatArray, room: FloatArray, below: float = np.inf) -> float:
         """The smallest gap found at corners of a room about q, (n,) each; only what may be less than ``below`` counts.
@@ -231,8 +233,7 @@ class Judge:
         gaps = self._gaps(q, np.arange(len(self.reaches)))
         moved = self.reaches @ room
         near = (gaps - moved <= min(below, float((gaps + moved).min()))).nonzero()[0]
-        steps = SLOPE * np.eye(len(q))
-        slopes = np.array([self._gaps(q + step, near) - self._gaps(q - step, near) for step in steps])  # (n, near)
+        slopes = np.diff(self._beside(q, near), axis=0)[0]
         best = float(gaps.min())
         for k in range(len(near)):
             best = min(best, self._corner(q, room, np.where(slopes[:, k] > 0.0, -1.0, 1.0), near[k : k + 1]))
@@ -252,6 +253,24 @@ class Judge:
             if best == before:
                 break
         return best
+
+    def _smallest(self, q: FloatArray, more: float) -> tuple[IntArray, FloatArray]:
+        """Pairs, among them all whose gaps at q (n,) are the smallest or larger by so many metres at most; gaps."""
+        room = self._room - self.reaches @ np.abs(q - self._place)
+        first = np.array([room.argmin()])
+        room[first] = gap = self._gaps(q, first)
+        asked = np.flatnonzero(room <= gap + more)
+        gaps = self._gaps(q, asked)
+        if len(asked) > MANY:
+            room[asked] = np.minimum(TRUSTED * gaps, gaps)
+            self._place, self._room = q, room
+        return asked, gaps
+
+    def _beside(self, q: FloatArray, pairs: IntArray) -> FloatArray:
+        """Gaps of some pairs a step below q (n,) and above, joint by joint, (2, n, pairs)."""
+        places = q + SLOPE * np.concatenate([-np.eye(len(q)), np.eye(len(q))])
+        self.looks += len(places) * len(pairs)
+        return self._checker.gaps_at(places, [pairs] * len(places)).reshape(2, len(q), -1)
 
     def _gaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
         """Coal's distances of some pairs at q (n,)."""

@@ -61,6 +61,7 @@ class Tally:
     ways: int = 0
     touched: list[Touched] = field(default_factory=list)
     unproven: int = 0
+    unbegun: int = 0
     fast: int = 0
     outside: int = 0
     least: float = np.inf
@@ -69,12 +70,12 @@ class Tally:
     def of(cls, row: Mapping[str, Any]) -> Tally:
         """Of a row that was kept."""
         touched = [Touched(each["what"], each["how"], tuple(each["at"])) for each in row["touched"]]
-        counts = {each.name: row[each.name] for each in fields(cls) if each.name not in ("touched", "least")}
+        counts = {each.name: row.get(each.name, 0) for each in fields(cls) if each.name not in ("touched", "least")}
         return cls(**counts, touched=touched, least=row["least_gap"])
 
     def join(self, other: Tally) -> None:
         """Count what another one counted."""
-        for name in ("chunks", "targets", "passed", "slowed", "unproven", "ways", "touched", "fast", "outside"):
+        for name in (each.name for each in fields(self) if each.name not in ("refused", "least")):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for kind, count in other.refused.items():
             self.refused[kind] = self.refused.get(kind, 0) + count
