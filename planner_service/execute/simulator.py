@@ -120,6 +120,8 @@ class SimulatedArm(contextlib.AbstractContextManager["SimulatedArm"]):
             bodies = [name + MARK for name in sorted(loose)]
             job = {"scene": str(model), "joints": joints, "fingers": fingers, "loose": bodies}
             self.host = self._started(job, host)
+            self._began = 0.0
+            self._began = self.behind()
         except BaseException:  # what was begun is ended, also by Ctrl-C
             self.close()
             raise
@@ -131,6 +133,10 @@ class SimulatedArm(contextlib.AbstractContextManager["SimulatedArm"]):
     def time(self) -> float:
         """Seconds of simulation so far, which stand still while the machine gives it no time."""
         return float(self._ask()["time"])
+
+    def behind(self) -> float:
+        """Seconds by which the simulation is behind the clock since it began: the machine gave it too little time."""
+        return time.perf_counter() - self._began - self.time()
 
     def contacts(self) -> tuple[ArmContact, ...]:
         """All contacts so far, in the order in which they began: of the robot or of what lies loose with anything."""

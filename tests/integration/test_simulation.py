@@ -121,7 +121,7 @@ def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: ps.Robot) -> No
 
 
 def test_the_arm_stands_where_it_is_to_begin_and_is_the_robot(robot: ps.Robot) -> None:
-    start = robot.poses["ready"]
+    start, began = robot.poses["ready"], time.perf_counter()
     with SimulatedArm(robot, ps.load_scene("table"), start) as arm, closing(arm.connect()) as driver:
         assert driver.positions() == pytest.approx(start, abs=1e-3)
         assert driver.gripper_width() == pytest.approx(robot.gripper_width, abs=1e-4)
@@ -130,6 +130,7 @@ def test_the_arm_stands_where_it_is_to_begin_and_is_the_robot(robot: ps.Robot) -
         assert limits.upper == pytest.approx(robot.limits.upper, abs=1e-4)
         assert arm.contacts() == ()
         assert arm.time() > 0.0
+        assert arm.behind() < time.perf_counter() - began
         assert driver.simulated
 
 

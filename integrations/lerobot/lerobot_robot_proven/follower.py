@@ -43,6 +43,10 @@ GRIPPER_TIME = 1.0
 """Seconds in which the gripper closes before and after the arm's day."""
 
 
+BEHIND = 0.05
+"""Seconds that a simulated arm may fall behind the clock without a word."""
+
+
 class _ProvenFollower(Robot):  # type: ignore[misc]
     """One arm, or several as one."""
 
@@ -199,6 +203,8 @@ class _ProvenFollower(Robot):  # type: ignore[misc]
             except (InvalidRequest, ExecutionStopped, ConnectionError) as error:
                 logger.error("%s is left where it is: %s", self, error)
             for arm in self._simulated:
+                if (behind := arm.behind()) > BEHIND:
+                    logger.info("the simulated arm is %.2f s behind the clock", behind)
                 touched = "; ".join(str(contact) for contact in arm.contacts()) or "nothing"
                 logger.info("the simulated arm touched %s", touched)
         counts = self.gate.counts

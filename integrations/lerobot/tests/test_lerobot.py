@@ -21,9 +21,12 @@ README = Path(__file__).parents[1] / "README.md"
 SIMULATED = "--robot.simulated=true --robot.scene=table --teleop.type=scripted_leader"
 
 
-MACHINE_LATE = re.compile(r"a command was due [\d.]+ s ago|refused: [^\n]*\b(?:[5-9]|\d\d+) late\b[^\n]* tracking")
+MACHINE_LATE = re.compile(
+    r"a command was due [\d.]+ s ago|behind the clock(?s:.*) tracking"
+    r"|refused: [^\n]*\b(?:[3-9]|\d\d+) late\b[^\n]* tracking"
+)
 """What a run says that ended since the machine gave it no time, as it is to end then: a plan's stream is stopped, or
-the gate takes many verdicts back, and then sees a simulated arm that does not follow."""
+the gate takes verdicts back or the simulation falls behind, and then a simulated arm does not follow."""
 
 TRIES = 3
 
