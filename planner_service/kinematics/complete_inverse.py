@@ -387,6 +387,7 @@ def _around_witnesses(box: FloatArray, witnesses: FloatArray, circles: BoolArray
     return float((off + np.ptp(box, axis=0) / 2).max(axis=1).min(initial=math.inf))
 
 
+@lru_cache(maxsize=32)
 def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Lower and upper ends of what each joint's values are taken from, and which joints turn without end."""
     endless = np.array(robot.continuous or [False] * robot.n)
@@ -400,13 +401,13 @@ def _first_of_their_kind(found: FloatArray, circles: BoolArray) -> BoolArray:
 
     Where a circle is cut open, one is found from both sides.
     """
-    first = np.ones(len(found), dtype=bool)
-    for k in range(1, len(found)):
-        box, q, lone = found[k, 1:3], found[:k, 0], found[:k, 3:]
-        turns = np.where(circles, TURN * np.round(((box[0] + box[1]) / 2 - q) / TURN), 0.0)
-        same = (lone[:, 0] + TURN_ROUNDING <= box[0] - turns) & (box[1] - turns <= lone[:, 1] - TURN_ROUNDING)
-        first[k] = not np.any(np.all(same, axis=1))
-    return first
+    if len(found) < 2 or not circles.any():
+        return np.ones(len(found), dtype=bool)
+    q, box, lone = found[:, 0], found[:, None, 1:3], found[:, 3:]
+    turns = np.where(circles, TURN * np.round(((box[:, :, 0] + box[:, :, 1]) / 2 - q) / TURN), 0.0)
+    low, high = box[:, :, 0] - turns, box[:, :, 1] - turns
+    same = np.all((lone[:, 0] + TURN_ROUNDING <= low) & (high <= lone[:, 1] - TURN_ROUNDING), axis=2)
+    return ~np.asarray(np.tril(same, -1).any(axis=1))
 
 
 def _witnesses(robot: Robot, goal: PoseGoal, circles: BoolArray, near: FloatArray) -> FloatArray:
