@@ -143,6 +143,7 @@ def move_circular(
     goal: Target,
     *,
     max_joint_rate: float = MAX_JOINT_RATE,
+    free_axis: Vector | None = None,
     partial: bool = False,
     pace: Pace | None = None,
     padding: float = 0.0,
@@ -161,17 +162,19 @@ def move_circular(
             metres from the start along the base's axes.
         goal: The tool's pose at the end, or its displacement from the start (the orientation is kept).
         max_joint_rate: As in ``move_linear``, between configurations every 5 mm or less.
-        partial: As in ``move_linear``; so are ``pace``, ``padding``, ``constraints`` and ``cancel``.
+        free_axis: As in ``move_linear``; so are ``partial``, ``pace``, ``padding``, ``constraints`` and ``cancel``.
 
     Raises:
         InvalidRequest: As ``PlannerService.follow``, or ``start`` is outside the limits, or ``via`` is less than 0.1 mm
             off the line through start and goal, or these coincide.
     """
+    axis = None if free_axis is None else unit_axis(free_axis)
     settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
     q, follow = _begun(service, start, settings, partial=partial)
     begin = Pose.from_matrix(service.robot.tool_pose(q))
-    path = circular_arc(begin, _pose("via", via, begin).position, _pose("goal", goal, begin))
-    return _along(service, q, path, max_joint_rate, follow)
+    end = least_turned(begin, _pose("goal", goal, begin), axis)
+    path = circular_arc(begin, _pose("via", via, begin).position, end)
+    return _along(service, q, path, max_joint_rate, follow, axis)
 
 
 def _from_any(

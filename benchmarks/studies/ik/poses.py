@@ -43,8 +43,8 @@ ARMS = {
 """Of an arm with seven joints the third is locked, at one of ``LOCKS`` shares of its range."""
 
 LOCKS = (0.2, 0.45, 0.55, 0.9)
-NOT_IN_CLOSED_FORM = ("xArm 7",)
-"""Not asked: ssik prepares for minutes, once, for each value at which its third joint is locked."""
+ONCE_IN_CLOSED_FORM = ("xArm 7",)
+"""ssik is asked at the first of ``LOCKS`` alone: it prepares for minutes for each, once on a machine."""
 
 FREE = "SO-101, tool free about its axis"
 
@@ -106,8 +106,9 @@ def _rows(name: str, queries: int, seed: int, kept: Kept) -> Iterator[Row]:
     lower, upper = arm.limits.lower, arm.limits.upper
     locked = [arm.locked({arm.joint_names[2]: float(lower[2] + x * (upper - lower)[2])}) for x in LOCKS]
     robots = locked if arm.n > 6 else [arm]
-    asked = closed_forms.installed() and name not in NOT_IN_CLOSED_FORM and all(map(ClosedForm.suits, robots))
-    forms = [ClosedForm(robot) if asked else None for robot in robots]
+    asked = closed_forms.installed() and all(map(ClosedForm.suits, robots))
+    many = 1 if name in ONCE_IN_CLOSED_FORM else len(robots)
+    forms = [ClosedForm(robot) if asked and k < many else None for k, robot in enumerate(robots)]
     for k in range(queries):
         which = k % len(robots)
         yield kept.rows(f"poses {name} {seed} {k}", partial(_row, name, robots[which], forms[which], [seed, k]))[0]
