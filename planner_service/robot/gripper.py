@@ -110,17 +110,14 @@ class Gripper:
 
     def turned(self, position: float) -> tuple[LinkShape, ...]:
         """The finger shapes of a revolute gripper with its leader at ``position`` radians."""
-        out = []
-        for item, turns in zip(self.closed, self.turns, strict=True):
-            T = item.pose.matrix
-            for turn in reversed(turns):
-                T = product(turn.motion(position), T)
-            out.append(replace(item, pose=Pose.from_matrix(T)))
-        return tuple(out)
+        return tuple(_turned(item, turns, position) for item, turns in zip(self.closed, self.turns, strict=True))
 
     def gap(self, position: float) -> float:
         """Metres between the tips of a revolute gripper with its leader at ``position``; negative if they overlap."""
-        first, second = ([item for item in self.turned(position) if item.link == tip] for tip in self.tips)
+        pairs = list(zip(self.closed, self.turns, strict=True))
+        first, second = (
+            [_turned(item, turns, position) for item, turns in pairs if item.link == tip] for tip in self.tips
+        )
         back: Vector = (-self.across[0], -self.across[1], -self.across[2])
         return -reach(first, self.across) - reach(second, back)
 
@@ -212,6 +209,13 @@ def _leader(gripper: Gripper, width: float) -> float:
         middle = 0.5 * (near + far)
         near, far = (middle, far) if gripper.gap(middle) < width else (near, middle)
     return 0.5 * (near + far)
+
+
+def _turned(item: LinkShape, turns: Sequence[FingerTurn], position: float) -> LinkShape:
+    T = item.pose.matrix
+    for turn in reversed(turns):
+        T = product(turn.motion(position), T)
+    return replace(item, pose=Pose.from_matrix(T))
 
 
 def _between(start: Sequence[float], end: Sequence[float]) -> Vector:
