@@ -46,8 +46,8 @@ class Solid:
 
     def farthest(self, joint: Joint) -> float:
         """How far a point of it is from the axis of a joint that turns, at most."""
-        off = np.cross(joint.axis, self.corners - joint.origin)
-        return float(np.linalg.norm(off, axis=1).max()) + self.disc + self.ball
+        off = (self.corners - joint.origin) @ _across(joint.axis)
+        return math.sqrt(float((off * off).sum(axis=1).max())) + self.disc + self.ball
 
     def widened(self, v: FloatArray) -> float:
         """By how much its disc changes what v gives a point."""
@@ -75,24 +75,36 @@ def approach(solid: Solid, joints: Sequence[Joint], n: FloatArray, moved: FloatA
         if joint.slides:
             constant += moved[k] * abs(float(n @ joint.axis))
         else:
-            first.append((moved[k] * np.cross(n, joint.axis), joint.origin))
+            first.append((moved[k] * _cross(n, joint.axis), joint.origin))
         for j, outer in enumerate(joints[: k + 1]):
             share = (0.5 if j == k else 1.0) * moved[j] * moved[k]
             if order == 1 or joint.slides:
                 continue
             if outer.slides:
-                constant += share * abs(float(n @ np.cross(joint.axis, outer.axis)))
+                constant += share * abs(float(n @ _cross(joint.axis, outer.axis)))
             else:  # n (z_k x (z_j x x)) is (((n x z_k) x z_j) x)
-                second.append((share * np.cross(np.cross(n, joint.axis), outer.axis), outer.origin))
-    terms = [*first, *second]
+                second.append((share * _cross(_cross(n, joint.axis), outer.axis), outer.origin))
+    terms, steps = [*first, *second], moved.tolist()
     heights = solid.corners @ n
     lower = heights - sum((np.abs((solid.corners - o) @ v) for v, o in terms), np.zeros(len(heights)))
     discs = sum(solid.widened(v) for v, _ in terms)
     rest = sum(
-        float(np.prod(moved[list(each)])) * radii[min(each)]
+        math.prod(steps[k] for k in each) * radii[min(each)]
         for each in itertools.product(range(len(joints)), repeat=order + 1)
     ) / math.factorial(order + 1)
     return constant + discs + float(heights.min() - lower.min()) + rest
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Of two vectors: numpy's is for many, and takes forty times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def _across(axis: FloatArray) -> FloatArray:
+    """The matrix of the cross product with an axis."""
+    x, y, z = axis.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def moved_height(solid: Solid, joints: Sequence[Joint], n: FloatArray, by: FloatArray) -> FloatArray:
@@ -113,8 +125,7 @@ def moved_height(solid: Solid, joints: Sequence[Joint], n: FloatArray, by: Float
 
 
 def _turns(axis: FloatArray, angles: FloatArray) -> FloatArray:
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    K = _across(axis)
     sin, cos = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
     return np.asarray(np.eye(3) + sin * K + (1.0 - cos) * (K @ K))
 
