@@ -14,10 +14,11 @@ from planner_service.collision import CancelToken
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidFile
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, Vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance
 from planner_service.grasping.kinds import GraspKinds
+from planner_service.kinematics.pose_goal import unit_axis
 from planner_service.kinematics.tool_line import LINE_POINTS, MAX_JOINT_RATE, require_joint_rate
 from planner_service.memory import Memory
 from planner_service.planning.request import Pace, PlanRequest, kept_in
@@ -137,6 +138,7 @@ def move_linear(
     zone: float = 0.0,
     points: int = LINE_POINTS,
     max_joint_rate: float = MAX_JOINT_RATE,
+    free_axis: Vector | None = None,
     partial: bool = False,
     pace: Pace | None = None,
     padding: float = 0.0,
@@ -156,6 +158,7 @@ def move_linear(
         "zone": zone,
         "points": points,
         "max_joint_rate": min(require_joint_rate(max_joint_rate), sys.float_info.max),  # JSON has no infinity
+        "free_axis": None if free_axis is None else unit_axis(free_axis),
         "partial": partial,
         "pace": pace,
         "padding": padding,

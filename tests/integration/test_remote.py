@@ -326,7 +326,7 @@ def test_a_task_that_names_what_is_not_there_is_refused_by_the_server_as_by_the_
     ("goal", "settings"),
     [
         ([(0.0, 0.0, 0.05), (0.0, 0.05, 0.0)], {"zone": 0.01, "pace": Pace(ps.SCurve(), 0.5)}),
-        ((0.0, 0.0, -0.5), {"partial": True}),
+        ((0.0, 0.0, -0.5), {"partial": True, "free_axis": (0.0, 2.0, 0.0)}),
     ],
 )
 def test_lines_of_the_tool_are_the_librarys(here: Planner, there: Planner, goal: Any, settings: dict[str, Any]) -> None:

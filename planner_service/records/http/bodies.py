@@ -625,6 +625,7 @@ class MoveLinearBody(InWorld):
         points: Points of the tool line at which inverse kinematics is solved, on every straight piece.
         max_joint_rate: Radians that a joint may turn per metre of the line, beyond which the line is refused as too
             near a singularity.
+        free_axis: Axis x, y, z in the tool frame about which the tool may turn as it likes; null for none.
         partial: Whether a part of the line is an answer, if not all of it can be followed.
         pace: How fast it is followed.
         padding: Metres that everything has to keep.
@@ -636,6 +637,7 @@ class MoveLinearBody(InWorld):
     zone: float = 0.0
     points: Count = LINE_POINTS
     max_joint_rate: float = MAX_JOINT_RATE
+    free_axis: Vector3 | None = None
     partial: bool = False
     pace: PaceBody | None = None
     padding: float = 0.0
