@@ -529,7 +529,15 @@ def _steps(grasp: tuple[ps.Pose, ...]) -> Calls:
     pose, wait = ps.Pose(), MoveTo()
     yield from (
         _call(MoveTo, goal=[pose, "home"], frame="a", constraints=flat, name="m"),
-        _call(MoveLinear, goal=[pose, (0.0, 0.0, 0.1)], frame="a", zone=0.01, constraints=flat, name="m"),
+        _call(
+            MoveLinear,
+            goal=[pose, (0.0, 0.0, 0.1)],
+            frame="a",
+            zone=0.01,
+            constraints=flat,
+            name="m",
+            free_axis=(0, 1, 0),
+        ),
         _call(MoveCircular, via=pose, goal=(0.0, 0.0, 0.1), frame="a", constraints=flat, name="m"),
         _call(Follow, waypoints=[[0.0, 0.0], [1.0, 0.0]], blend=0.1, constraints=flat, name="m"),
         _call(Connect, name="m", constraints=flat),

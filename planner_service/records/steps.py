@@ -185,6 +185,7 @@ class MoveLinearRecord(TaskStep):
         goal: Poses of the tool, or its displacements x, y, z in metres along the axes of the frame, to be passed in
             this order.
         frame: The obstacle in whose frame poses are given, and along whose axes displacements are; empty for the base.
+        free_axis: Axis x, y, z in the tool frame about which the tool may turn as it likes; null for none.
         constraints: What holds during this motion, beside the constraints of the request and of what is carried.
     """
 
@@ -194,6 +195,7 @@ class MoveLinearRecord(TaskStep):
     goal: Targets
     frame: Text = ""
     zone: float = 0.0
+    free_axis: Vector3 | None = None
     constraints: Constraints = Field(default_factory=list)
     name: Text = "line"
 
@@ -204,6 +206,7 @@ class MoveCircularRecord(TaskStep):
     Attributes:
         kind: Tells kinds of steps apart.
         frame: The obstacle in whose frame poses are given, and along whose axes displacements are; empty for the base.
+        free_axis: Axis x, y, z in the tool frame about which the tool may turn as it likes; null for none.
         constraints: What holds during this motion, beside the constraints of the request and of what is carried.
     """
 
@@ -213,6 +216,7 @@ class MoveCircularRecord(TaskStep):
     via: Target
     goal: Target
     frame: Text = ""
+    free_axis: Vector3 | None = None
     constraints: Constraints = Field(default_factory=list)
     name: Text = "arc"
 

@@ -530,6 +530,7 @@ class _Search:
             return tuple(float(row @ np.array(target)) for row in frame.rotation)
 
         def move(**settings: Any) -> PlanResult:
+            settings["free_axis"] = step.free_axis
             if isinstance(step, MoveCircular):
                 return move_circular(service, q, placed(step.via), placed(step.goal), **settings)
             goals = [placed(target) for target in step.goal]

@@ -35,7 +35,7 @@ from planner_service.geometry.validation import (
     whole,
 )
 from planner_service.grasping.guards import LONGEST_APPROACH
-from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.pose_goal import PoseGoal, unit_axis
 from planner_service.planning.task_result import MAX_SUPPORT_GAP
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
@@ -114,6 +114,8 @@ def _checked(step: Any) -> None:
         checked_name(name, getattr(step, name))
     if "frame" in named and text("frame", step.frame):
         checked_name("frame", step.frame)
+    if "free_axis" in named and step.free_axis is not None:
+        set_fields(step, free_axis=unit_axis(step.free_axis))
     if "constraints" in named:
         set_fields(step, constraints=checked_constraints(step.constraints))
 
@@ -185,6 +187,7 @@ class MoveLinear(Step):
         zone: Metres before and after a corner within which it is rounded.
         constraints: As of ``MoveTo``.
         name: What the motion is called.
+        free_axis: Axis (x, y, z) in the tool frame about which the tool may turn as it likes; None for none.
     """
 
     kind = "MoveLinear"
@@ -194,6 +197,7 @@ class MoveLinear(Step):
     zone: float = 0.0
     constraints: Sequence[Constraint] = ()
     name: str = "line"
+    free_axis: Vector | None = None
 
     def __post_init__(self) -> None:
         _checked(self)
@@ -220,7 +224,7 @@ class MoveCircular(Step):
     Attributes:
         via: A point on the arc: a pose, whose orientation is ignored, or a displacement (x, y, z) from the start.
         goal: The tool's pose at the end, or its displacement from the start.
-        frame: As of ``MoveLinear``.
+        frame: As of ``MoveLinear``; so is ``free_axis``.
         constraints: As of ``MoveTo``.
         name: What the motion is called.
     """
@@ -232,6 +236,7 @@ class MoveCircular(Step):
     frame: str = ""
     constraints: Sequence[Constraint] = ()
     name: str = "arc"
+    free_axis: Vector | None = None
 
     def __post_init__(self) -> None:
         _checked(self)

@@ -13,7 +13,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import line_branches, straight_tool_line
 from planner_service.kinematics.tool_line import LINE_METRES, LINE_RADIANS
-from planner_service.tasks import move_circular
+from planner_service.tasks import MoveLinear, Task, move_circular
 
 AXIS = (0.6, 0.0, 0.8)
 SO_101 = "example-robot-data:so101"
@@ -134,6 +134,9 @@ def test_an_arm_of_five_joints_draws_with_an_upright_pen() -> None:
     centre = np.add(DOWN.position, (0.0, 0.05, 0.0))
     assert np.abs(np.sqrt(((tips - centre) ** 2).sum(axis=1)) - 0.05).max() < LINE_METRES
     np.testing.assert_allclose(tips[-1], np.add(DOWN.position, (0.0, 0.1, 0.0)), atol=1e-6)
+    steps = (MoveLinear(ways[0], free_axis=(0.0, 0.0, 1.0)), MoveLinear((0.0, -0.15, 0.0)))
+    task = service.solve(Task(steps), path(0.0))
+    assert [segment.name for segment in task.segments] == ["line"]  # the second has no free axis
     tilted = replace(DOWN, quaternion=Pose.from_rpy((0.0, 0.0, 0.0), (2.8, 0.0, 0.0)).quaternion)
     blocked = straight_tool_line(arm, path(0.0), tilted, free_axis=(0.0, 0.0, 1.0))
     assert "no joint turns the tool's axis as the line does" in str(blocked.stopped)

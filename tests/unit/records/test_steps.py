@@ -39,8 +39,11 @@ STEPS: dict[str, tuple[Any, ...]] = {
     "to where it began": (MoveTo(),),
     "to goals": (MoveTo(([0.1, 0.2], "home", THERE, PoseGoal(THERE, free_axis=(0.0, 0.0, 1.0))), name="out"),),
     "in a frame": (MoveTo(THERE, frame="tray", constraints=KEPT),),
-    "lines": (MoveLinear([(0.0, 0.0, 0.1), THERE], zone=0.01), MoveLinear((0.1, 0.0, 0.0), frame="tray")),
-    "an arc": (MoveCircular((0.1, 0.0, 0.0), THERE, constraints=KEPT[:1]),),
+    "lines": (
+        MoveLinear([(0.0, 0.0, 0.1), THERE], zone=0.01),
+        MoveLinear((0.1, 0.0, 0.0), frame="tray", free_axis=(0, 0, 1)),
+    ),
+    "an arc": (MoveCircular((0.1, 0.0, 0.0), THERE, constraints=KEPT[:1], free_axis=(0.6, 0.0, 0.8)),),
     "a polyline": (Connect(constraints=KEPT[1:]), Follow([[0.0, 0.1], [0.2, 0.3]], blend=0.1)),
     "a pick": (Connect("to it"), Approach(), Grasp("block", support="table", upright=0.2), Retreat("lift")),
     "chosen grasps": (Connect(), Approach("down", (0.05,)), Grasp("block", [THERE], open_width=0.06), Retreat()),
