@@ -202,11 +202,6 @@ class _ProvenFollower(Robot):  # type: ignore[misc]
                 self._move_to(ASLEEP, 0.0)
             except (InvalidRequest, ExecutionStopped, ConnectionError) as error:
                 logger.error("%s is left where it is: %s", self, error)
-            for arm in self._simulated:
-                if (behind := arm.behind()) > BEHIND:
-                    logger.info("the simulated arm is %.2f s behind the clock", behind)
-                touched = "; ".join(str(contact) for contact in arm.contacts()) or "nothing"
-                logger.info("the simulated arm touched %s", touched)
         counts = self.gate.counts
         refused = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.refused.items())) or "none"
         text = "%s disconnected; of %d actions %d passed (%d slowed down), refused: %s"
@@ -242,6 +237,7 @@ class _ProvenFollower(Robot):  # type: ignore[misc]
         with ExitStack() as stack:
             for each in simulated:
                 stack.callback(each.close)
+                stack.callback(_tell_of, each)
             for camera in self.cameras.values():
                 if camera.is_connected:
                     stack.callback(camera.disconnect)
@@ -256,6 +252,13 @@ class _ProvenFollower(Robot):  # type: ignore[misc]
         if what and what != self._refused:
             logger.warning("%s brakes instead: %s", self, refused.detail)
             self._refused = what
+
+
+def _tell_of(arm: SimulatedArm) -> None:
+    if (behind := arm.behind()) > BEHIND:
+        logger.info("the simulated arm is %.2f s behind the clock", behind)
+    touched = "; ".join(str(contact) for contact in arm.contacts()) or "nothing"
+    logger.info("the simulated arm touched %s", touched)
 
 
 class ProvenWidowXAIFollower(_ProvenFollower):

@@ -22,7 +22,7 @@ SIMULATED = "--robot.simulated=true --robot.scene=table --teleop.type=scripted_l
 
 
 MACHINE_LATE = re.compile(
-    r"a command was due [\d.]+ s ago|behind the clock(?s:.*) tracking"
+    r"a command was due [\d.]+ s ago|behind the clock(?s:.*)\btracking"
     r"|refused: [^\n]*\b(?:[3-9]|\d\d+) late\b[^\n]* tracking"
 )
 """What a run says that ended since the machine gave it no time, as it is to end then: a plan's stream is stopped, or
