@@ -92,7 +92,7 @@ def approach(solid: Solid, joints: Sequence[Joint], n: FloatArray, moved: FloatA
         math.prod(steps[k] for k in each) * radii[min(each)]
         for each in itertools.product(range(len(joints)), repeat=order + 1)
     ) / math.factorial(order + 1)
-    return constant + discs + float(heights.min() - lower.min()) + rest
+    return float(constant + discs + (heights.min() - lower.min()) + rest)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
