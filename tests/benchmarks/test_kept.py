@@ -11,6 +11,7 @@ import pytest
 from benchmarks.harness.kept import Kept
 from benchmarks.harness.report import Row
 from benchmarks.studies.gate import chunks, times
+from planner_service.parallel import Sequential
 
 
 def test_what_was_done_is_there_again_and_a_line_that_was_cut_off_is_not(tmp_path: Path) -> None:
@@ -45,6 +46,7 @@ def test_rows_are_made_once_and_those_that_were_not_asked_for_are_there_if_they_
 def test_a_study_that_goes_on_says_what_one_at_once_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunks, "CHECKS", 2)
     monkeypatch.setattr(chunks, "EPISODES", 1)
+    monkeypatch.setattr(chunks, "Processes", Sequential)  # three starts of workers would take most of the time
     at_once = chunks.run(4 * chunks.CHECKS, 0, "wxai")
     kept = Kept(tmp_path / "done.jsonl")
     chunks.run(2 * chunks.CHECKS, 0, "wxai", kept)

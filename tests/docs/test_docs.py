@@ -19,7 +19,9 @@ from types import SimpleNamespace
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import planner_service
@@ -51,6 +53,7 @@ from tests.support.chromium import executable, headless, new_window
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
+IMAGES = DOCS / "images"
 RUN_HERE = (
     "README.md",
     *(f"docs/tutorial/{name}.md" for name in ("first-plan", "pick-and-place", "your-own-robot")),
@@ -128,6 +131,18 @@ def test_what_a_page_shows_is_what_happens(
     if "WRITE_OUTPUTS" in os.environ:  # to take over what changed on purpose; read the diff
         (ROOT / name).write_text(today, encoding="utf-8")
     assert page.splitlines() == today.splitlines()
+    pictures = {Path(image).name for image in re.findall(r"\]\((\S+\.png)\)", page)}
+    for drawn in tmp_path.glob("*.png"):
+        if drawn.name in pictures:
+            assert_is_shown(drawn)
+
+
+def assert_is_shown(drawn: Path) -> None:
+    """That a picture is the one of the pages; ``WRITE_OUTPUTS=1`` makes it that."""
+    if "WRITE_OUTPUTS" in os.environ:
+        (IMAGES / drawn.name).write_bytes(drawn.read_bytes())
+    with Image.open(drawn) as today, Image.open(IMAGES / drawn.name) as shown:
+        assert np.array_equal(np.asarray(today), np.asarray(shown)), drawn.name
 
 
 def test_the_readme_is_short() -> None:

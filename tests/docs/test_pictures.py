@@ -1,4 +1,4 @@
-"""The pictures of plans on the pages are those of today's plans.
+"""Pictures that no page draws itself are those of today's plans.
 
 ``WRITE_OUTPUTS=1`` in the environment draws them anew.
 """
@@ -11,41 +11,26 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
 from planner_service import PlanResult, TaskResult
 from planner_service.view.still.moving import draw_motions
-from tests.docs.test_docs import DOCS
+from tests.docs.test_docs import DOCS, IMAGES, assert_is_shown
 from tests.support.command import run
 
-IMAGES = DOCS / "images"
 MOVING = IMAGES / "palletising.webp"
 SPEED = 2.0
 """Seconds of motion in one of the picture; the pages say so."""
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("pictures", r"^ +planner-service (plan .*)$"),
-        pytest.param("reachability", r"^\$ planner-service (reachability build .*)$", marks=pytest.mark.slow),
-        ("reachability", r"^\$ planner-service (reachability place .*)$"),
-    ],
-)
-def test_a_picture_is_what_its_command_draws(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
-) -> None:
+def test_a_picture_is_what_its_command_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (DOCS / "guides" / f"{name}.md").read_text(encoding="utf-8")
-    (command,) = re.findall(words, page, re.MULTILINE)
+    page = (DOCS / "guides" / "pictures.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^ +planner-service (plan .*)$", page, re.MULTILINE)
     assert run(*shlex.split(command)).exit_code == 0
     (drawn,) = tmp_path.glob("*.png")
-    if "WRITE_OUTPUTS" in os.environ:
-        (IMAGES / drawn.name).write_bytes(drawn.read_bytes())
-    with Image.open(drawn) as today, Image.open(IMAGES / drawn.name) as shown:
-        assert np.array_equal(np.asarray(today), np.asarray(shown))
+    assert_is_shown(drawn)
 
 
 @pytest.mark.slow
