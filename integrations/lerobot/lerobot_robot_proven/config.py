@@ -26,8 +26,9 @@ class GateConfig(RobotConfig):  # type: ignore[misc]
         simulated: Start a simulated arm among the scene's obstacles instead of connecting to a real one.
         loop_rate: Targets a second, as LeRobot's ``fps``.
         min_time_to_move_multiplier: Periods after which a target is due, as of the vendor's plug-in.
-        tracking_error, tracking_lag: What is assumed of the arm, see ``planner_service.gate.Tracking``; if not given
-            0.02 rad and 0.05 s, and of the simulated one what was measured on a busy machine.
+        tracking_error, tracking_lag, tracking_jitter: What is assumed of the arm and of this machine, see
+            ``planner_service.gate.Tracking``; if not given 0.02 rad, 0.05 s and 0.005 s, and of the simulated one what
+            was measured on a busy machine.
         acceleration_scale: Part of the robot's acceleration limits that targets may use.
         jump: Radians; a target that is farther from an arm at rest is reached on a plan.
         move_speed: Part of the planned speed of connecting, resetting and disconnecting; 1 in simulation, else 0.2.
@@ -43,6 +44,7 @@ class GateConfig(RobotConfig):  # type: ignore[misc]
     min_time_to_move_multiplier: float = 3.0
     tracking_error: float | None = None
     tracking_lag: float | None = None
+    tracking_jitter: float | None = None
     acceleration_scale: float = 4.0
     jump: float = 0.2
     move_speed: float | None = None
