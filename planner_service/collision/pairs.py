@@ -79,8 +79,9 @@ class PairRuns:
         return self.count
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
-        ends = [*self.table[1:, 0].tolist(), self.count]
-        for (start, first, second), end in zip(self.table.tolist(), ends, strict=True):
+        runs = self.table.tolist()
+        ends = [*(start for start, _, _ in runs[1:]), self.count]
+        for (start, first, second), end in zip(runs, ends[: len(runs)], strict=True):  # without pairs there are none
             for k in range(end - start):
                 yield first, second + k
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 from unittest.mock import Mock
 
@@ -21,6 +22,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.native.loading import load_core
 from planner_service.robot_setup.loading import load_robot
 from planner_service.scene.loading import load_scene
+from planner_service.scene.scene import Scene
 from planner_service.search.problem import SearchOracle
 from tests.support.backends import CASES, case, checkers, compare, edges_of, states_of
 
@@ -230,3 +232,25 @@ def test_a_rule_that_splits_an_edge_into_no_parts_is_refused_and_nothing_is_call
     for ask in (checker.edge_is_free, SearchOracle(checker).edge_is_free):
         with pytest.raises(InvalidRequest, match=r"edge_step\.segments: got"):
             ask(robot.home, robot.home + 0.1)
+
+
+def test_a_piece_that_is_turned_on_its_link_is_held_against_links_of_several_pieces(tmp_path: Path) -> None:
+    def link(name: str, *shapes: str) -> str:
+        return f'<link name="{name}">{"".join(f"<collision>{shape}</collision>" for shape in shapes)}</link>'
+
+    def joint(k: int, axis: str) -> str:
+        ends = f'<parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0.1 0.03 0.1"/><axis xyz="{axis}"/>'
+        limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
+        return f'<joint name="j{k}" type="revolute">{ends}{limit}</joint>'
+
+    turned = '<origin xyz="0 0 0.05" rpy="0.5 0.9 0.4"/><geometry><box size="0.5 0.04 0.02"/></geometry>'
+    pieces = [f'<origin xyz="{x} 0 0.05"/><geometry><box size="0.06 0.04 0.2"/></geometry>' for x in (0.0, 0.15)]
+    small = '<geometry><sphere radius="0.01"/></geometry>'
+    links = [link("l0", turned), link("l1", small), link("l2", small), link("l3", *pieces)]
+    path = tmp_path / "turned.urdf"
+    path.write_text(
+        f'<robot name="r">{"".join([*links, joint(0, "0 0 1"), joint(1, "0 1 0"), joint(2, "1 0 0")])}</robot>'
+    )
+    found = compare(checkers(load_robot(path), Scene()), 300, 30, seed=3)
+    assert found.differences == []
+    assert 0 < found.colliding < found.states + found.edges
