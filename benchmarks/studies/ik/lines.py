@@ -31,7 +31,7 @@ ARMS = {
 }
 
 TORCH = (0.6, 0.0, 0.8)
-"""The axis that is free in the second table, in the tool frame: that of a torch mounted at 37 degrees."""
+"""The free axis of the second table, in the tool frame: a torch mounted at 37 degrees."""
 
 KINDS = ("fixed", "free")
 

@@ -43,7 +43,6 @@ FINGER_SPAN = (0.0, 0.04)
 GRIPPER_TIME = 1.0
 """Seconds in which the gripper closes before and after the arm's day."""
 
-
 BEHIND = 0.05
 """Seconds that a simulated arm may fall behind the clock without a word."""
 
