@@ -681,16 +681,15 @@ class Certifier:
         for name, rows in (("starts", first), ("ends", last), ("room", off)):
             if rows.ndim != 2 or rows.shape != (len(first), self.robot.n):
                 raise InvalidRequest(name, rows.shape, f"{expected}, k the same for all")
-            if not np.isfinite(rows).all():
-                raise InvalidRequest(name, rows[~np.isfinite(rows).all(axis=1)][0].tolist(), "finite numbers")
         self._check_limits("starts", first)
         self._check_limits("ends", last)
-        if (off < 0.0).any():
-            raise InvalidRequest("room", float(off.min()), "radians (or metres) >= 0")
-        if len(first):
+        usable = (off >= 0.0) & (off < math.inf)
+        if not usable.all():
+            raise InvalidRequest("room", float(off[~usable][0]), "finite radians (or metres) >= 0")
+        if self._still and len(first):
             self._check_still(np.concatenate([first, last]))
-        if off[:, self._still].any():
-            raise InvalidRequest("room", off[:, self._still].max(), "no room for joints that stand still")
+            if off[:, self._still].any():
+                raise InvalidRequest("room", float(off[:, self._still].max()), "no room for joints that stand still")
         return np.ascontiguousarray(first), np.ascontiguousarray(last), np.ascontiguousarray(off)
 
     def clearances(self, Q: ArrayLike) -> FloatArray:

@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.validation import number, numbers, whole
+from planner_service.native.loading import load_core
 
 __all__ = ["Course", "Setpoint", "Tracking", "Whereabouts"]
 
@@ -137,20 +138,9 @@ class Setpoint:
     def course(self, targets: FloatArray, shares: tuple[float, float, float], goal_time: float) -> Course:
         """Where it can be as each of targets (k, n) comes, and after the last."""
         low, due, high = shares
-        k, mean, off = len(targets), 0.5 * (low + high), 0.5 * (high - low)
-        cut = abs(mean - due) > EVEN
-        places = _faded(self.place, 1.0 - mean, mean * targets)
-        ways = targets - places[:k]
-        radii = _faded(self.radius, 1.0 - low, off * np.abs(ways))
-        in_time = places
-        if cut or self.due is not self.place:
-            in_time = _faded(self.due, 1.0 - due, due * targets)
-        going = (ways if in_time is places else targets - in_time[:k]) / goal_time
-        speeds = np.concatenate([self.speed[None], going])
-        changes = np.concatenate([self.change[None], np.diff(speeds, axis=0)])
-        if low >= 1.0 and k:  # it was at each target, and stood still, when the next came
-            speeds[1:], changes[1:] = 0.0, 0.0
-        return Course(places, radii, going, speeds, changes, in_time)
+        aside = self.due is not self.place or abs(0.5 * (low + high) - due) > EVEN
+        rows = (self.place, self.radius, self.speed, self.change, self.due, targets)
+        return Course(*load_core().setpoints(*map(np.ascontiguousarray, rows), shares, goal_time, aside))
 
     def ahead(self, target: FloatArray | None, rows: FloatArray, tracking: Tracking, period: float) -> Whereabouts:
         """Where the arm can be until it rests at the last of rows (k, n), or on its way if no more are sent.
@@ -166,16 +156,6 @@ class Setpoint:
         sent = course.places[:-1], rows, course.radii[:-1]
         starts, ends, radii = (np.concatenate(each) for each in zip(silent, sent, strict=True))
         return Whereabouts(starts, ends, radii + tracking.of(len(self.place)))
-
-
-def _faded(first: FloatArray, share: float, added: FloatArray) -> FloatArray:
-    """Rows x (k + 1, n): the first, and after each row ``share`` of it and what is added (k, n)."""
-    out = np.concatenate([first[None], added])
-    back = 1
-    while back < len(out) and share > 0.0:  # each row has what the ``back`` rows up to it add to it by now
-        out[back:] += share * out[:-back]
-        back, share = 2 * back, share * share
-    return out
 
 
 class Course(NamedTuple):

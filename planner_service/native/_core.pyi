@@ -718,6 +718,22 @@ class Underway:
             margin: Share of the possible braking that is not used.
         """
 
+def setpoints(
+    place: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    change: NDArray[np.float64],
+    due: NDArray[np.float64],
+    targets: NDArray[np.float64],
+    shares: tuple[float, float, float],
+    goal_time: float,
+    aside: bool,
+) -> tuple[NDArray[np.float64], ...]:
+    """The six of ``gate.tracking.Course``, of a setpoint (n,) and targets (k, n).
+
+    ``aside``: where it is due is not where it is about; else the last of them is the first.
+    """
+
 def stop_duration(
     waypoints: NDArray[np.float64],
     knots: NDArray[np.float64],

@@ -18,7 +18,7 @@ Edge::Edge(const Model& model, const Variant& variant, const Curve& curve, doubl
       travel_(static_cast<std::size_t>(model.dof)) {}
 
 LineVerdict judge_line(const Model& model, const Variant& variant, const double* q1, const double* q2, double enough, double nearer,
-                       const double* room, const std::vector<int>& roots) {
+                       const double* room, const std::vector<int>& roots, const Bound& hint) {
     const auto n = static_cast<std::size_t>(model.dof);
     std::vector<double> points(q1, q1 + n), tangent(n);
     points.insert(points.end(), q2, q2 + n);
@@ -34,13 +34,13 @@ LineVerdict judge_line(const Model& model, const Variant& variant, const double*
     const std::size_t pieces = length > 0.0 ? 1 : 0;
     const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, &line, &blend, nullptr});
     Edge edge(model, variant, curve, enough, nearer, room);
-    const EdgeResult result = edge.run(roots);
+    const EdgeResult result = edge.run(roots, hint);
     return {true, result, edge.asked(), edge.whole(), edge.lost()};
 }
 
-EdgeResult Edge::run(const std::vector<int>& roots) {
+EdgeResult Edge::run(const std::vector<int>& roots, const Bound& hint) {
     std::vector<Middle> open;
-    bool going = middle(roots, open) && (open.empty() || ends(open));
+    bool going = middle(roots, hint, open) && (open.empty() || ends(open));
     while (going && !rows_.empty()) going = split() && halve();
     return out_;
 }
@@ -63,16 +63,16 @@ bool Edge::charge(std::size_t count, int pair, double s) {
 }
 
 // A pair that is neither apart nor overlaps as far as can be told; the others are looked at all the same.
-void Edge::lose(int pair, double s) {
+void Edge::lose(int pair, double s, const Bound& bound) {
     if (out_.verdict == Verdict::free) out_ = {Verdict::undecided, pair, s};
-    if (roomy_) lost_.push_back({pair, s});
+    if (roomy_) lost_.push_back({pair, s, bound});
 }
 
 // Whether a pair is far enough apart at a node for all of its room; if it is not, no halving helps.
 bool Edge::leaves_room(int pair, std::size_t node, const Bound& bound) {
     if (!roomy_ || bound.gap - places_.room_motion(pair_of(pair), node) > enough_) return true;
     if (apart_about(pair_of(pair), node, bound, nullptr)) return true;
-    lose(pair, places_.s(node));
+    lose(pair, places_.s(node), bound);
     return false;
 }
 
@@ -124,12 +124,12 @@ Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int c
         out_ = {Verdict::colliding, number, places_.s(node)};
         return Found::over;
     }
-    lose(number, places_.s(node));
+    lose(number, places_.s(node), bound);
     return Found::lost;
 }
 
 // Pairs that a look at the middle leaves open; false when it is over.
-bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
+bool Edge::middle(const std::vector<int>& roots, const Bound& hint, std::vector<Middle>& open) {
     const double length = curve_.length();
     const std::size_t node = place(0.5 * length);
     std::vector<double> half = travel_;
@@ -138,7 +138,7 @@ bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
     places_.begin_about(node, half.data());
     std::vector<Middle> asks;
     for (const int number : roots)
-        if (!places_.spheres_clear(pair_of(number), enough_)) asks.push_back({number, {}});
+        if (!places_.spheres_clear(pair_of(number), enough_)) asks.push_back({number, hint});
     for (std::size_t first = 0; first < asks.size();) {  // those of bundles are added at the end
         const std::size_t last = asks.size();
         if (!charge(last - first, asks[first].pair, places_.s(node))) return false;
@@ -146,10 +146,10 @@ bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
             const int number = asks[first].pair;
             const Pair pair = pair_of(number);
             const double motion = places_.motion_about(pair);
-            const int hints = asks[first].bound.gap != 0.0 ? 1 : 0;
-            const Bound hint = asks[first].bound;
+            const Bound known = asks[first].bound;
+            const int hints = known.gap != 0.0 ? 1 : 0;
             Bound bound{};
-            const Found found = judge(number, node, hint.n, hints, bound,
+            const Found found = judge(number, node, known.n, hints, bound,
                                       [&](const Bound& b) { return b.gap - motion > enough_; },
                                       [&](const Bound& b) { return apart_about(pair, node, b, half.data()); });
             if (found == Found::over) return false;

@@ -19,6 +19,7 @@ struct EdgeResult {
 struct Lost {
     int pair;
     double s;
+    Bound bound;  // there; nothing where there was no end to the looking
 };
 
 struct LineVerdict {
@@ -29,9 +30,10 @@ struct LineVerdict {
     std::vector<Lost> lost;     // with room: of these it cannot be told
 };
 
-// The verdict on the straight edge from q1 to q2, n numbers each; the rest is as for ``Edge``.
+// The verdict on the straight edge from q1 to q2, n numbers each; the rest is as for ``Edge``. ``hint``: a direction in which pairs may
+// be apart.
 LineVerdict judge_line(const Model& model, const Variant& variant, const double* q1, const double* q2, double enough, double nearer,
-                       const double* room, const std::vector<int>& roots);
+                       const double* room, const std::vector<int>& roots, const Bound& hint = {});
 
 class Edge {
   public:
@@ -39,7 +41,7 @@ class Edge {
     // not sure to be far enough apart for all of it is undecided.
     Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer, const double* room = nullptr);
 
-    EdgeResult run(const std::vector<int>& roots);
+    EdgeResult run(const std::vector<int>& roots, const Bound& hint = {});
     double asked() const { return asked_; }
     bool whole() const { return whole_; }
     const std::vector<Lost>& lost() const { return lost_; }
@@ -83,7 +85,7 @@ class Edge {
     }
     std::size_t place(double s);
     bool charge(std::size_t count, int pair, double s);
-    void lose(int pair, double s);
+    void lose(int pair, double s, const Bound& bound = {});
     bool leaves_room(int pair, std::size_t node, const Bound& bound);
     bool apart_about(const Pair& pair, std::size_t node, const Bound& bound, const double* travel);
     bool apart_between(const Pair& pair, std::size_t left, const Bound& one, std::size_t right, const Bound& two);
@@ -91,7 +93,7 @@ class Edge {
     template <class Closes, class Directed>
     Found judge(int pair, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes,
                 const Directed& directed);
-    bool middle(const std::vector<int>& roots, std::vector<Middle>& open);
+    bool middle(const std::vector<int>& roots, const Bound& hint, std::vector<Middle>& open);
     bool ends(const std::vector<Middle>& open);
     bool split();
     bool halve();

@@ -156,6 +156,11 @@ struct Bound {
     double n[3];
 };
 
+// ``x p + y q + z r + one`` at a point (p, q, r).
+struct Affine {
+    double x, y, z, one;
+};
+
 // A pair as it stands: ``R`` turns a's axes into b's, row by row, ``x`` is a's centre, both seen from b.
 struct Facing {
     const Solid *a, *b;
@@ -183,6 +188,9 @@ struct Variant {
     Contact (*settled)(const Terms& terms, const Facing& facing, double enough, double nearer, Bound& bound);
     // The largest of the heights of a hull's corners along u, v, w.
     double (*height)(const Hull& hull, double u, double v, double w);
+    // How much lower along ``up`` than the lowest of some corners any gets that sinks by as much as these are large where it is,
+    // added up. ``corners``: ``padded`` numbers for each axis.
+    double (*lowered)(const double* corners, std::size_t padded, const double* up, const Affine* moves, std::size_t count);
 };
 
 extern const Variant baseline;

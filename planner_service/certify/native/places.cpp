@@ -349,8 +349,7 @@ Places::Approach Places::approach_of(std::size_t piece, std::size_t count, std::
         swept += radius * moved;
     }
     if (solid.hull == nullptr && solid.disc > 0.0)
-        for (std::size_t k = 0; k < turns_.size(); k += 4)
-            out.slope += solid.disc * std::sqrt(turns_[k] * turns_[k] + turns_[k + 1] * turns_[k + 1]);
+        for (const Affine& turn : turns_) out.slope += solid.disc * std::sqrt(turn.x * turn.x + turn.y * turn.y);
     double local[3];
     for (int j = 0; j < 3; ++j) local[j] = n[0] * P[j] + n[1] * P[4 + j] + n[2] * P[8 + j];
     out.slope = (out.slope + nearest_corner(solid, local)) * (1.0 + model_.terms.rounding);
@@ -359,12 +358,9 @@ Places::Approach Places::approach_of(std::size_t piece, std::size_t count, std::
 }
 
 void Places::turn_by(double share, const double* v, const double* o, const double* P) {
-    double turn[4] = {0.0, 0.0, 0.0, 0.0};
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) turn[j] += share * v[i] * P[4 * i + j];
-        turn[3] += share * v[i] * (P[4 * i + 3] - o[i]);
-    }
-    turns_.insert(turns_.end(), turn, turn + 4);
+    const double x = share * v[0], y = share * v[1], z = share * v[2];
+    turns_.push_back({x * P[0] + y * P[4] + z * P[8], x * P[1] + y * P[5] + z * P[9], x * P[2] + y * P[6] + z * P[10],
+                      x * (P[3] - o[0]) + y * (P[7] - o[1]) + z * (P[11] - o[2])});
 }
 
 // What the second derivatives are along n by a joint and each outer one, and by itself, and adds it to the outer ones. By joints j and
@@ -391,31 +387,12 @@ void Places::bend_by(const Turn& turn, const double* n, const double* P, Approac
 
 // How much lower than its lowest corner any gets by what is in ``turns_``, ``local`` being upwards.
 double Places::nearest_corner(const Solid& solid, const double* local) {
-    double around[3 * 8];
-    const double* at = around;
-    std::size_t each = 8;
-    if (solid.hull != nullptr) {
-        at = solid.hull->corners;
-        each = solid.hull->padded;
-    } else {
-        for (std::size_t i = 0; i < 3; ++i)
-            for (std::size_t side = 0; side < 8; ++side) around[8 * i + side] = (side >> i) & 1 ? solid.half[i] : -solid.half[i];
-    }
-    heights_.resize(each);
-    moves_.assign(each, 0.0);
-    const double *x = at, *y = at + each, *z = at + 2 * each;
-    double *height = heights_.data(), *moves = moves_.data();
-    for (std::size_t i = 0; i < each; ++i) height[i] = local[0] * x[i] + local[1] * y[i] + local[2] * z[i];
-    for (std::size_t k = 0; k < turns_.size(); k += 4) {
-        const double a = turns_[k], b = turns_[k + 1], c = turns_[k + 2], d = turns_[k + 3];
-        for (std::size_t i = 0; i < each; ++i) moves[i] += std::fabs(a * x[i] + b * y[i] + c * z[i] + d);
-    }
-    double least = std::numeric_limits<double>::infinity(), closest = least;
-    for (std::size_t i = 0; i < each; ++i) {
-        least = std::min(least, height[i]);
-        closest = std::min(closest, height[i] - moves[i]);
-    }
-    return least - closest;
+    if (solid.hull != nullptr)
+        return variant_.lowered(solid.hull->corners, solid.hull->padded, local, turns_.data(), turns_.size());
+    double around[3 * LANES];
+    for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t side = 0; side < LANES; ++side) around[LANES * i + side] = (side >> i) & 1 ? solid.half[i] : -solid.half[i];
+    return variant_.lowered(around, LANES, local, turns_.data(), turns_.size());
 }
 
 double Places::motion_about(const Pair& pair) {

@@ -90,13 +90,12 @@ class Places {
     const double* room_ = nullptr;
     double slid_ = 0.0;           // what all slides together may be off
     std::vector<double> beside_;  // room for motions by the room
-    std::vector<double> turns_;   // room for what joints give corners
+    std::vector<Affine> turns_;   // room for what joints give corners
     struct Turn {                 // of a joint: its axis and a point on it, how far it goes, and its axis along n
         double z[3], o[3], moved, along;
         bool slides;
     };
     std::vector<Turn> joints_;
-    std::vector<double> heights_, moves_;  // of corners
     std::size_t per_bodies_;
     std::vector<double> s_, q_, travel_, bodies_;
     std::vector<double*> poses_, radii_;  // of each node and riding piece; nullptr: not known yet

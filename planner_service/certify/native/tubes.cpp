@@ -10,6 +10,11 @@ namespace {
 // Bounds that a part of a room may take: one that takes more counts as more parts.
 constexpr double kBoundsOfPart = 8.0;
 
+// Edges are taken as one that has at most so many times their room, for so many pairs at most.
+constexpr double kStraight = 1.5;
+constexpr std::size_t kFewPairs = 48;
+constexpr double kEven = 1e-9, kRounding = 1e-12;  // radians (or metres)
+
 struct Part {
     std::vector<double> start, end, room, moves;
 };
@@ -43,9 +48,43 @@ std::size_t Tubes::run(const std::vector<int>& roots) {
 std::size_t Tubes::free(std::size_t first, std::size_t last, const std::vector<int>& pairs) {
     if (pairs.empty()) return last - first;
     if (last - first == 1) return edge(first, pairs) ? 1 : 0;
-    const std::vector<int> open = left(first, last, pairs);
+    const std::vector<int> open = left_as_one(first, last, left(first, last, pairs));
+    if (open.empty()) return last - first;
     const std::size_t half = first + (last - first) / 2, found = free(first, half, open);
     return found < half - first ? found : found + free(half, last, open);
+}
+
+// Pairs that are not far enough apart on some edges that lie about on a line, as one edge from the first start to the last end with
+// more room. Each end of an edge is given a point of that line; what is on an edge is no farther from the point between those two, in
+// each joint, than one of the ends from its own. So all of it is on the line or beside it, if that and the edge's room are in the room.
+std::vector<int> Tubes::left_as_one(std::size_t first, std::size_t last, std::vector<int> pairs) {
+    if (pairs.empty() || pairs.size() > kFewPairs) return pairs;
+    const double *start = starts_ + n_ * first, *end = ends_ + n_ * (last - 1);
+    double square = 0.0;
+    for (std::size_t j = 0; j < n_; ++j) square += (end[j] - start[j]) * (end[j] - start[j]);
+    std::vector<double> room(n_, 0.0), most(n_, 0.0);
+    for (std::size_t k = first; k < last; ++k)
+        for (const double* q : {starts_ + n_ * k, ends_ + n_ * k}) {
+            double along = 0.0;
+            for (std::size_t j = 0; j < n_; ++j) along += (q[j] - start[j]) * (end[j] - start[j]);
+            const double share = square > 0.0 ? std::clamp(along / square, 0.0, 1.0) : 0.0;
+            for (std::size_t j = 0; j < n_; ++j) {
+                const double off = std::abs(q[j] - (start[j] + share * (end[j] - start[j])));
+                room[j] = std::max(room[j], off + room_[n_ * k + j]);
+                most[j] = std::max(most[j], room_[n_ * k + j]);
+            }
+        }
+    for (std::size_t j = 0; j < n_; ++j) {
+        if (room[j] > kStraight * most[j] + kEven) return pairs;
+        if (room[j] > 0.0) room[j] += kRounding;
+    }
+    const auto judged = judge_line(model_, variant_, start, end, enough_, nearer_, room.data(), pairs);
+    asked_ += judged.asked;
+    if (!judged.taken || !judged.whole || judged.result.verdict == Verdict::colliding) return pairs;
+    std::vector<int> open;
+    for (const Lost& lost : judged.lost)
+        if (std::find(open.begin(), open.end(), lost.pair) == open.end()) open.push_back(lost.pair);
+    return open;
 }
 
 // Everything in the middle of some edges, with what it takes to get from there to whatever is on them or beside them.
@@ -184,7 +223,7 @@ bool Tubes::apart_by_parts(std::size_t k, const Lost& lost) {
             beside.start[j] += side;
             beside.end[j] += side;
             const auto judged = judge_line(model_, variant_, beside.start.data(), beside.end.data(), enough_, nearer_,
-                                           beside.room.data(), {lost.pair});
+                                           beside.room.data(), {lost.pair}, lost.bound);
             asked_ += judged.asked;
             const int cost = 1 + static_cast<int>(judged.asked / kBoundsOfPart);
             parts_ -= cost, left -= cost;

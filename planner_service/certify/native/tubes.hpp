@@ -1,6 +1,6 @@
 // Straight edges with room beside them: how many are free, the first ones first. Whatever is on several edges, or beside them, is
-// within so much of one configuration in each joint; pairs that are far enough apart there for that are not looked at again. What
-// is left of edges is halved, and of a single one judged by ``Edge``.
+// within so much of one configuration in each joint; pairs that are far enough apart there for that are not looked at again, nor those
+// that are along the line on which the edges about lie. What is left of edges is halved, and of a single one judged by ``Edge``.
 #pragma once
 
 #include <vector>
@@ -38,6 +38,7 @@ class Tubes {
     std::vector<double> middle_, reach_, beside_, still_;
 
     std::size_t free(std::size_t first, std::size_t last, const std::vector<int>& pairs);
+    std::vector<int> left_as_one(std::size_t first, std::size_t last, std::vector<int> pairs);
     bool edge(std::size_t k, const std::vector<int>& pairs);
     std::vector<int> left(std::size_t first, std::size_t last, std::vector<int> pairs);
     // Whether a pair is apart on an edge and beside it, by parts of its room; ``s`` is where the whole of it was too much.

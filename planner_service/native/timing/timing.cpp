@@ -16,6 +16,7 @@
 #include "../arrays.hpp"
 #include "inverse_dynamics.hpp"
 #include "law.hpp"
+#include "setpoint.hpp"
 #include "tool_speed.hpp"
 #include "two_passes.hpp"
 #include "underway.hpp"
@@ -294,6 +295,18 @@ void bind(nb::module_& m) {
         const Limits limits = limits_of(path, velocity, acceleration, acceleration);
         const auto stops = inner_waypoints(path, turns);
         return unless_unusual([&] { return stop_duration(path, limits, stops); }, [](double seconds) { return nb::cast(seconds); });
+    });
+    m.def("setpoints", [](const Column& place, const Column& radius, const Column& speed, const Column& change, const Column& due,
+                          const Rows& targets, const std::array<double, 3>& shares, double goal_time, bool aside) {
+        const std::size_t n = place.shape(0), count = targets.shape(0);
+        for (const Column* each : {&radius, &speed, &change, &due}) require(each->shape(0) == n, "as many joints");
+        require(targets.shape(1) == n, "targets of as many joints");
+        const Setpoint now{place.data(), radius.data(), speed.data(), change.data(), due.data()};
+        Course found = course(n, count, now, targets.data(), shares[0], shares[1], shares[2], goal_time, aside);
+        const auto arrivals = [&](std::vector<double>& rows) { return array_of<double>(std::move(rows), {count + 1, n}); };
+        const nb::object places = arrivals(found.places), in_time = aside ? arrivals(found.due) : places;
+        return nb::make_tuple(places, arrivals(found.radii), array_of<double>(std::move(found.going), {count, n}),
+                              arrivals(found.before), arrivals(found.changes), in_time);
     });
     m.def("tool_speeds", [](const Rows& table, std::size_t tool_body, const std::array<double, 3>& tool, const Rows& Q, const Rows& Qd) {
         require(Q.shape(0) == Qd.shape(0) && Q.shape(1) == Qd.shape(1), "a velocity for each configuration");

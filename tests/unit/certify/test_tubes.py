@@ -229,7 +229,8 @@ def test_of_many_edges_as_many_are_free_as_one_by_one(name: str) -> None:
     rng, cut = np.random.default_rng(6), 0
     for a, b in edges_of(checker, 150, seed=12):
         line = a + np.linspace(0.0, 1.0, 33)[:, None] * (b - a)
-        room = rng.uniform(0.0, 0.01, (32, robot.n))
+        line = np.clip(line + rng.uniform(-0.02, 0.02, line.shape), *robot.bounds)
+        room = rng.uniform(0.0, 0.06, (32, robot.n))
 
         def proven(rows: slice, line: FloatArray = line, room: FloatArray = room) -> int:
             return certifier.certify_tubes(line[:-1][rows], line[1:][rows], room[rows], parts=10_000).free
