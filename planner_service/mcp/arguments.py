@@ -113,6 +113,9 @@ class MoveLinearArguments(_AfterArguments):
 
     by: Vector3 | None = described("metres along x, y and z of the base frame; the tool keeps its orientation")
     to: Where | None = described("where to go: a position")
+    free_axis: Vector3 | None = described(
+        "axis x, y, z in the tool frame about which the tool may turn on its way, as a pen may"
+    )
 
     @cached_property
     def value(self) -> MoveLinearArguments:

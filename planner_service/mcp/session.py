@@ -196,13 +196,14 @@ class Session:
         """A proven straight motion of the tool, kept by its id."""
         state = self._at(given.after)
         goal: Any = given.by
+        axis: Any = given.free_axis
         if given.to is not None:
             goal = self._pose(state, given.to)
         request = _base(state)
-        constraints = state.scene.constraints
         result = move_linear(
-            state.service, state.q, goal, pace=Pace.of(request), padding=PADDING, constraints=constraints, cancel=cancel
-        )
+            state.service, state.q, goal, free_axis=axis, pace=Pace.of(request), padding=PADDING,
+            constraints=state.scene.constraints, cancel=cancel,
+        )  # fmt: skip
         said = f"by {numbers_text(given.by)}" if given.by is not None else f"to {numbers_text(goal.position)}"
         return self._moved(state, "line", f"move the tool straight {said}", result, request, given.after)
 

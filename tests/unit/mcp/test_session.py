@@ -94,6 +94,14 @@ def test_a_line_of_the_tool_ends_where_it_should(session: Session) -> None:
     assert back["ends"]["tool"]["position"] == pytest.approx(before["position"], abs=1e-4)
 
 
+def test_a_tool_that_may_turn_about_its_axis_on_a_line_does_and_keeps_that_axis(session: Session) -> None:
+    line = answered(session, "move_linear", by=[0.0, 0.3, -0.1], free_axis=[1.0, 0.0, 0.0])
+    stands = answered(session, "check")["stand"], line["ends"]
+    before, after = (ps.Pose((0.0, 0.0, 0.0), each["tool"]["quaternion_wxyz"]).rotation for each in stands)
+    assert before[:, 0] @ after[:, 0] == pytest.approx(1.0, abs=1e-4)
+    assert before[:, 1] @ after[:, 1] < 0.99
+
+
 def test_a_check_says_what_touches_and_by_how_much(session: Session) -> None:
     free = answered(session, "check")
     assert (free["free"], free["touching"]) == (True, [])
