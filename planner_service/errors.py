@@ -22,6 +22,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 __all__ = [
     "BrokenInvariant",
     "InvalidFile",
@@ -48,10 +50,19 @@ SHOWN = 300
 def shown(value: object) -> str:
     """``repr`` for error messages: shortened in the middle, and never an error of its own."""
     try:
-        text = repr(value)
+        text = repr(_plain(value))
     except Exception:  # Python refuses to print integers of thousands of digits; other objects may raise anything
         return f"<{type(value).__name__}>"
     return text if len(text) <= SHOWN else f"{text[: SHOWN // 2]}...{text[-SHOWN // 4 :]}"
+
+
+def _plain(value: object, depth: int = 2) -> object:
+    """numpy's numbers as Python's, which are written without the name of their type, in short lists and tuples, too."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist() if value.size <= SHOWN else value
+    if depth > 0 and isinstance(value, (list, tuple)) and type(value) in (list, tuple) and len(value) <= SHOWN:
+        return type(value)([_plain(each, depth - 1) for each in value])
+    return value
 
 
 class PlannerServiceError(Exception):

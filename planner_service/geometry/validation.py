@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.errors import InvalidFile, InvalidRequest, shown
 from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray, frozen, set_fields
 
@@ -161,7 +161,8 @@ def checked_name(field: str, value: object, whose: str = "") -> str:
 
 def unusable_text(field: str, value: object, expected: str) -> InvalidRequest:
     """The error for a text that cannot be used; its message shows little of it, as a file can hold megabytes."""
-    return InvalidRequest(field, value, expected, message=f"{field}: got {reprlib.repr(value)}; expected {expected}")
+    little = reprlib.repr(value) if isinstance(value, str) else shown(value)
+    return InvalidRequest(field, value, expected, message=f"{field}: got {little}; expected {expected}")
 
 
 def flag(field: str, value: object) -> bool:

@@ -283,8 +283,9 @@ def harm(call: Call, argument: str, hostile: str) -> str | None:
         call.function(**{**call.arguments, argument: value})
     except BrokenInvariant as error:
         return f"BrokenInvariant: {error}"[:160]
-    except PlannerServiceError:
-        pass
+    except PlannerServiceError as error:
+        if "np." in str(error):  # repr of a number of numpy's
+            return str(error)[:160]
     except Exception as error:  # that is what is looked for
         return f"{type(error).__name__}: {shown(error)}"[:160]
     worked, seconds = time.process_time() - worked, time.monotonic() - began
