@@ -1,4 +1,4 @@
-"""Edges with as much room as is still proven: nothing in it touches, however Coal is asked about its corners."""
+"""Ways with as much room as is still proven: nothing in it touches, however Coal is asked about its corners."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ TUBES = 50
 """Of each robot, where no other number is asked for."""
 
 EDGE, ROOM = (0.0, 0.4), 0.6
-"""Radians (or metres) that an edge moves each joint, and that its room is for a joint, at most."""
+"""Radians (or metres) that a way moves each joint, and that its room is for a joint, at most."""
+
+EDGES, BEND = (1, 2, 5, 20), 0.003
+"""Into how many edges a way is divided, and radians (or metres) by which it is bent where two of them meet, at most."""
 
 SINGLE = 0.3
 """Share of the tubes of which some joints have no room."""
 
 PLACES, CLIMBS, DRAWS = 7, 3, 6
-"""Places of an edge that are looked at, steps from corner to corner towards contact, and corners that are drawn."""
+"""Places of a way that are looked at, steps from corner to corner towards contact, and corners that are drawn."""
 
 HALVINGS = 14
 
@@ -63,26 +66,29 @@ def _attacked(name: str, wanted: int, seed: int) -> Row:
         start = np.clip(place.start, lower, upper)
         end = np.clip(start + rng.uniform(*EDGE) * rng.uniform(-1.0, 1.0, place.n), lower, upper)
         shape = rng.uniform(0.0, 1.0, place.n) * (rng.random(place.n) > (SINGLE if rng.random() < SINGLE else -1.0))
-        scale = _proven(certifier, start, end, shape)
+        edges = int(rng.choice(EDGES))
+        way = start + np.linspace(0.0, 1.0, edges + 1)[:, None] * (end - start)
+        way[1:-1] = np.clip(way[1:-1] + BEND * rng.uniform(-1.0, 1.0, (edges - 1, place.n)), lower, upper)
+        scale = _proven(certifier, way, shape)
         if scale <= 0.0:
             continue
-        gap, q, asked = _searched(judge, start, end, scale * shape, rng)
+        gap, q, asked = _searched(judge, way, scale * shape, rng)
         corners += asked
         least = min(least, gap)
         if gap <= 0.0:
             touching += 1
             at.append(q.tolist())
-        shares.append(_share(judge, start, end, shape, scale, rng))
+        shares.append(_share(judge, way, shape, scale, rng))
     row: Row = {"part": "tubes", "robot": name, "tubes": len(shares), "corners": corners, "touching": touching}
     return row | {"least_gap": least, "proven_share": p50(shares), "at": at}
 
 
-def _proven(certifier: Certifier, start: FloatArray, end: FloatArray, shape: FloatArray) -> float:
-    """The largest scale of a room that is proven free, about; 0 if none is."""
-    free, not_free = 0.0, ROOM
+def _proven(certifier: Certifier, way: FloatArray, shape: FloatArray) -> float:
+    """The largest scale of a room beside all edges of a way (k + 1, n) that is proven free, about; 0 if none is."""
+    free, not_free, rooms = 0.0, ROOM, np.tile(shape, (len(way) - 1, 1))
     for _ in range(HALVINGS):
         middle = 0.5 * (free + not_free)
-        if certifier.certify_tubes(start[None], end[None], middle * shape[None]).free:
+        if certifier.certify_tubes(way[:-1], way[1:], middle * rooms).free == len(rooms):
             free = middle
         else:
             not_free = middle
@@ -90,10 +96,11 @@ def _proven(certifier: Certifier, start: FloatArray, end: FloatArray, shape: Flo
 
 
 def _searched(
-    judge: Judge, start: FloatArray, end: FloatArray, room: FloatArray, rng: np.random.Generator
+    judge: Judge, way: FloatArray, room: FloatArray, rng: np.random.Generator
 ) -> tuple[float, FloatArray, int]:
     """The smallest gap that is found in the room, where, and how many corners were looked at."""
-    line = start + np.linspace(0.0, 1.0, PLACES)[:, None] * (end - start)
+    at_edges, known = np.linspace(0.0, len(way) - 1.0, PLACES), np.arange(len(way))
+    line = np.stack([np.interp(at_edges, known, joint) for joint in way.T], axis=1)
     gaps = [judge.gap(q) for q in line]
     best, at, asked = min(gaps), line[int(np.argmin(gaps))], 0
     for k in np.argsort(gaps)[:2]:
@@ -110,11 +117,9 @@ def _searched(
     return best, at, asked
 
 
-def _share(
-    judge: Judge, start: FloatArray, end: FloatArray, shape: FloatArray, scale: float, rng: np.random.Generator
-) -> float:
+def _share(judge: Judge, way: FloatArray, shape: FloatArray, scale: float, rng: np.random.Generator) -> float:
     """What is proven of the room that seems free."""
     seems = scale
-    while seems < 8.0 * scale and _searched(judge, start, end, 1.25 * seems * shape, rng)[0] > 0.0:
+    while seems < 8.0 * scale and _searched(judge, way, 1.25 * seems * shape, rng)[0] > 0.0:
         seems *= 1.25
     return scale / seems
