@@ -19,7 +19,7 @@ struct EdgeResult {
 struct Lost {
     int pair;
     double s;
-    Bound bound;  // there; nothing where there was no end to the looking
+    Bound bound;  // there; none where too many were asked
 };
 
 struct LineVerdict {

@@ -188,8 +188,8 @@ struct Variant {
     Contact (*settled)(const Terms& terms, const Facing& facing, double enough, double nearer, Bound& bound);
     // The largest of the heights of a hull's corners along u, v, w.
     double (*height)(const Hull& hull, double u, double v, double w);
-    // How much lower along ``up`` than the lowest of some corners any gets that sinks by as much as these are large where it is,
-    // added up. ``corners``: ``padded`` numbers for each axis.
+    // How much lower along ``up`` than the lowest corner any gets, if each sinks by the sum of the absolute values of ``moves`` there.
+    // ``corners``: ``padded`` numbers for each axis.
     double (*lowered)(const double* corners, std::size_t padded, const double* up, const Affine* moves, std::size_t count);
 };
 

@@ -10,7 +10,7 @@ namespace {
 // Bounds that a part of a room may take: one that takes more counts as more parts.
 constexpr double kBoundsOfPart = 8.0;
 
-// Edges are taken as one that has at most so many times their room, for so many pairs at most.
+// Edges are judged as one if that has at most so many times their room, and for so many pairs at most.
 constexpr double kStraight = 1.5;
 constexpr std::size_t kFewPairs = 48;
 constexpr double kEven = 1e-9, kRounding = 1e-12;  // radians (or metres)
@@ -54,7 +54,7 @@ std::size_t Tubes::free(std::size_t first, std::size_t last, const std::vector<i
     return found < half - first ? found : found + free(half, last, open);
 }
 
-// Pairs that are not far enough apart on some edges that lie about on a line, as one edge from the first start to the last end with
+// Pairs that are not far enough apart on some edges that lie roughly on a line, as one edge from the first start to the last end with
 // more room. Each end of an edge is given a point of that line; what is on an edge is no farther from the point between those two, in
 // each joint, than one of the ends from its own. So all of it is on the line or beside it, if that and the edge's room are in the room.
 std::vector<int> Tubes::left_as_one(std::size_t first, std::size_t last, std::vector<int> pairs) {

@@ -1,6 +1,7 @@
 // Straight edges with room beside them: how many are free, the first ones first. Whatever is on several edges, or beside them, is
 // within so much of one configuration in each joint; pairs that are far enough apart there for that are not looked at again, nor those
-// that are along the line on which the edges about lie. What is left of edges is halved, and of a single one judged by ``Edge``.
+// that are far enough apart along the line that the edges roughly follow. What is left of edges is halved; a single one is judged by
+// ``Edge``.
 #pragma once
 
 #include <vector>

@@ -1,4 +1,4 @@
-// Where a driver's setpoint can be as each of some targets comes (gate/tracking.py has the argument), and whether the limits are kept.
+// Where a driver's setpoint can be as each of some targets comes; gate/tracking.py has the argument.
 #pragma once
 
 #include <cstddef>
